@@ -98,51 +98,9 @@ def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError
         raise error_type(text, code="damaged")
 
 
-def is_number(kind: pa.DataType) -> bool:
-    """Whether a type is that of plain numbers: a date or a duration would lose its unit."""
-    import pyarrow as pa
-
-    of = pa.types
-    return bool(
-        of.is_integer(kind) or of.is_floating(kind) or of.is_decimal(kind) or of.is_null(kind)
-    )
-
-
 def damaged(error: BaseException) -> str:
     """Why a file cannot be read, in the words of its library, shortened."""
     return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
-
-
-def refused_columns(there: pa.Schema, wanted: Sequence[str], label: str, name: str) -> list[str]:
-    """What is wrong with columns that are to be read: given twice, nested, of foreign types.
-
-    Parameters
-    ----------
-    there : Schema
-        The columns of the file.
-    wanted : sequence of str
-        Their names; those that are missing are not spoken of.
-    label : str
-        The one that may hold texts.
-    name : str
-        Name of the file in messages.
-    """
-    import pyarrow as pa
-
-    problems = []
-    for column in dict.fromkeys(wanted):
-        count = there.names.count(column)
-        if count > 1:
-            problems.append(f"{name}: column {column} is there {count} times")
-        if count != 1:
-            continue
-        kind = there.field(column).type
-        inner = kind.value_type if pa.types.is_dictionary(kind) else kind
-        text = pa.types.is_string(inner) or pa.types.is_large_string(inner)
-        if not (is_number(inner) or (text and column == label)):
-            allowed = "texts or whole numbers" if column == label else "numbers"
-            problems.append(f"{name}: column {column} holds {kind}, must hold {allowed}")
-    return problems
 
 
 def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:

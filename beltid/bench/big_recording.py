@@ -8,69 +8,37 @@ from __future__ import annotations
 import codecs
 import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.bench.channels.channel_mapping import (
+    ChannelMapping,
     MappingContext,
     missing_setting,
     notes_of,
-    stated_conversions,
 )
 from beltid.bench.channels.text_tables import (
     candidates_of,
     text_layout,
     wanted_columns,
 )
-from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.read_options import ReadOptions
-from beltid.bench.runs.run_stream import RunColumns, RunStream
+from beltid.bench.runs.run_stream import BigRecording
 from beltid.errors import InputError, Problems
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL
 
+__all__ = ["BigRecording", "open_big", "read_head"]
+
 HEAD: Final = 1 << 20
 _FEEDS: Final = "a file of this size must have line feeds"
-
-
-@dataclass(frozen=True, slots=True)
-class BigRecording:
-    """A recording that is read run by run.
-
-    Attributes
-    ----------
-    path : Path
-        The file or folder.
-    runs : RunStream
-        Its runs.
-    found_out : callable
-        Returns the notes of now.
-    """
-
-    path: Path
-    runs: RunStream
-    found_out: Callable[[], tuple[str, ...]]
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was found out, left out or missing; complete once the runs have been read."""
-        return self.found_out()
-
-    @property
-    def n_samples(self) -> int:
-        """Samples of the runs that have been read."""
-        return self.runs.n_samples
-
-    def __iter__(self) -> Iterator[RunColumns]:
-        """The runs, in the order of the file."""
-        return iter(self.runs)
 
 
 def open_big(path: Path, config: Any = None) -> BigRecording:
@@ -143,19 +111,11 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     layout = head.layout
     context = MappingContext(table, options, name, problems)
     mappings, wanted = wanted_columns(layout, candidates_of(layout), context)
-    wrong = problems.count  # then the settings have been asked for as well
-    for setting in NOMINAL:
-        needed = setting in table.names and table.column(setting).required
-        if needed and setting not in mappings and not wrong:
-            problems.add(missing_setting(setting, "rig", f"{name}:{layout.header_line}"))
-    problems.raise_if_any()
-    ends: list[str] = []
-    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, ends)
-    conversions = {role: m.conversion for role, m in mappings.items() if m.unit_stated or m.negated}
-    clock = wanted["time_s"].clock
-    runs = RunStream(ahead(blocks, 1), table, name, conversions, problems, clock)
-    told = (*layout.notes, *notes_of(mappings, table, layout.header))
-    return BigRecording(path, runs, lambda: (*head.decoded.notes, *ends, *told, *runs.notes()))
+    _refuse_missing_settings(mappings, context, f"{name}:{layout.header_line}")
+    told = list(head.decoded.notes)
+    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, told)
+    told += [*layout.notes, *notes_of(mappings, table, layout.header)]
+    return BigRecording(path, ahead(blocks, 1), table, mappings, wanted["time_s"].clock, told)
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
@@ -168,14 +128,24 @@ def _after_lines(data: bytes, lines: int) -> bytes:
     return data[at:]
 
 
-def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
-    from beltid.bench.formats.parquet import parquet_blocks, parquet_clock
+def _refuse_missing_settings(
+    mappings: Mapping[str, ChannelMapping], context: MappingContext, place: str
+) -> None:
+    """Raise what is wrong with the columns of a recording whose rows must tell the settings."""
+    table, problems = context.table, context.problems
+    wrong = problems.count  # then the settings have been asked for as well
+    for setting in NOMINAL:
+        needed = setting in table.names and table.column(setting).required
+        if needed and setting not in mappings and not wrong:
+            problems.add(missing_setting(setting, "rig", place))
+    problems.raise_if_any()
 
-    table = options.table("rig")
-    clock = parquet_clock(sources[0], options, means_date)
-    blocks = parquet_blocks(sources, table, options.names, clock)
-    conversions = stated_conversions(MappingContext(table, options))
-    if clock is not None:
-        conversions.pop("time_s", None)
-    runs = RunStream(blocks, table, str(path), conversions, Problems(), clock, ", row ")
-    return BigRecording(path, runs, lambda: tuple(runs.notes()))
+
+def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> BigRecording:
+    from beltid.bench.channels.parquet_tables import stream_parquet
+
+    context = MappingContext(options.table("rig"), options)
+    mappings, clock, blocks = stream_parquet(sources, context)
+    _refuse_missing_settings(mappings, context, sources[0].name)
+    told = notes_of(mappings, context.table, ())
+    return BigRecording(path, blocks, context.table, mappings, clock, told, ", row ")

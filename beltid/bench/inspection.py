@@ -240,7 +240,7 @@ def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]
     at_once = sources_read_at_once(path, options)
     sources = at_once or unread_sources(path)
     if are_parquet(sources):
-        return _parquet_views(sources), []
+        return _parquet_views(sources, options), []
     if at_once is None:
         head = read_head(path, options, ANY_TABLE)
         encoding = head.decoded.encoding
@@ -301,25 +301,26 @@ def _looked_at(layout: Layout) -> dict[str, Wanted]:
     return wanted
 
 
-def _parquet_views(sources: Sequence[Source]) -> list[FileView]:
+def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[FileView]:
     """Parquet files; the range of the channels is looked for in the first one."""
+    from beltid.bench.channels.parquet_tables import candidates_of
     from beltid.bench.formats import parquet
 
     first, file = sources[0], parquet.open_source(sources[0], ())
     there, n = file.schema_arrow, file.metadata.num_rows
-    views = {name: ChannelView(Candidate(name, "", name), n) for name in there.names}
     numeric = [
         name
-        for name in views
-        if there.names.count(name) == 1 and parquet.holds_numbers(there.field(name).type)
+        for name in there.names
+        if there.names.count(name) == 1 and parquet.holds_numbers(there.field(name))
     ]
-    views |= {name: replace(views[name], n_samples=0) for name in numeric}
+    candidates = candidates_of(first, MappingContext(ANY_TABLE, options))
+    views = {c.name: ChannelView(c, 0 if c.name in numeric else n) for c in candidates}
     for batch in parquet.batches_of(file, numeric, first.name):
         for name, values in zip(batch.schema.names, batch.columns, strict=True):
             views[name] = views[name].with_numbers(numbers_of(values))
     for name, value in parquet.columns_of_folders(first).items():
         number = float(value) if is_number(value) else np.nan
-        views[name] = ChannelView(Candidate(name, "", name), n, np.nan, number, number, number)
+        views[name] = replace(views[name], low=number, high=number, first=number)
     return [
         FileView(source.name, "Parquet", "", tuple(views.values()) if source is first else ())
         for source in sources

@@ -246,6 +246,14 @@ def recording_of(
         problems.told_once([one.name for one in opened])
         problems.raise_if_any()
     raw_tables = [raw for found in read for raw in found]
+    return _joined(raw_tables, path, kind, options, problems)
+
+
+def _joined(
+    raw_tables: Sequence[RawTable], path: Path, kind: str, options: ReadOptions, problems: Problems
+) -> Recording:
+    """The recording that raw tables are together, checked."""
+    table = options.table(kind)
     columns, place, notes, stated = joined(raw_tables, table, options, problems)
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
     problems.raise_if_any()
@@ -290,36 +298,28 @@ def _from_parquet(
 ) -> Recording:
     """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
-    from beltid.bench.formats.parquet import open_source, parquet_blocks, parquet_clock
+    from beltid.bench.channels.parquet_tables import read_parquet
+    from beltid.bench.formats.parquet import open_source
 
-    table, sources = options.table(kind), [source.loaded() for source in sources]
+    sources = [source.loaded() for source in sources]
     about = open_source(sources[0], ()).schema_arrow.metadata or {}
-    if len(sources) == 1 and SEAL_KEY in about:
-        needed = "simulated" if kind == "rig" else None
-        artifact = artifact_from_bytes(sources[0].data, path, needed)
-        if needed is None:
-            text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
-            raise InputError(text, code="artifact-kind")
-        table, problems = schemas.rig_table(), Problems()
-        columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
-        problems.raise_if_any()
-        columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
-        return Recording(kind, columns, path, notes, is_artifact=True)
-    clock, problems = parquet_clock(sources[0], options, means_date), Problems()
-    values = options.runs.values.model_dump(mode="json", exclude_none=True)
-    stated = {role: str(value) for role, value in values.items()}
-    blocks = list(parquet_blocks(sources, table, options.names, clock, stated))
-    if not any(map(len, blocks)):
-        raise InputError(f"{path}: holds no samples")
-    for block in blocks:
-        problems.take(block.problems)
+    if len(sources) > 1 or SEAL_KEY not in about:
+        context = MappingContext(options.table(kind), options)
+        raw_tables = read_parquet(sources, path, context)
+        if not raw_tables:
+            context.problems.told_once([source.name for source in sources])
+            context.problems.raise_if_any()
+        return _joined(raw_tables, path, kind, options, context.problems)
+    needed = "simulated" if kind == "rig" else None
+    artifact = artifact_from_bytes(sources[0].data, path, needed)
+    if needed is None:
+        text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
+        raise InputError(text, code="artifact-kind")
+    table, problems = schemas.rig_table(), Problems()
+    columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
     problems.raise_if_any()
-    parts = [block.columns() for block in blocks]
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    n_rows = sum(map(len, blocks))
-    columns |= {role: np.full(n_rows, value) for role, value in values.items()}
-    columns, notes = _checked(columns, table, str(path), options, clock=clock)
-    return Recording(kind, columns, path, notes)
+    columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
+    return Recording(kind, columns, path, notes, is_artifact=True)
 
 
 def _checked(
@@ -339,7 +339,7 @@ def _checked(
     if "time_s" not in table.names:
         columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
     columns = completed(columns, table, length)
-    conversions = stated_conversions(MappingContext(table, options, name))
+    conversions = stated_conversions(MappingContext(table, options, name, problems))
     if clock is not None:
         conversions.pop("time_s", None)
         runs = Texts.of(columns[table.label]).codes

@@ -14,12 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltid.bench.big_recording import BigRecording, open_big
+from beltid.bench.channels.channel_mapping import MappingContext
+from beltid.bench.channels.parquet_tables import stream_parquet
 from beltid.bench.files.sources import Source
 from beltid.bench.formats import csv_table
 from beltid.bench.formats import parquet as parquet
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import NumberSigns
+from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import read_recording, read_rig
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -328,7 +331,8 @@ def test_a_parquet_file_takes_a_part_of_its_size_in_memory(
     del columns
     source = Source(str(path), path, Path(path.name))
     before, most, read = pa.total_allocated_bytes(), 0, 0
-    for block in parquet.parquet_blocks([source], schemas.table("rig"), {}):
+    _, _, blocks = stream_parquet([source], MappingContext(schemas.table("rig"), ReadOptions()))
+    for block in blocks:
         most = max(most, pa.total_allocated_bytes() - before)
         read += len(block)
     assert read == n

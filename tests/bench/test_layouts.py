@@ -118,6 +118,47 @@ def test_rates_and_starts_of_tdms_channels(tmp_path):
     np.testing.assert_allclose(columns["tension_tight_N"] - columns["tension_slack_N"], 100.0)
 
 
+@pytest.mark.parametrize("unit", ["ms", "Sec", "furlong"])
+@pytest.mark.parametrize("kind", ["lvm, one", "lvm, no", "tdms", "mdf"])
+def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
+    """Formats have a place for it; a time in milliseconds is none in seconds."""
+    run = writers.rig_runs(1)["R001"]
+    told = run.assign(time_s=run["time_s"] * (1000 if unit == "ms" else 1))
+    path = tmp_path / "R001"
+    if kind == "tdms":
+        from nptdms import ChannelObject, TdmsWriter
+
+        step = float(told["time_s"][1])
+        properties = {"wf_increment": step, "wf_start_offset": 0.0, "wf_xunit_string": unit}
+        with TdmsWriter(path) as writer:
+            for name in UNITS.keys() - {"time_s"}:
+                about = {"unit_string": UNITS[name], **properties}
+                values = run[name].to_numpy(dtype=float)
+                writer.write_segment([ChannelObject("rig", name, values, properties=about)])
+    elif kind == "mdf":
+        from asammdf import MDF, Signal
+
+        file = MDF(version="4.10")
+        time, names = told["time_s"].to_numpy(), UNITS.keys() - {"time_s"}
+        file.append(
+            [Signal(run[n].to_numpy(dtype=float), time, unit=UNITS[n], name=n) for n in names]
+        )
+        file.groups[0].channels[file.masters_db[0]].unit = unit
+        path = file.save(path.with_suffix(".mf4"))
+        file.close()
+    else:
+        writers.write_lvm(path, told, x_columns=kind.split()[1].title())
+        told_so = b"X_Unit_Label" + b"\t%s" % unit.encode() * 5 + b"\r\nX0\t"
+        path.write_bytes(path.read_bytes().replace(b"X0\t", told_so))
+    config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
+    if unit == "furlong":
+        with pytest.raises(InputError, match=r"time .*in furlong"):
+            read_recording(path, "rig", config)
+    else:
+        columns = read_recording(path, "rig", config).columns
+        np.testing.assert_allclose(columns["time_s"], run["time_s"], rtol=0, atol=1e-9)
+
+
 def test_time_stamps_of_tdms(tmp_path):
     from nptdms import ChannelObject, TdmsWriter
 

@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from beltid.bench.big_recording import open_big
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import layout
 from beltid.bench.recording import columns_of, read_recording, read_rig
@@ -418,6 +419,17 @@ def test_the_frame_itself_is_not_changed():
     pd.testing.assert_frame_equal(frame, before)
 
 
+def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50)
+    known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [daN]"}}})
+    written = frame.assign(**{"Leertrum [daN]": frame["tension_slack_N"] / 10})
+    columns = columns_of(written.drop(columns="tension_slack_N"), "rig", known)
+    np.testing.assert_allclose(columns["tension_slack_N"], frame["tension_slack_N"], rtol=1e-12)
+    known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [mm]"}}})
+    with pytest.raises(InputError, match="is in mm, must be one of N, "):
+        columns_of(written.rename(columns={"Leertrum [daN]": "Leertrum [mm]"}), "rig", known)
+
+
 def test_whole_numbers_label_runs_without_a_point():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=3).assign(run=[1.0, 1.0, 2.0])
     assert columns_of(frame, "rig")["run"].tolist() == ["1", "1", "2"]
@@ -469,6 +481,70 @@ def test_a_parquet_file_of_one_run_takes_its_settings_from_the_config(tmp_path):
             assert {name: set(columns[name]) for name in stated} == {
                 name: {value} for name, value in stated.items()
             }
+
+
+def parquet_runs(folder, n=2):
+    """A Parquet file for each of the first runs, named by label and settings; its samples."""
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", dtype={"run": str})
+    runs = [frame[frame["run"] == label] for label in frame["run"].unique()[:n]]
+    settings = ["run", "arc_deg", "initial_tension_N"]
+    for run in runs:
+        name = "{}_{}deg_{}N.parquet".format(*run[settings].iloc[0])
+        run.drop(columns=settings).to_parquet(folder / name, index=False)
+    return pd.concat(runs)
+
+
+@pytest.mark.parametrize("told_by", ["pattern", "table"])
+def test_names_of_parquet_files_and_a_table_tell_the_settings(tmp_path, told_by):
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    frame = parquet_runs(folder)
+    lines = ["file,run,arc_deg,initial_tension_N"]
+    for file in folder.iterdir():
+        run, arc, tension = file.stem.split("_")
+        lines.append(f"{file.name},{run},{arc[:-3]},{tension[:-1]}")
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    told = {
+        "pattern": "{run}_{arc_deg}deg_{initial_tension_N}N.parquet",
+        "table": str(tmp_path / "runs.csv"),
+    }
+    config = load_config({"runs": {"rig": {told_by: told[told_by]}}})
+    columns = read_recording(folder, "rig", config).columns
+    for name in ("run", "arc_deg", "initial_tension_N", "time_s", "tension_slack_N"):
+        np.testing.assert_array_equal(columns[name], frame[name])
+    first = next(folder.iterdir())
+    first.rename(folder / "other.parquet")
+    with pytest.raises(InputError, match=r"other\.parquet"):
+        read_recording(folder, "rig", config)
+
+
+def test_parquet_columns_are_found_and_converted_as_those_of_a_text_file(tmp_path):
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=300, dtype={"run": str})
+    written = frame.assign(condition="dry", tension_slack_N=frame["tension_slack_N"] / 10)
+    written = written.rename(columns={"tension_slack_N": "Leertrum [daN]"})
+    path = tmp_path / "rig.parquet"
+    written.to_parquet(path, index=False)
+    config = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [daN]"}}})
+    for known in (None, config):
+        recording = read_recording(path, "rig", known)
+        slack = recording.columns["tension_slack_N"]
+        np.testing.assert_allclose(slack, frame["tension_slack_N"], rtol=1e-12)
+        assert set(recording.columns["condition"]) == {"dry"}
+        (run,) = list(open_big(path, known))
+        np.testing.assert_array_equal(run.columns["tension_slack_N"], slack)
+        assert run.said == {"condition": "dry"}
+
+
+def test_parts_of_a_parquet_table_in_several_units(tmp_path):
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=300, dtype={"run": str})
+    halves = {"a": frame[:150], "b": frame[150:]}
+    halves["b"] = halves["b"].assign(time_ms=1000 * frame["time_s"]).drop(columns="time_s")
+    for name, half in halves.items():
+        half.to_parquet(tmp_path / f"{name}.parquet", index=False)
+    columns = read_recording(tmp_path, "rig").columns
+    np.testing.assert_allclose(columns["time_s"], frame["time_s"], rtol=0, atol=1e-12)
+    with pytest.raises(InputError, match=r"b\.parquet: time_s .*another unit than in the first"):
+        list(open_big(tmp_path))
 
 
 def test_a_few_samples_tell_nothing_of_their_unit(tmp_path):

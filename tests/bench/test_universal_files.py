@@ -91,6 +91,20 @@ def test_every_layout_of_real_numbers(tmp_path, layout):
     check(recording, 2e-5 if layout[0] == 2 or not layout[1] else 1e-11)
 
 
+def test_the_unit_of_the_time(tmp_path):
+    text = both((4, 1, ""))
+    ms = text.replace(b"Time                 s ", b"Time                 MS")
+    (tmp_path / "P1.unv").write_bytes(text)
+    (tmp_path / "P2.unv").write_bytes(ms)
+    seconds, thousandths = (read_recording(tmp_path / f"P{i}.unv", "press") for i in (1, 2))
+    np.testing.assert_allclose(
+        thousandths.columns["time_s"], 1e-3 * seconds.columns["time_s"], rtol=1e-12
+    )
+    (tmp_path / "P2.unv").write_bytes(ms.replace(b" MS", b" kg"))
+    with pytest.raises(InputError, match=r"P2\.unv:\d+: the time is in kg, must be one of s, ms"):
+        read_recording(tmp_path / "P2.unv", "press")
+
+
 def test_line_ends_of_windows(tmp_path):
     (tmp_path / "P1.unv").write_bytes(both((4, 1, "")).replace(b"\n", b"\r\n"))
     check(read_recording(tmp_path / "P1.unv", "press"), 1e-11)

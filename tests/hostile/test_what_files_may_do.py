@@ -22,6 +22,7 @@ from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import open_big
 from beltid.bench.files.sources import Source, parquet_files
 from beltid.bench.formats import dialect
+from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.parquet import parquet_blocks
 from beltid.bench.recording import read_recording
 from beltid.cli import app
@@ -29,6 +30,7 @@ from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
+WANTED = {"run": Wanted("run", True, "run"), "time_s": Wanted("time_s", False, "time_s")}
 CORPUS = Path(__file__).parent / "corpus"
 DATA = ROOT / "rigdata" / "5pk"
 
@@ -82,7 +84,7 @@ def test_a_long_label_far_down_is_refused_before_the_first_block(tmp_path):
     path = tmp_path / "rig.parquet"
     pq.write_table(pa.table(columns), path, row_group_size=2000)
     with pytest.raises(InputError, match="labels of 1001 bytes, must be at most 1000"):
-        next(parquet_blocks([Source(str(path), path, path)], schemas.table("rig"), {}))
+        next(parquet_blocks(Source(str(path), path, path), WANTED, schemas.table("rig")))
 
 
 @pytest.mark.parametrize(

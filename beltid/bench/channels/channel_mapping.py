@@ -465,12 +465,17 @@ def unit_conversion(
 
 
 def stated_conversions(context: MappingContext) -> dict[str, Conversion]:
-    """Conversions of the columns whose unit the config states, where the file tells none."""
+    """Conversions of the columns whose unit the config states, also in the name of a column."""
     conversions = {}
-    for ours in context.options.units:
-        known = unit_conversion(context.table.column(ours), ours, "", context, recognised=False)
-        if isinstance(known, Conversion):
-            conversions[ours] = known
+    for column in context.table.columns:
+        if column.dtype == "string":
+            continue
+        theirs = context.options.names.get(column.name, column.name)
+        known = unit_conversion(column, theirs, unit_in_name(theirs), context, recognised=False)
+        if isinstance(known, str):
+            context.complain(known)
+        elif known is not None:
+            conversions[column.name] = known
     return conversions
 
 
@@ -504,6 +509,8 @@ class RawTable:
         What was found out.
     name_place : str
         Place of the names of the channels, for messages.
+    row_word : str
+        What messages call a sample where the file has no lines.
     """
 
     place: str
@@ -515,6 +522,7 @@ class RawTable:
     rows: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
     name_place: str = ""
+    row_word: str = "sample"
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -523,7 +531,7 @@ class RawTable:
         """Place of a sample in words, and its line for the order of messages."""
         if self.rows.size:
             return f"{self.place}:{self.rows[index]}", int(self.rows[index])
-        return f"{self.place}, sample {index + 1}", index + 1
+        return f"{self.place}, {self.row_word} {index + 1}", index + 1
 
 
 def missing_setting(setting: str, kind: str, place: str) -> Problem:

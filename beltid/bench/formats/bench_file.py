@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
+
+from beltid.errors import InputError
+from beltid.tables.units import T, allowed_units, conversion
+
+_ALLOWED: Final = ", ".join(allowed_units("s"))
 
 
 def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
@@ -13,6 +19,20 @@ def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
     Rounded to a picosecond: 3 * 0.02 is 0.06 then, as in a file that writes its times.
     """
     return np.round(start_s + step_s * np.arange(n), 12)
+
+
+def in_seconds(times: T, unit: str) -> T:
+    """Times that a format tells in a unit of its own [s]; without a unit they are in seconds.
+
+    Raises
+    ------
+    InputError
+        If the unit is none of time.
+    """
+    known = conversion(unit, "s") or conversion(unit.lower(), "s")
+    if known is None and unit.strip():
+        raise InputError(f"the time is in {unit.strip()}, must be one of {_ALLOWED}")
+    return times if known is None or known.factor == 1.0 else known.apply(times)
 
 
 @dataclass(frozen=True, slots=True)

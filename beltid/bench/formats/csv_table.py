@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from beltid.bench.files.sniff import CUT_OFF
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.dialect import Layout, asides_note, blank_asides
 from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
-from beltid.bench.formats.rows import Rows, Texts
+from beltid.bench.formats.rows import Rows, Texts, writable
 from beltid.errors import InputError, Problems
 
 CHUNK: Final = 16 << 20
@@ -34,23 +34,23 @@ class Wanted:
 
     Attributes
     ----------
-    index : int
-        Its position in the rows of the file.
+    index : int or str
+        Its position in the rows of the file, or its name where columns are read by name.
     is_text : bool
         Whether it holds labels rather than numbers.
     shown : str
         How messages call it.
     clock : Clock or None
         Reader of its clock times; None for numbers and labels.
-    date : int or None
-        Position of the dates of its clock times.
+    date : int, str or None
+        Where the dates of its clock times are.
     """
 
-    index: int
+    index: Any
     is_text: bool
     shown: str
     clock: Clock | None = None
-    date: int | None = None
+    date: Any = None
 
 
 def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
@@ -226,17 +226,13 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
             ungrouped = layout.signs.of_arrow(read[key])
             if ungrouped is None:
                 return None
-            numbers[key] = _writable(ungrouped)
+            numbers[key] = writable(ungrouped)
         elif not w.is_text:
-            numbers[key] = _writable(read[key].to_numpy())
+            numbers[key] = writable(read[key].to_numpy())
     texts = {
         key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
     }
     return Rows(numbers, texts, lines)
-
-
-def _writable(values: np.ndarray) -> np.ndarray:
-    return values if values.flags.writeable else values.copy()
 
 
 def _filled_lines(body: bytes, first_line: int) -> np.ndarray:

@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
+from beltid.bench.formats.bench_file import (
+    BenchFile,
+    Channel,
+    Field,
+    Group,
+    even_times,
+    in_seconds,
+)
 from beltid.bench.formats.clock import DAY_S, Clock
 from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
 from beltid.errors import InputError, Problems
@@ -197,9 +204,17 @@ class _Reader:
             time = None
             if header.cell("X_Dimension", k).lower() in ("", "time", "zeit"):
                 time = self._time(columns[x][:length], header, k, length)
+                if time is not None:
+                    time = self._seconds(time, header.cell("X_Unit_Label", k), first)
             unit = header.cell("Y_Unit_Label", k)
             channels.append(Channel(names[y], unit, columns[y][:length], time))
         return tuple(channels)
+
+    def _seconds(self, time: np.ndarray, unit: str, first: int) -> np.ndarray:
+        try:
+            return in_seconds(time, unit)
+        except InputError as error:
+            raise InputError(error.at(f"{self.name}, header above line {first + 1}")) from None
 
     def _time(self, written: np.ndarray, header: _Header, k: int, length: int) -> np.ndarray | None:
         if self.x_columns != "no" and not np.isnan(written).all():

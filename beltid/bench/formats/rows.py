@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from beltid.errors import Problems
+from beltid.tables.columns import Table
+from beltid.tables.schemas import SAID_OF_RUNS
 from beltid.tables.values import is_missing
 
 
@@ -93,7 +95,12 @@ def numbers_of(values: Any) -> np.ndarray:
         return np.asarray(values.to_numpy(zero_copy_only=False) / np.timedelta64(1, "s"))
     if not pa.types.is_float64(values.type):
         values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
-    return np.asarray(values.to_numpy(zero_copy_only=False))
+    return writable(values.to_numpy(zero_copy_only=False))
+
+
+def writable(values: np.ndarray) -> np.ndarray:
+    """An array that may be written to: itself, or a copy of what belongs to Arrow."""
+    return values if values.flags.writeable else values.copy()
 
 
 def word_of(value: Any) -> str | None:
@@ -162,3 +169,33 @@ class Rows:
             self.all_lines()[filled],
             self.problems,
         )
+
+
+def together(parts: Sequence[dict[str, np.ndarray]], table: Table) -> dict[str, np.ndarray]:
+    """Columns of several parts one after the other; what a part does not have is missing in it."""
+    if len(parts) == 1:
+        return parts[0]
+    there = {name for part in parts for name in part}
+    filled = [completed(part, table, len(next(iter(part.values()))), there) for part in parts]
+    return {name: np.concatenate([part[name] for part in filled]) for name in filled[0]}
+
+
+def completed(
+    columns: Mapping[str, np.ndarray], table: Table, length: int, also: Collection[str] = ()
+) -> dict[str, np.ndarray]:
+    """Columns in the order of the schema; an optional one that is absent holds nothing.
+
+    What may be said of a run (`SAID_OF_RUNS`) is left out where nobody says it, but for those
+    `also` wanted.
+    """
+    whole = {}
+    for column in table.columns:
+        if column.name in columns:
+            whole[column.name] = columns[column.name]
+        elif column.name not in SAID_OF_RUNS or column.name in also:
+            whole[column.name] = (
+                np.full(length, None, dtype=object)
+                if column.dtype == "string"
+                else np.full(length, np.nan)
+            )
+    return whole

@@ -14,7 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, even_times
+from beltid.bench.formats.bench_file import (
+    BenchFile,
+    Channel,
+    Field,
+    Group,
+    even_times,
+    in_seconds,
+)
 from beltid.errors import InputError
 
 RECORDS: Final = 11
@@ -139,6 +146,11 @@ def _function(dataset: _Dataset, name: str) -> Channel | str:
     if not n:
         return "a function without samples"
     time = even_times(start, step, n) if spacing else table["x"].astype(float)
+    unit = x_axis[46:67].strip()
+    try:
+        time = in_seconds(time, "" if unit.upper() in _NOTHING else unit)
+    except InputError as error:
+        raise InputError(error.at(f"{name}:{at_line + 1}")) from None
     label, unit = y_axis[25:46].strip(), y_axis[46:67].strip()
     title = next((t for t in (header[0].strip(), label) if t.upper() not in _NOTHING), "")
     response = header[5][31:55].split()

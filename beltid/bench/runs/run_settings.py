@@ -6,7 +6,7 @@ runs: what the config says comes first, then what the header tells in words that
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,14 @@ from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.csv_table import read_rows
 from beltid.bench.formats.dialect import layout, read_field
 from beltid.bench.formats.numbers import NumberSigns
+from beltid.bench.formats.rows import completed, together
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_split import row_labels, run_labels
 from beltid.config.model import DialectSection
 from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Table, text
-from beltid.tables.schemas import SAID_OF_RUNS, SETTINGS
+from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import conversion
 from beltid.tables.values import is_missing
 
@@ -347,39 +348,12 @@ def joined(
         where, line = raw_tables[k].place_of(index - int(starts[k]))
         return where, line if len(raw_tables) == 1 else index + 1
 
-    whole = parts[0] if len(parts) == 1 else _together(parts, table)
+    whole = together(parts, table)
     told_units = [
         {r for r, mapping in raw.mappings.items() if mapping.unit_stated} for raw in raw_tables
     ]
     stated = set.intersection(*told_units) if told_units else set()
     return whole, place, _merged(notes, len(raw_tables)), stated
-
-
-def _together(parts: Sequence[dict[str, np.ndarray]], table: Table) -> dict[str, np.ndarray]:
-    there = {name for part in parts for name in part}
-    filled = [completed(part, table, len(part[table.label]), there) for part in parts]
-    return {name: np.concatenate([part[name] for part in filled]) for name in filled[0]}
-
-
-def completed(
-    columns: Mapping[str, np.ndarray], table: Table, length: int, also: Collection[str] = ()
-) -> dict[str, np.ndarray]:
-    """Columns in the order of the schema; an optional one that is absent holds nothing.
-
-    What may be said of a run (`SAID_OF_RUNS`) is left out where nobody says it, but for those
-    `also` wanted.
-    """
-    whole = {}
-    for column in table.columns:
-        if column.name in columns:
-            whole[column.name] = columns[column.name]
-        elif column.name not in SAID_OF_RUNS or column.name in also:
-            whole[column.name] = (
-                np.full(length, None, dtype=object)
-                if column.dtype == "string"
-                else np.full(length, np.nan)
-            )
-    return whole
 
 
 def _own_labels(

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from beltid.bench.channels.channel_mapping import ChannelMapping
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
@@ -75,47 +77,49 @@ class _RunRows:
         raise IndexError(row)
 
 
-class RunStream:
-    """Runs of a recording, one after the other.
+class BigRecording:
+    """A recording that is read run by run: its runs, one after the other.
 
     Parameters
     ----------
+    path : Path
+        The file or folder.
     blocks : iterable of Rows
         The rows.
     table : Table
         Schema of the recording.
-    name : str
-        Its name for messages.
-    conversions : mapping of str to Conversion
+    mappings : mapping of str to ChannelMapping
         How columns come to their units.
-    problems : Problems
-        Collects what is wrong.
-    clock : Clock, optional
+    clock : Clock or None
         Reader of the time, where it is that of a clock.
+    told : list of str
+        Takes notes before and while the rows are read.
     row_word : str
         What messages put between the name and a line.
 
     Attributes
     ----------
     n_samples : int
-        Samples so far.
+        Samples of the runs that have been read.
     missing : dict of str to int
         Missing values of the columns that may miss some.
     """
 
     def __init__(
         self,
+        path: Path,
         blocks: Iterable[Rows],
         table: Table,
-        name: str,
-        conversions: Mapping[str, Conversion],
-        problems: Problems,
-        clock: Clock | None = None,
+        mappings: Mapping[str, ChannelMapping],
+        clock: Clock | None,
+        told: list[str],
         row_word: str = ":",
     ) -> None:
-        self.blocks, self.table, self.name = blocks, table, name
-        self.conversions, self.problems, self.clock = conversions, problems, clock
-        self.row_word = row_word
+        self.path, self.name, self.row_word = path, str(path), row_word
+        self.blocks, self.table, self.clock, self.told = blocks, table, clock, told
+        stated = {role: m for role, m in mappings.items() if m.unit_stated or m.negated}
+        self.conversions = {role: m.conversion for role, m in stated.items()}
+        self.problems = Problems()
         self.n_samples = 0
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
@@ -156,16 +160,15 @@ class RunStream:
                 self.problems.add(no_number(self.name, column))
         self.problems.raise_if_any()
 
-    def notes(self) -> list[str]:
-        """What is allowed but worth knowing."""
-        return [
-            *([] if self.clock is None else self.clock.notes()),
-            *(
-                f"{count} of {self.n_samples} samples of {column} are missing"
-                for column, count in self.missing.items()
-                if 0 < count < self.n_samples
-            ),
-        ]
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found out, left out or missing; complete once the runs have been read."""
+        missing = (
+            f"{count} of {self.n_samples} samples of {column} are missing"
+            for column, count in self.missing.items()
+            if 0 < count < self.n_samples
+        )
+        return (*self.told, *([] if self.clock is None else self.clock.notes()), *missing)
 
     def _place(self, line: int) -> str:
         return f"{self.name}{self.row_word}{line}"

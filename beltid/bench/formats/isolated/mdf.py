@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, in_seconds
 from beltid.errors import InputError
 
 
@@ -47,7 +47,8 @@ def _group(file: Any, index: int, notes: list[str]) -> Group | None:
         if len(samples) == 0:
             continue
         if time is None or len(time) != len(signal.timestamps):
-            time = np.asarray(signal.timestamps, dtype=float)
+            unit = "" if master is None else str(group.channels[master].unit or "")
+            time = in_seconds(np.asarray(signal.timestamps, dtype=float), unit)
         channels.append(
             Channel(
                 described.name,

@@ -18,6 +18,7 @@ from beltid.bench.formats.bench_file import (
     Field,
     Group,
     even_times,
+    in_seconds,
 )
 from beltid.errors import InputError
 
@@ -102,7 +103,10 @@ def _time(
     step = float(step)
     if not step > 0 or not np.isfinite(step):
         return None  # LabVIEW writes 0 where it knows no step
-    offset = float(properties.get("wf_start_offset", 0.0))
+    unit = str(properties.get("wf_xunit_string", ""))
+    step, offset = (
+        in_seconds(t, unit) for t in (step, float(properties.get("wf_start_offset", 0.0)))
+    )
     start = properties.get("wf_start_time")
     if start is not None and origin is not None:
         offset += float((np.datetime64(start) - origin) / np.timedelta64(1, "us")) * 1e-6
