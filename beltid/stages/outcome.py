@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
+
+from beltid.tables import schemas
+from beltid.tables.values import outside
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -201,6 +204,31 @@ def combined_origin(origins: Collection[str | None]) -> Origin | None:
     if "synthetic" in origins:
         return "synthetic"
     return "measured" if set(origins) == {"measured"} else None
+
+
+def table_columns_of(
+    kind: str, values_of: Callable[[str], Sequence[Any] | None]
+) -> dict[str, np.ndarray]:
+    """Columns of a table of ours; a number that the table does not admit is left out of it.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the table.
+    values_of : callable
+        The values of a column by its name, a row each; None where the table goes without it.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table(kind).columns:
+        values = values_of(column.name)
+        if values is None:
+            continue
+        array = np.empty(len(values), dtype=object if column.dtype == "string" else column.dtype)
+        array[:] = values
+        if column.dtype == "float64":
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
+        columns[column.name] = array
+    return columns
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
