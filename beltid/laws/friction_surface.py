@@ -174,7 +174,7 @@ class FrictionSurface:
         mu, _, _ = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
         mu = np.clip(mu, self.mu_nodes.min(), self.mu_nodes.max())
         # the polynomial meets its node to rounding; exactly is better
-        corner_f, corner_v = at.i + at.at_upper_f, at.j + at.at_upper_v
+        corner_f, corner_v = at.i + (at.s == 1.0), at.j + (at.t == 1.0)
         mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
         return np.where(at.known, mu, np.nan)[()]
 
@@ -206,13 +206,9 @@ class FrictionSurface:
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         if self.mu_se_nodes is None:
             return np.full(at.s.shape, np.nan)[()]
-        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
-        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
         total = np.where(at.known, 0.0, np.nan)
-        for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s)):
-            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t)):
-                weight = weight_f * weight_v  # an unknown neighbour of no weight does not count
-                total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
+        for i, j, weight in self._corners(at):  # an unknown neighbour of no weight does not count
+            total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
         return total[()]
 
     def tables(self) -> SurfaceTables:
@@ -227,9 +223,17 @@ class FrictionSurface:
         i, s, ds_df, f_node = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
         j, t, dt_dv, v_node = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
         dt_dv = np.where(v < 0.0, -dt_dv, dt_dv)
-        return _Location(
-            i, j, s, t, ds_df, dt_dv, f_node & v_node, (s == 1.0) * 1, (t == 1.0) * 1, known
-        )
+        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, known)
+
+    def _corners(self, at: _Location) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
+        """Nodes around points, and their weights in a bilinear interpolation."""
+        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
+        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
+        return [
+            (i, j, weight_f * weight_v)
+            for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s))
+            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t))
+        ]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FrictionSurface):
@@ -292,8 +296,6 @@ class _Location(NamedTuple):
     ds_df: Array
     dt_dv: Array
     on_node: NDArray[np.bool_]
-    at_upper_f: NDArray[np.intp]
-    at_upper_v: NDArray[np.intp]
     known: NDArray[np.bool_]
 
 

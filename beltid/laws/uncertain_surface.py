@@ -110,12 +110,9 @@ class UncertainSurface(FrictionSurface):
         if self.factor is None:
             raise InputError("the surface has no covariance: it was made without uncertainties")
         at = self._locate(normal_force_N_m, slip_speed_m_s)
-        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
-        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
         total = np.zeros((*at.s.shape, self.factor.shape[2]))
-        for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s)):
-            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t)):
-                total += (weight_f * weight_v)[..., None] * self.factor[i, j]
+        for i, j, weight in self._corners(at):
+            total += weight[..., None] * self.factor[i, j]
         return np.where(at.known[..., None], total, np.nan)
 
     def band(

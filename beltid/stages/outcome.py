@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from beltid.report.summary import Origin, combined_origin
+from beltid.tables import schemas
+from beltid.tables.values import outside
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -196,6 +198,31 @@ class Outcome(Generic[Result]):
         )
         of_what = " (synthetic data)" if self.origin == "synthetic" else ""
         return f"<p>{escape(self.kind)}{of_what}: {len(frame)} rows</p><ul>{said}</ul>{table}"
+
+
+def table_columns_of(
+    kind: str, values_of: Callable[[str], Sequence[Any] | None]
+) -> dict[str, np.ndarray]:
+    """Columns of a table of ours; a number that the table does not admit is left out of it.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the table.
+    values_of : callable
+        The values of a column by its name, a row each; None where the table goes without it.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for column in schemas.table(kind).columns:
+        values = values_of(column.name)
+        if values is None:
+            continue
+        array = np.empty(len(values), dtype=object if column.dtype == "string" else column.dtype)
+        array[:] = values
+        if column.dtype == "float64":
+            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
+        columns[column.name] = array
+    return columns
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

@@ -101,6 +101,13 @@ def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
     assert min(p.slip_speed_se_m_s for p in result.points) > 62.0 * 0.05 * result.ratio_se
 
 
+def test_without_a_run_without_torque_the_size_of_unequal_pulleys_is_said():
+    (note,) = (n for n in fit_slip(drive([2.0, 4.0, 6.0]), 0.05).notes if "without torque" in n)
+    assert note.endswith(
+        "radii that differ by 0.1 % would be 0.063 rad/s of the loss at 62.8 rad/s"
+    )
+
+
 def test_gross_slip_is_marked_and_not_counted_as_service():
     torque = np.arange(0.0, 17.0)
     creep = np.where(torque > 14.5, 0.05, 0.01)

@@ -184,7 +184,13 @@ def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, f
         and found[label].se > 0.0
     ]
     if not ratios:
-        return 1.0, 0.0, ["no run without torque: the pulleys are taken as equal"]
+        speeds = (abs(robust_mean_with_se(run[DRIVER]).mean) for run in runs.values())
+        fastest = max((speed for speed in speeds if math.isfinite(speed)), default=0.0)
+        unequal = (
+            f"radii that differ by 0.1 % would be {1e-3 * fastest:.2g} rad/s of the loss at "
+            f"{fastest:.3g} rad/s"
+        )
+        return 1.0, 0.0, [f"no run without torque: the pulleys are taken as equal; {unequal}"]
     weights = np.array([r.se**-2 for r in ratios])
     ratio = float(weights @ np.array([r.mean for r in ratios]) / weights.sum())
     se = float(weights.sum() ** -0.5)

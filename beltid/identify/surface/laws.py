@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtr, chdtrc
 
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
@@ -372,10 +371,6 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
     ]
     if at_bound:
         notes.append(f"{law.name}: its speed scale ended at the bound of the search")
-    if points.errors_known:
-        variance = np.maximum(points.variance, ROUNDING)
-        chi_square = float(np.sum((points.U.T @ r) ** 2 / variance))
-        notes += chi_square_note(law.name, chi_square, dof, math.sqrt(solution.q))
     worst = int(np.argmax(np.abs(r)))
     return FrictionLawFit(
         law=law.name,
@@ -463,25 +458,6 @@ def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:
     if not se <= largest:
         return NOT_DETERMINED
     return NOT_ZERO if name in ("a", "b", "c") and abs(value) <= 2.0 * se else ""
-
-
-def chi_square_note(law: str, chi_square: float, dof: int, law_error: float) -> list[str]:
-    """A note where chi² per degree of freedom is far from one, and not by chance."""
-    if dof <= 0:
-        return [f"{law}: as many parameters as points, the misfit says nothing"]
-    ratio = chi_square / dof
-    if ratio > 1.5 and chdtrc(dof, chi_square) < 0.01:
-        return [
-            f"{law}: chi² per degree of freedom {ratio:.3g}: the law misses the points by more "
-            f"than their errors, by {100 * law_error:.2g} %, which is in the standard errors"
-        ]
-    if ratio < 0.5 and chdtr(dof, chi_square) < 0.01:
-        return [
-            f"{law}: chi² per degree of freedom {ratio:.3g}: the points scatter by less than their "
-            "errors, which are too large or shared by the points; shared ones do not average out, "
-            "so the standard errors of the amplitudes may be too small"
-        ]
-    return []
 
 
 def verdict_of(fits: Sequence[FrictionLawFit]) -> str:

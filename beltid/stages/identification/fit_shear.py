@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +27,7 @@ from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.report.summary import Summary, combined_origin
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
 from beltid.stages.reporter import Options
 from beltid.stages.tables import checked_law, law_of
 from beltid.stages.uncertainties import (
@@ -36,8 +36,6 @@ from beltid.stages.uncertainties import (
     press_law,
     standard_uncertainties,
 )
-from beltid.tables import schemas
-from beltid.tables.values import outside
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
 from beltid.uncertainty.sources import (
@@ -244,19 +242,14 @@ def _warnings(found: ShearStiffness) -> list[str]:
 
 
 def _columns(found: ShearStiffness) -> dict[str, np.ndarray]:
-    """Columns of the shear table."""
-    columns: dict[str, np.ndarray] = {}
-    for column in schemas.table(KIND).columns:
-        if column.name == "slope_fitted_N_m":
-            columns[column.name] = np.array(found.fitted_N_m)
-        else:
-            values = [getattr(run, column.name) for run in found.runs]
-            dtype = object if column.dtype == "string" else column.dtype
-            array = np.array(values, dtype=dtype)
-            if column.dtype == "float64":
-                array = np.where(outside(array, column), np.nan, array)
-            columns[column.name] = array
-    return columns
+    """Columns of the shear table, a row for every run."""
+
+    def values_of(name: str) -> Sequence[Any]:
+        if name == "slope_fitted_N_m":
+            return found.fitted_N_m
+        return [getattr(run, name) for run in found.runs]
+
+    return table_columns_of(KIND, values_of)
 
 
 def summarise(built: Built) -> Summary:

@@ -19,10 +19,8 @@ from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, req
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.outcome import Outcome, rows_of, table_columns_of
 from beltid.stages.reporter import Options
-from beltid.tables import schemas
-from beltid.tables.values import outside
 
 KIND: Final = "slip"
 FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")
@@ -129,17 +127,12 @@ def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None
 
 
 def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
-    """Columns of the slip table, a row for every point; a number that is not known is null."""
-    columns: dict[str, np.ndarray] = {}
-    for column in schemas.table(KIND).columns:
-        if not hasattr(points[0], column.name):
-            continue
-        values = [getattr(point, column.name) for point in points]
-        array = np.array(values, dtype=object if column.dtype == "string" else column.dtype)
-        if column.dtype == "float64":
-            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
-        columns[column.name] = array
-    return columns
+    """Columns of the slip table, a row for every point."""
+
+    def values_of(name: str) -> list[Any] | None:
+        return [getattr(p, name) for p in points] if hasattr(points[0], name) else None
+
+    return table_columns_of(KIND, values_of)
 
 
 def summarise(built: Built) -> Summary:

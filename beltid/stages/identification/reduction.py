@@ -41,9 +41,10 @@ from beltid.identify.friction.reduction import (
 )
 from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
 from beltid.identify.press.recording import StiffnessSettings
+from beltid.stages.outcome import table_columns_of
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
-from beltid.tables.values import is_missing, outside
+from beltid.tables.values import is_missing
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -317,32 +318,19 @@ class FrictionTable:
 
 
 def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
-    """Columns of the friction table.
+    """Columns of the friction table; a run that was set aside keeps what was found."""
 
-    A run that was set aside keeps what was found; a number that the table does not admit (a
-    tension below zero) is left out of it.
-    """
-    columns: dict[str, np.ndarray] = {}
-    for column in schemas.table("friction").columns:
-        if column.name in NOT_REDUCED:
-            continue
-        if column.name in schemas.CONDITIONS:
-            values = [getattr(r.conditions, column.name) for r in reduced]
-        elif column.name == "notes":
-            values = [_notes(r) for r in reduced]
-        else:
-            values = [getattr(r, column.name) for r in reduced]
-        if column.name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values):
-            continue
-        if column.dtype == "string":
-            array = np.empty(len(values), dtype=object)
-            array[:] = values
-        else:
-            array = np.array(values, dtype=column.dtype)
-        if column.dtype == "float64":
-            array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
-        columns[column.name] = array
-    return columns
+    def values_of(name: str) -> list[Any] | None:
+        if name in NOT_REDUCED:
+            return None
+        if name == "notes":
+            return [_notes(r) for r in reduced]
+        about = [r.conditions for r in reduced] if name in schemas.CONDITIONS else reduced
+        values = [getattr(one, name) for one in about]
+        hidden = name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values)
+        return None if hidden else values
+
+    return table_columns_of("friction", values_of)
 
 
 def taken_off(treatment: Treatment) -> tuple[str, ...]:
