@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,15 +34,14 @@ from beltid.rigsim.contact.points import (
     STICK,
     Patches,
     Points,
+    fields_of,
     new_points,
 )
 from beltid.rigsim.contact.ribs import certify
 from beltid.rigsim.model import Bench, RigModel, System, Workspace
 from beltid.rigsim.profile import ContactState
 from beltid.rigsim.steady import lay_on
-from beltid.rigsim.step import (
-    Drive as Given,
-)
+from beltid.rigsim.step import Drive as Given
 from beltid.rigsim.step import (
     Flow,
     Kinematics,
@@ -304,8 +304,12 @@ class _Running:
     stretch: float
     omega: float
     turns: NDArray[np.int64]  # changes of every patch
-    record: Recorder = field(default_factory=lambda: new_recorder(1))  # of the last iteration
-    iterations: int = 0
+    record: Recorder = field(default_factory=lambda: new_recorder(1))
+    patches: Any = field(init=False)  # fields of the patches of ``points``
+    outcome: Any = field(init=False)  # fields of ``record``: the last iteration, and their number
+
+    def __post_init__(self) -> None:
+        self.patches, self.outcome = fields_of(self.points.patches), fields_of(self.record)
 
     @property
     def sheared(self) -> bool:
@@ -341,7 +345,7 @@ class _Running:
 
     def turn(self, W: float, target: Flow, *, ramp: bool) -> None:
         """Give the pulley its speed; from a belt laid on, with all of the arc sliding."""
-        patches, self_turning = self.points.patches, self.omega
+        patches, self_turning = self.patches, self.omega
         self.omega = W * self.v0
         if not ramp or self.sheared:
             return
@@ -358,7 +362,7 @@ class _Running:
         hangs on the slip front downstream of it, so its forces then follow one after the other,
         with a matrix of compliance that is triangular and positive on its diagonal: a P-matrix.
         """
-        patches, kept = self.points.patches, self._copy()
+        patches, kept = self.patches, self._copy()
         typical = self.pulley.tension / self.pulley.R * float(np.median(self.system.belt.h))
         for soft in softness:
             augmentation = typical / (soft * self.v0)
@@ -416,16 +420,14 @@ class _Running:
     def _newton(self, target: Flow, augmentation: float, friction: float = 1.0) -> bool:
         given = Given(self.stretch, self.P_in, augmentation, 1.0, friction, False, target)
         schedule = Schedule(np.array([math.inf]), np.array([self.omega]))
-        self.record = new_recorder(1)
         run = self.system, self.points, self.kinematics, schedule, given, self.work, self.record
         found = march(*run, 0, 1) == 1
-        self.iterations += int(self.record.iterations[0])
-        self.stretch, self.omega = float(self.record.stretch[0]), float(self.record.omega[0])
+        self.stretch, self.omega = float(self.outcome.stretch[0]), float(self.outcome.omega[0])
         return found
 
     def _change_sides(self, augmentation: float, hard: bool, most: int) -> int:
         """Let patches change between stick and slide, the first ``most`` that break the law."""
-        patches = self.points.patches
+        patches = self.patches
         sticking = patches.status == STICK
         holding = patches.la_T + augmentation * patches.slip
         backward = patches.sign * patches.slip < -SLIP_TOLERANCE * self.v0
@@ -441,7 +443,7 @@ class _Running:
         # a patch at an end of the contact bears nothing: were it to stick, it would open and close.
         # Where the sliding changes its direction within such a patch, it keeps the last one
         open_ = patches.limit == 0.0
-        edge = np.any(self.points.F_max == 0.0, axis=1) | np.roll(open_, 1) | np.roll(open_, -1)
+        edge = np.any(self.points.F_max == 0.0, axis=1) | _before(open_) | _behind(open_)
         changes = np.where(edge, sticking | (backward & (self.turns < MOST_TURNS)), changes)
         changes &= ~patches.turning
         holding = np.where(edge, patches.slip, holding)
@@ -460,7 +462,7 @@ class _Running:
 
     def _follow_turns(self) -> None:
         """A patch within which the sliding no longer turns is an ordinary one again."""
-        patches = self.points.patches
+        patches = self.patches
         backward = patches.turning & (patches.sign * patches.slip < 0.0)
         patches.status[backward] = STICK
         patches.la_T[backward] = patches.force[backward]
@@ -472,11 +474,11 @@ class _Running:
         A patch that sticks alone between two that slide in opposite directions is one if it would
         take more than friction to hold the belt where it is entered, (R6).
         """
-        patches, flow = self.points.patches, self.v0 / self.system.belt.EA
+        patches, flow = self.patches, self.v0 / self.system.belt.EA
         slides = (patches.status == SLIDE) & (patches.limit > 0.0)
         turns = slides & (patches.sign * patches.slip_out < 0.0)
-        sign, behind = np.roll(patches.sign, 1), np.roll(patches.sign, -1)
-        alone = (patches.status == STICK) & np.roll(slides, 1) & np.roll(slides, -1)
+        sign, behind = _before(patches.sign), _behind(patches.sign)
+        alone = (patches.status == STICK) & _before(slides) & _behind(slides)
         at_entry = sign * patches.force - sign * patches.slip_out / flow
         alone &= (sign * behind < 0.0) & (at_entry > patches.limit)
         edge = np.any(self.points.F_max == 0.0, axis=1)
@@ -488,7 +490,7 @@ class _Running:
 
     def _holds(self) -> bool:
         """Whether what sticks does not slip."""
-        patches = self.points.patches
+        patches = self.patches
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
         slip = np.abs(patches.slip[sticks]).max(initial=0.0)
         return bool(slip <= SLIP_TOLERANCE * self.v0)
@@ -511,19 +513,19 @@ class _Running:
         if self.sheared:
             sticks = self.points.ribs.zone[entry:] != SLIDES
             return 0.0 if np.any(sticks) else abs(float(self.points.slip[entry, 0]))
-        patches = self.points.patches
+        patches = self.patches
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
         if np.any(sticks[1:] & sticks[:-1]):
             return 0.0
         return abs(float(patches.slip[entry]))
 
     def _failure(self, rounds: int, hint: str = "") -> ConvergenceError:
-        residual = float(self.record.residual[0])
+        iterations, residual = int(self.outcome.iterations[0]), float(self.outcome.residual[0])
         return ConvergenceError(
             f"pulley of {1e3 * self.pulley.R:g} mm, {math.degrees(self.pulley.wrap):.4g} deg, belt "
             f"at {self.v0:g} m/s, {self.P_in:g} N: no steady running found in {rounds} rounds of "
-            f"{self.iterations} Newton iterations (residual {residual:.2g}){hint}",
-            iterations=self.iterations,
+            f"{iterations} Newton iterations (residual {residual:.2g}){hint}",
+            iterations=iterations,
             residual=residual,
         )
 
@@ -561,10 +563,20 @@ class _Running:
             whole_slip=self._whole_slip(),
             certificate=certificate,
             residual=float(record.residual),
-            iterations=self.iterations,
+            iterations=int(record.iterations),
             outside=int(record.outside),
         )
 
 
 def _overwrite(patches: Patches, others: Patches) -> None:
     patches[:] = others
+
+
+def _before(values: NDArray[Any]) -> NDArray[Any]:
+    """Of every patch the value of the one before it, upstream; of the first that of the last."""
+    return np.concatenate((values[-1:], values[:-1]))
+
+
+def _behind(values: NDArray[Any]) -> NDArray[Any]:
+    """Of every patch the value of the one behind it."""
+    return np.concatenate((values[1:], values[:1]))

@@ -719,7 +719,9 @@ class StringLevel:
         slip : ndarray (n,)
             Sliding speeds at the entries [m/s], as :meth:`arcs` gives them.
         """
-        shares = SlidingShares(*np.empty((5, wraps.size)), np.empty(wraps.size, dtype=np.int64))
+        speeds, least, most, below, outside = np.empty((5, wraps.size))
+        states = np.empty(wraps.size, dtype=np.int64)
+        shares = SlidingShares(speeds, least, most, below, outside, states)
         shares_of_pulleys(P_in, P_out, v0, wraps, slip, *self._laws, shares)
         return shares
 

@@ -36,11 +36,11 @@ class Workspace(NamedTuple):
 
     ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
     derivative in the stretch, of a running belt (3, n) also in the speed of the pulley, and where
-    its ribs shear (3 + MOST_ZONES, n) in what their zones add; ``steps``
-    solutions of the same shape, the last one the movement of ends that give way; ``strain_old``
-    (n_e, n_g, 2) strains at the last time step; ``reactions`` of the supports; ``border`` (b, 1 + b)
-    the equations of the unknowns beside the coordinates, right-hand sides first, and ``combined``
-    (2, 4) the weights of the supports' forces in the first two of them.
+    its ribs shear (3 + MOST_ZONES, n) in what their zones add; ``steps`` solutions of the same
+    shape, the last one the movement of ends that give way; ``strain_old`` (n_e, n_g, 2) strains at
+    the last time step; ``reactions`` of the supports; ``border`` (b, 1 + b) equations of the
+    unknowns beside the coordinates, right-hand sides first; ``combined`` (2, 4) weights of the
+    supports' forces in the first two of them.
     """
 
     A: Array

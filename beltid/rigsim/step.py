@@ -289,7 +289,7 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
 
 @leaf
 def eliminate(system: Array, n: int) -> bool:
-    """Solve n equations (n, 1 + n), right-hand sides first, which their solution takes the place of.
+    """Solve n equations (n, 1 + n), right-hand sides first, and put their solution in their place.
 
     Returns whether there is one; Gauss-Jordan with the largest pivot of a column.
     """
@@ -313,7 +313,7 @@ def eliminate(system: Array, n: int) -> bool:
     return True
 
 
-@part
+@leaf
 def missing_of_unknowns(drive: Drive, work: Workspace) -> float:
     """What is missing of the forces given for stretch and speed; returns the larger one [N].
 
@@ -338,7 +338,7 @@ def missing_of_unknowns(drive: Drive, work: Workspace) -> float:
     return max(abs(border[0, 0]), abs(border[1, 0]))
 
 
-@part
+@leaf
 def solve_for_unknowns(drive: Drive, ribs: Ribs, work: Workspace) -> bool:
     """Solve for stretch, speed and zones beside the coordinates; whether there is a solution.
 
@@ -349,7 +349,7 @@ def solve_for_unknowns(drive: Drive, ribs: Ribs, work: Workspace) -> bool:
     border, combined, steps, n = work.border, work.combined, work.steps, work.steps.shape[1]
     equations, unknowns = 1, 1
     if not drive.tighten:
-        equations, unknowns = 2, 2 + min(ribs.count[0], border.shape[0] - 2)
+        equations, unknowns = 2, 2 + min(ribs.number[0], border.shape[0] - 2)
     for row in range(unknowns):
         for k in range(1 if row < equations else 0, 1 + unknowns):
             border[row, k] = 0.0

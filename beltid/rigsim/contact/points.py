@@ -22,6 +22,7 @@ be more constraints than the element has tangential freedoms.
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -205,6 +206,15 @@ The ``element`` of the point before the zone, on which its ``a_z`` depends, and 
 Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
+def fields_of(records: np.recarray[Any, np.dtype[Any]]) -> SimpleNamespace:
+    """Fields of records, as arrays that share their memory.
+
+    A record array makes a field anew whenever it is asked for, in the time of a hundred such.
+    """
+    plain = records.view(np.ndarray)
+    return SimpleNamespace(**{name: plain[name] for name in records.dtype.names or ()})
+
+
 class Ribs(NamedTuple):
     """Ribs of a belt that runs, and where they stick, see :mod:`beltid.rigsim.contact.ribs`.
 
@@ -217,14 +227,14 @@ class Ribs(NamedTuple):
         Zone of every contact point that sticks, from the entry on; ``SLIDES`` of all others.
     zones : records of ZONE, shape (MOST_ZONES,)
         Where they begin.
-    count : ndarray of int, shape (1,)
-        Number of zones.
+    number : ndarray of int, shape (1,)
+        How many of them there are.
     """
 
     stiffness: float
     zone: NDArray[np.int64]
     zones: Zones
-    count: NDArray[np.int64]
+    number: NDArray[np.int64]
 
 
 class Points(NamedTuple):
@@ -301,7 +311,7 @@ def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf)
             stiffness=float(shear_stiffness),
             zone=np.full((n_e, n_c), SLIDES),
             zones=np.zeros(MOST_ZONES, dtype=ZONE).view(np.recarray),
-            count=np.zeros(1, dtype=np.int64),
+            number=np.zeros(1, dtype=np.int64),
         ),
     )
 

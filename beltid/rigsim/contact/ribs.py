@@ -106,7 +106,7 @@ def shear(
                     frame.T_stretch = frame.T_slip * of_fall / stretch
             points.F_T[e, c] = force * length
             last_e, last_c, last_place, last_at = e, c, place, at
-    ribs.count[0] = zones
+    ribs.number[0] = zones
 
 
 @leaf
