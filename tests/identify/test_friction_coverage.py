@@ -95,8 +95,6 @@ CASES = [
     ("coarse converter (1 N steps)", MOST_KEPT),
     ("belt relaxes at rest, 3 % in 30 s", MOST_KEPT),
     ("mu drifts within a run, +1 %", MOST_KEPT),
-    ("a tenth of the build-up five times slower", MOST_KEPT),
-    ("a third of the build-up five times slower", MOST_KEPT),
     ("second start at twice the speed", MOST_KEPT),
 ]
 
