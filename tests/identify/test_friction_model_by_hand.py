@@ -175,7 +175,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     V += (c * sd[4]) ** 2 * fading
     V += (record.level * sd[5]) ** 2 * record.turn @ record.turn.T
     V += campaign.FREE**2 * record.take_up @ record.take_up.T
-    V += sd[8] ** 2 * record.slow_take_up @ record.slow_take_up.T
+    V += (record.level * sd[8]) ** 2 * record.slow_take_up @ record.slow_take_up.T
     root = np.linalg.cholesky(V)
     one, z = np.linalg.solve(root, np.ones(V.shape[0])), np.linalg.solve(root, record.z)
     (level,), squares = np.linalg.lstsq(one[:, None], z, rcond=None)[:2]

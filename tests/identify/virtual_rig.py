@@ -77,6 +77,8 @@ class Recipe:
     tail_spread: float = 0.0
     """The same of its length."""
     build_up: float = 0.2
+    slow_part: float = 0.0
+    """Part of the build-up that takes five times as long to nine tenths of its end."""
     omega: float = REFERENCE_SPEED
     run_up: float = 0.0
     """Time until the pulley has its speed."""
@@ -321,7 +323,9 @@ def _runs(
 
     ratio = np.exp(friction * np.radians(arc_deg))
     low = 2.0 * initial / (1.0 + ratio)
-    rise = np.clip(turned / (r.build_up * own), 0.0, 1.0)
+    built = turned / (r.build_up * own)
+    rise = (1.0 - r.slow_part) * np.clip(built, 0.0, 1.0)
+    rise += r.slow_part * (1.0 - 0.1 ** (built / 5.0))
     phase = rng.uniform(0.0, 2.0 * np.pi, (n, 1))
     wave = r.ripple * np.sin(2.0 * np.pi * turned / (r.ripple_period * pace) + phase)
     wave *= turned > 0.0
@@ -597,6 +601,8 @@ def _cases() -> list[Case]:
         ),
         Case("mu drifts within a run, +1 %", base.but(drift=0.01)),
         Case("mu drifts within a run, +4 %", base.but(drift=0.04)),
+        Case("a tenth of the build-up five times slower", base.but(slow_part=0.1)),
+        Case("a third of the build-up five times slower", base.but(slow_part=0.33)),
         Case("second start at twice the speed", base.but(idle=1.0, again=(2.0, 1.04))),
         Case("second start at half the speed", base.but(idle=1.0, again=(0.5, 0.97))),
         Case("arcs differ by 3 %", base, belt=belt.but(arc_factors=(0.985, 1.0, 1.015))),

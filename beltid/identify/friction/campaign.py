@@ -28,6 +28,7 @@ from scipy.optimize import minimize
 from beltid.identify.friction.prepare import SlidingRecord
 from beltid.identify.friction.rest import Rest
 from beltid.identify.friction.shared import (
+    DECAYS,
     DRIFTS,
     POWERS,
     RANK,
@@ -132,8 +133,8 @@ TURN = (0.4, 1.5)
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
 """Of the deviations of a run's tail from that of its bench, relative."""
-SLOW_TAKE_UP = (3e-3, 1.5)
-"""Of slow decays of the build-up, in z."""
+DECAY_SPREAD = (3e-3, 1.5)
+"""Of slow decays of the build-up about those of all runs, relative to the level."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
@@ -164,7 +165,7 @@ class Stack:
         self.basis = np.zeros((n, m, RANK))
         self.shared = np.zeros((n, m, SHARED))
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
-        and the changes of the tail with the powers."""
+        the changes of the tail with the powers, and slow decays of the build-up."""
         self.fixed = np.zeros((n, m, m))
         """Covariance of what is known of a run beside its variances (n, m, m)."""
         self.parts = np.zeros((N_VARIANCES, n, m, m))
@@ -180,6 +181,7 @@ class Stack:
             # mu_sliding of a run in which friction drifts is that of the middle of its second half
             elapsed = (0.5 * (r.first_s + r.last_s) - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
+            self.shared[k, :b, DECAYS] = r.slow_take_up * (r.level / c)
             free = np.column_stack([r.waves, r.take_up])
             self.fixed[k, :b, :b] = (FREE / c) ** 2 * (free @ free.T)
             short, walk = np.array(MEMORIES_S[:-1]), MEMORIES_S[-1]
@@ -188,7 +190,7 @@ class Stack:
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
             self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
             self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
-            self.parts[-1, k, :b, :b] = r.slow_take_up @ r.slow_take_up.T / c**2
+            self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.slow_take_up @ r.slow_take_up.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
             self.count, 1e-9
@@ -374,7 +376,7 @@ class Priors:
                 (TURN[0] * typical_z, TURN[1]),
                 HEIGHT_SPREAD,
                 LENGTH_SPREAD,
-                SLOW_TAKE_UP,
+                DECAY_SPREAD,
             ]
         ).T
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))

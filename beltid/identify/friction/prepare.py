@@ -44,7 +44,7 @@ from beltid.identify.friction.kinds import Span
 from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
 from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
-from beltid.identify.friction.shared import tail_basis
+from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -251,9 +251,6 @@ FINEST = 256
 TAKE_UP = np.geomspace(0.06, 0.35, 5)
 """Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
 without noise shows no other decay between two of them."""
-SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
-"""The same where friction grows strongly with the speed: while its tensions still part, the belt
-slides more slowly. They could be the tail of the peak: the bench says how large they are."""
 LINES = 3
 """Most ripples of a run."""
 OUTLIER = 6.0

@@ -245,10 +245,15 @@ def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, f
     return mean, second - np.outer(mean, mean), total, float(weight @ height)
 
 
-UNLIKE = np.array([0.01, 0.1])
-"""Deviations of a tail from its family, small or large: standard deviation of each of some
-exponentials with lengths within two thirds of the record, relative to the height."""
-UNLIKE_BEFORE = np.array([0.95, 0.05])
+SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
+"""Lengths of slow decays of the build-up, over its travel: where friction grows strongly with the
+speed the belt slides more slowly while its tensions still part, and a part of a build-up may take
+several times as long as the rest. They could be the tail of the peak; the bench says which."""
+UNLIKE = np.array([[0.01, 0.0], [0.01, 0.05], [0.1, 0.0]])
+"""What family and drift do not tell, one row a hypothesis: deviations of the tail from its family,
+as the standard deviation of each of some exponentials with lengths within two thirds of the record,
+relative to the height; and the same of each slow decay of the build-up, relative to the level."""
+UNLIKE_BEFORE = np.array([0.9, 0.05, 0.05])
 """Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
 too small for quiet records of another family, or widens all others."""
 DRIFTING = 0.08
@@ -269,15 +274,17 @@ TREND = 0.4
 """Standard deviation of the powers with which the length of the tail goes with the settings."""
 SETTINGS = 3
 """Settings that it goes with: speed, mean tension and level of ln(T_tight/T_slack), so the arc."""
-SHARED = RANK + 3 + SETTINGS
-"""Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers."""
-DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, SHARED)
-"""Where the drifts and the powers are in them."""
+SHARED = RANK + 3 + SETTINGS + SLOW_TAKE_UP.size
+"""Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers, slow
+decays of the build-up."""
+DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, RANK + 3 + SETTINGS)
+DECAYS = slice(POWERS.stop, SHARED)
+"""Where drifts, powers and decays of the build-up are in them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shared:
-    """Posterior of what is the same in all runs: tail in the basis, drift of both cells [N/s].
+    """Posterior of what is the same in all runs, :data:`SHARED` columns.
 
     Attributes
     ----------
@@ -292,7 +299,7 @@ class Shared:
     powers : ndarray, shape (SETTINGS,)
         Powers of the settings with which its length goes.
     weights : ndarray
-        Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (2, 4).
+        Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (3, 4).
     spectra : Spectra, optional
         Tails over which it was summed.
     """
@@ -311,10 +318,35 @@ class Shared:
         unknown = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
         return cls(*unknown, height=0.05, powers=powers, weights=np.outer(UNLIKE_BEFORE, BEFORE))
 
+    @classmethod
+    def of(
+        cls,
+        mean: Array,
+        covariance: Array,
+        log_evidence: float,
+        height: float,
+        powers: Array,
+        weights: Array,
+        spectra: Spectra,
+    ) -> Shared:
+        """From its moments, with tails that were stretched by some powers."""
+        values, vectors = np.linalg.eigh(covariance)
+        return cls(
+            mean=mean,
+            factor=(vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1],
+            log_evidence=log_evidence,
+            height=height,
+            powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
+            weights=weights,
+            spectra=spectra,
+        )
+
     @property
     def stretched_mean(self) -> Array:
         """The mean for tails that are stretched by the powers already."""
-        return np.append(self.mean[: POWERS.start], np.zeros(SETTINGS))
+        mean = self.mean.copy()
+        mean[POWERS] = 0.0
+        return mean
 
     @property
     def deviations(self) -> Array:
@@ -362,8 +394,46 @@ class Given:
         return cls(squares, products, float(np.median(tension)), range_m)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Gaussian prior of all shared columns beside the tail of the family, and its probability.
+
+    Attributes
+    ----------
+    probability : float
+        Before any run is seen.
+    mean, covariance : ndarray, shape (SHARED,), (SHARED, SHARED)
+        Of the columns; of the tail, of what is added to that of the family.
+    """
+
+    probability: float
+    mean: Array
+    covariance: Array
+
+    @classmethod
+    def of(
+        cls, probability: float, powers: Array, slow: Array, tail: Array, drift: Array, decay: float
+    ) -> Hypothesis:
+        """One with a mean of the slow part of the tail, and these covariances."""
+        mean, covariance = np.zeros(SHARED), np.zeros((SHARED, SHARED))
+        mean[:RANK] = slow
+        # the columns hold the change of the powers from what the tails were stretched by
+        mean[POWERS] = -powers
+        covariance[:RANK, :RANK] = tail
+        covariance[DRIFTS, DRIFTS] = drift
+        covariance[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
+        covariance[DECAYS, DECAYS] = decay * np.eye(SLOW_TAKE_UP.size)
+        return cls(probability, mean, covariance)
+
+    def spectra(self, M: Array, b: Array, given: Given, start: Spectra | None = None) -> Spectra:
+        """Tails that stand for those of the family beside it."""
+        left = _free(M, self.covariance)[0]
+        products = (left @ (b - M @ self.mean))[:RANK]
+        return spectra_of((left @ M)[:RANK, :RANK], products, given.range_m, start)
+
+
 def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: bool = True) -> Shared:
-    """Posterior of the tail and the common drift.
+    """Posterior of the tail and of all else that the runs share.
 
     The squares and products of the shared columns, summed over the runs, are all that the runs say
     about them; the hypotheses differ in the prior only.
@@ -384,65 +454,42 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     cells = slice(RANK, RANK + 2)
     M[cells, cells] += given.squares
     b[cells] += given.products
-    height = max(before.height, 1e-3)
-    deviation = height**2 * _deviations(given.range_m)
     unit = np.array([given.unit_N, given.unit_N, 1.0])
     drifts = DRIFTS_OF * np.outer(unit, unit)
-    # the columns hold the change of the powers from what the tails were stretched by
-    expected = np.zeros(SHARED)
-    expected[POWERS] = -before.powers
-
-    def covariance(of_tail: Array, drift: Array) -> Array:
-        D = np.zeros_like(M)
-        D[:RANK, :RANK] = of_tail
-        D[DRIFTS, DRIFTS] = drift
-        D[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
-        return D
-
-    def spectra_given(mean: Array, D: Array, start: Spectra | None = None) -> Spectra:
-        left = _free(M, D)[0]
-        products = (left @ (b - M @ mean))[:RANK]
-        return spectra_of((left @ M)[:RANK, :RANK], products, given.range_m, start)
+    height = max(before.height, 1e-3)
+    deviation = height**2 * _deviations(given.range_m)
 
     # one Gaussian with the moments of all drifts and deviations finds where the tails are
-    moments = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
-    size = before.weights.sum(axis=1) @ UNLIKE**2
-    every = covariance(size * deviation, moments)
+    some_drift = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
+    size, decay = before.weights.sum(axis=1) @ UNLIKE**2
+    rough = Hypothesis.of(1.0, before.powers, np.zeros(RANK), size * deviation, some_drift, decay)
     spectra = before.spectra
     if every_drift or spectra is None:
-        spectra = spectra_given(expected, every)
+        spectra = rough.spectra(M, b, given)
     if not every_drift:
-        found, prior = [_given(M, b, expected, every, spectra)], np.ones(1)
-    else:
-        found = []
-        for slow, scatter in _slow_parts(given.range_m[1], height):
-            mean = expected.copy()
-            mean[:RANK] = slow
-            for size in UNLIKE**2:
-                of_tail = size * deviation + np.outer(scatter, scatter)
-                # beside a slow part the rest of the tail is another one
-                points = spectra_given(mean, covariance(of_tail, moments), spectra)
-                for drift in drifts:
-                    found.append(_given(M, b, mean, covariance(of_tail, drift), points))
-        of_slow = np.array([1.0 - SLOW_PART[0], SLOW_PART[0] / 2.0, SLOW_PART[0] / 2.0])
-        prior = np.outer(of_slow, np.outer(UNLIKE_BEFORE, BEFORE)).ravel()
-    log_p = np.log(prior) + np.array([log_evidence for _, _, log_evidence, _ in found])
+        mean, C, log_evidence, height = _given(M, b, rough, spectra)
+        return Shared.of(mean, C, log_evidence, height, before.powers, before.weights, spectra)
+
+    log_p, found = [], []
+    for p_slow, slow, scatter in _slow_parts(given.range_m[1], height):
+        for p_unlike, (size, decay) in zip(UNLIKE_BEFORE, UNLIKE**2, strict=True):
+            tail = size * deviation + np.outer(scatter, scatter)
+            common = before.powers, slow, tail
+            # beside a slow part the rest of the tail is another one
+            points = Hypothesis.of(1.0, *common, some_drift, decay).spectra(M, b, given, spectra)
+            for p_drift, drift in zip(BEFORE, drifts, strict=True):
+                one = Hypothesis.of(p_slow * p_unlike * p_drift, *common, drift, decay)
+                found.append(_given(M, b, one, points))
+                log_p.append(np.log(one.probability) + found[-1][2])
     log_evidence = float(np.logaddexp.reduce(log_p))
-    p = np.exp(log_p - log_evidence)
+    p = np.exp(np.array(log_p) - log_evidence)
     means = np.array([mean for mean, *_ in found])
     mean = p @ means
     away = means - mean
     second = np.tensordot(p, [C for _, C, *_ in found], axes=1) + (away * p[:, None]).T @ away
-    values, vectors = np.linalg.eigh(second)
-    return Shared(
-        mean=mean,
-        factor=(vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1],
-        log_evidence=log_evidence,
-        height=found[int(np.argmax(p))][-1],
-        powers=np.clip(before.powers + mean[POWERS], -1.5, 1.5),
-        weights=p.reshape(-1, *before.weights.shape).sum(axis=0) if every_drift else before.weights,
-        spectra=spectra,
-    )
+    weights = p.reshape(-1, *before.weights.shape).sum(axis=0)
+    height = found[int(np.argmax(p))][-1]
+    return Shared.of(mean, second, log_evidence, height, before.powers, weights, spectra)
 
 
 @lru_cache(maxsize=4)
@@ -454,12 +501,13 @@ def _deviations(range_m: tuple[float, float]) -> Array:
     return np.asarray(others.T @ others)
 
 
-def _slow_parts(longest: float, height: float) -> list[tuple[Array, Array]]:
-    """None, and parts of the tail beyond the record: mean and standard deviation (RANK,) each."""
-    _, part, scatter = SLOW_PART
+def _slow_parts(longest: float, height: float) -> list[tuple[float, Array, Array]]:
+    """None, and parts of the tail beyond the record: probability, mean and sd (RANK,) of each."""
+    chance, part, scatter = SLOW_PART
     reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
     tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
-    return [(part * tail, scatter * tail) for tail in (np.zeros(RANK), *tails)]
+    parts = [(0.5 * chance, part * tail, scatter * tail) for tail in tails]
+    return [(1.0 - chance, np.zeros(RANK), np.zeros(RANK)), *parts]
 
 
 def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
@@ -480,10 +528,11 @@ def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
 
 
 def _given(
-    M: Array, b: Array, more: Array, D: Array, spectra: Spectra
+    M: Array, b: Array, beside: Hypothesis, spectra: Spectra
 ) -> tuple[Array, Array, float, float]:
-    """As `summed`, with a part v - [tail, 0] ~ N(more, D) integrated out."""
-    left, G, log_det = _free(M, D)
+    """As `summed`, with what is beside the tail of the family integrated out."""
+    left, G, log_det = _free(M, beside.covariance)
+    more = beside.mean
     c = b - M @ more
     tail, spread, log_evidence, height = summed(
         (left @ M)[:RANK, :RANK], (left @ c)[:RANK], spectra
