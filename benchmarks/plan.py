@@ -2,13 +2,15 @@
 
     python -m benchmarks.plan [REPETITIONS [DRAWS [PART OF A NAME]]]
     python -m benchmarks.plan expected
+    python -m benchmarks.plan wins
 
 Each draw is a bench with errors of its own, shared by all its runs, an effect of each arc setting
 on friction, and noise of each run. The rig is the sliding limit of the simulator on its finer mesh,
 with a known surface. It is read at the 24 (or 12) settings of `beltid plan` before any run, and at
 the whole factorial; each repetition reads it at as many settings of the factorial chosen at random.
-Every reading is refined. Error: root mean square of ln mu over all draws, uniform in ln f and ln v
-between the lowest and highest line force (Eq. 8) and speed of the factorial.
+All of them are made in the order of a session. Every reading is refined. Error: root mean square of
+ln mu over all draws, uniform in ln f and ln v between the lowest and highest line force (Eq. 8) and
+speed of the factorial.
 
 A repetition is won where the mean square error over all draws, those of the plan against those of
 its random choice, is not larger. `z` is the root mean square over all draws and places of error
@@ -16,11 +18,16 @@ over stated standard uncertainty: 1 if that is right. The places of one draw mov
 
 `expected` draws nothing: with the usual smoothness the linear model about the true surface gives
 the mean square error over all that may be drawn, of the plan and of 100 random choices.
+
+`wins` says how many of 20 repetitions such a comparison can show: it draws errors and noise 20,000
+times in the linear model, with the usual smoothness and with a stiffer one, for the plan and for
+the best plan that there is (chosen with the true surface and that smoothness).
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import sys
 import time
@@ -39,9 +46,15 @@ from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, simulate_candidates
 from beltid.plan.design import RunRows, choose_runs
 from beltid.plan.prior import USUAL, USUAL_ARCS, knowledge_at
-from beltid.plan.target import surface_target
+from beltid.plan.session import schedule
+from beltid.plan.target import surface_target, target_rows
 from beltid.refine.effects import ARC, BEFORE
-from beltid.refine.evidence import LinearModel
+from beltid.refine.evidence import (
+    BENDING_BEFORE,
+    DIFFERENCE_BEFORE,
+    LinearModel,
+    Smoothness,
+)
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.uncertainty.campaign import Campaign
@@ -367,18 +380,29 @@ class Comparison:
     random: Array
 
 
+def random_choices(bench: SyntheticBench, repetitions: int) -> list[list[int]]:
+    """Choices of as many runs of the factorial as the plan has."""
+    rng, n = np.random.default_rng(0), len(bench.settings.points())
+    return [rng.choice(n, bench.runs, replace=False).tolist() for _ in range(repetitions)]
+
+
+def in_order(bench: SyntheticBench, chosen: Sequence[int]) -> list[int]:
+    """The runs of a choice as a session makes them."""
+    return [one.run for one in schedule(chosen, bench.settings.combined(), 5.0, 30.0)]
+
+
 def compare(bench: SyntheticBench, repetitions: int, draws: int) -> Comparison:
     """Refine planned, random and all runs of each draw."""
     chosen, _ = planned(bench)
     n = len(bench.settings.points())
-    rng = np.random.default_rng(0)
-    at_random = [rng.choice(n, bench.runs, replace=False) for _ in range(repetitions)]
+    choices = [chosen, list(range(n)), *random_choices(bench, repetitions)]
+    sessions = [in_order(bench, choice) for choice in choices]
     rows = []
     for seed in range(draws):
         rng = np.random.default_rng(1000 + seed)
         measured, se = read(bench, rng)
         row = []
-        for runs in (chosen, range(n), *at_random):
+        for runs in sessions:
             noise = rng.standard_normal(len(runs))
             try:
                 error, u = error_and_uncertainty(bench, taken(measured, se, runs, noise))
@@ -426,18 +450,50 @@ class TrueModel:
 
     def expected_error(self, chosen: Sequence[int]) -> float:
         """Root of the expected mean square error of ln mu of the surface from some runs."""
+        parts, bias = self.error_of(chosen, USUAL)
+        square = bias @ self.W @ bias + sum(np.trace(self.W @ part @ part.T) for part in parts)
+        return float(np.sqrt(square))
+
+    def error_of(
+        self, chosen: Sequence[int], smoothness: Smoothness
+    ) -> tuple[tuple[Array, Array, Array], Array]:
+        """Error of the parameters from some runs: its factors and its mean (size,).
+
+        The factors, (size, n), (size, K) and (size, arcs), are those of the noise, of the shared
+        errors and of the effects of arcs, each of unit variance.
+        """
         mine, rows = list(chosen), self.rows
         se, curves = np.sqrt(rows.variance[mine]), self.candidates.curves
         response = self.candidates.response[mine] / se
-        arcs = np.eye(int(rows.arc.max()) + 1)[rows.arc[mine]] * response[:, None]
+        arcs = np.eye(len(self.bench.settings.arcs_deg))[rows.arc[mine]] * response[:, None]
         J, S = rows.J[mine] / se[:, None], rows.S[mine] / se[:, None]
         roughness = curves.bending(), curves.difference()
         model = LinearModel(J, 0.0 * se, *roughness, response, (arcs,), (BEFORE[ARC],))
-        gain = model.solve(replace(USUAL, effects=(USUAL_ARCS,))).gain
+        gain = model.solve(replace(smoothness, effects=(USUAL_ARCS,))).gain
         parts = gain, gain @ S, self.bench.arc_effect * gain @ arcs
-        bias = gain @ (J @ self.truth) - self.truth
-        square = bias @ self.W @ bias + sum(np.trace(self.W @ part @ part.T) for part in parts)
-        return float(np.sqrt(square))
+        return parts, gain @ (J @ self.truth) - self.truth
+
+    def best_plan(self, smoothness: Smoothness) -> list[int]:
+        """The runs chosen with the true surface and a known smoothness."""
+        bench, n_arcs = self.bench, len(self.bench.settings.arcs_deg)
+        sources = *all_sources(bench.given, n_arcs, False), *effect_sources(ARC, USUAL_ARCS, n_arcs)
+        rows = self.candidates.rows(sources, bench.noise, {})
+        before = knowledge_at(self.candidates.curves, None, len(sources), smoothness)
+        return choose_runs(before, rows, self.W, bench.runs)
+
+    def errors_drawn(
+        self, chosen: Sequence[int], smoothness: Smoothness, shared: Array, rng: np.random.Generator
+    ) -> Array:
+        """Mean square errors (draws,) with drawn shared errors and effects (draws, K + arcs)."""
+        (of_noise, *of_shared), bias = self.error_of(chosen, smoothness)
+        f, v = target_points(self.bench)
+        rows = target_rows(self.candidates.curves, f.ravel(), v.ravel())
+        knots = rows @ np.column_stack([*of_shared, of_noise, self.truth + bias])
+        knots[:, -1] -= np.log(self.bench.mu(f, v)).ravel()  # with interpolation between speeds
+        factor = np.linalg.qr(knots / math.sqrt(f.size), mode="r")
+        noise = rng.standard_normal((len(shared), of_noise.shape[1]))
+        drawn = np.column_stack([shared, noise, np.ones(len(shared))])
+        return np.asarray(np.sum(np.square(drawn @ factor.T), axis=1))
 
 
 def expected() -> None:
@@ -460,10 +516,55 @@ def expected() -> None:
         )
 
 
+STIFFER = Smoothness(
+    bending=math.exp(BENDING_BEFORE[0] + BENDING_BEFORE[1]),
+    difference=math.exp(DIFFERENCE_BEFORE[0] + DIFFERENCE_BEFORE[1]),
+    noise_scale=1.0,
+)
+"""A standard deviation stiffer than usual in both."""
+DRAWN = 20_000
+
+
+def mean_of_draws(squares: Array, count: int) -> Array:
+    """Means of so many draws each, over the last axis."""
+    whole = squares.shape[-1] // count * count
+    return squares[..., :whole].reshape(*squares.shape[:-1], -1, count).mean(axis=-1)
+
+
+def wins() -> None:
+    """Print how many of 20 repetitions are won on average, by the draws of the comparison."""
+    counts = (4, 8, 14, 50, 200)
+    columns = " | ".join(f"{count} draws" for count in counts)
+    print(f"| synthetic bench | smoothness | runs | error | random | all | {columns} |")
+    print("|---" * (6 + len(counts)) + "|")
+    for (name, bench), smoothness in itertools.product(BENCHES.items(), (USUAL, STIFFER)):
+        model, rng = TrueModel.of(bench), np.random.default_rng(1)
+        n_shared = model.rows.S.shape[1] + len(bench.settings.arcs_deg)
+        shared = rng.standard_normal((DRAWN, n_shared))
+
+        drawn = functools.partial(model.errors_drawn, smoothness=smoothness, shared=shared, rng=rng)
+        everything = drawn(range(len(bench.settings.points())))
+        at_random = np.array([drawn(choice) for choice in random_choices(bench, 20)])
+        plans = {"planned": planned(bench)[0], "best plan": model.best_plan(smoothness)}
+        for runs, chosen in plans.items():
+            mine = drawn(chosen)
+            won = []
+            for count in counts:
+                of_plan, of_random = mean_of_draws(mine, count), mean_of_draws(at_random, count)
+                won.append((of_plan <= of_random).sum(axis=0).mean())
+            rms = (f"{100.0 * math.sqrt(x.mean()):.2f} %" for x in (mine, at_random, everything))
+            word = "usual" if smoothness is USUAL else "stiffer"
+            print(
+                f"| {name} | {word} | {runs} | {' | '.join(rms)} | "
+                f"{' | '.join(f'{x:.1f}' for x in won)} |",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Print the table."""
-    if sys.argv[1:] == ["expected"]:
-        expected()
+    if sys.argv[1:] in (["expected"], ["wins"]):
+        {"expected": expected, "wins": wins}[sys.argv[1]]()
         return
     repetitions, draws = (
         int(sys.argv[k]) if len(sys.argv) > k else n for k, n in ((1, 20), (2, 8))
@@ -489,11 +590,11 @@ def main() -> None:
         squares, at_random = found.planned[0], found.random[0]
         # by draws that were refined both ways
         pairs = np.where(np.isnan(at_random), np.nan, squares)
-        wins = int(np.sum(np.nanmean(pairs, axis=1) <= np.nanmean(at_random, axis=1)))
+        won = int(np.sum(np.nanmean(pairs, axis=1) <= np.nanmean(at_random, axis=1)))
         single = 100.0 * np.mean((pairs <= at_random)[np.isfinite(pairs)])
         print(
             f"| {name} | {seconds:.1f} s | {rms[0]:.2f} % | {rms[1]:.2f} % | {rms[2]:.2f} % "
-            f"| {wins} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % | {z} "
+            f"| {won} of {repetitions} | {single:.0f} % | {rms[0] / rms[2]:.2f} | {holds} % | {z} "
             f"| {failed} of {draws}, {repetitions * draws}, {draws} |",
             flush=True,
         )

@@ -54,12 +54,12 @@ def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
     return FrictionSurface(np.exp(log_force), np.exp(log_speed), np.exp(log_mu))
 
 
-def prior_precision(curves: Curves) -> Array:
+def prior_precision(curves: Curves, smoothness: Smoothness = USUAL) -> Array:
     """Inverse covariance of the knot values before any run (size, size), (P5)."""
     k, m = curves.log_force.size, curves.log_speed.size
-    rough = USUAL.bending * curves.bending()
+    rough = smoothness.bending * curves.bending()
     if m > 1:
-        rough = rough + USUAL.difference * curves.difference()
+        rough = rough + smoothness.difference * curves.difference()
     z = curves.log_speed - curves.log_speed.mean()
     early, late = np.minimum.outer(z, z) - z[0], np.maximum.outer(z, z) - z[0]
     bend = np.square(early) * (3.0 * late - early) / 6.0
@@ -121,7 +121,12 @@ def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
     return np.union1d(known, wanted[away > SAME_SPEED])
 
 
-def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int) -> Knowledge:
+def knowledge_at(
+    curves: Curves,
+    measured: MeasuredSurface | None,
+    n_errors: int,
+    smoothness: Smoothness = USUAL,
+) -> Knowledge:
     """What is known of ln mu at the knots of a plan, before its runs.
 
     Parameters
@@ -132,8 +137,10 @@ def knowledge_at(curves: Curves, measured: MeasuredSurface | None, n_errors: int
         What was measured; None before any run.
     n_errors : int
         Shared errors, as many as the measured surface has changes.
+    smoothness : Smoothness
+        Weights of the roughness where nothing was measured.
     """
-    precision = prior_precision(curves)
+    precision = prior_precision(curves, smoothness)
     size = precision.shape[0]
     if measured is None:
         return Knowledge(np.asarray(np.linalg.inv(precision), float), np.zeros((size, n_errors)))

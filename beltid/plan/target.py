@@ -80,7 +80,8 @@ def surface_target(
     gaps = np.diff(np.log(v))
     share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
     weight = np.repeat(share / share.sum() / PLACES, PLACES)
-    return _target(curves, np.tile(f, v.size), np.repeat(v, PLACES), weight)
+    places = np.tile(f, v.size), np.repeat(v, PLACES)
+    return Target(*places, weight, target_rows(curves, *places))
 
 
 def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
@@ -98,7 +99,7 @@ def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
     if not parts:
         raise InputError("drive: no rib slides at its operating points, no friction acts")
     f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return _target(curves, f, v, weight / weight.sum())
+    return Target(f, v, weight / weight.sum(), target_rows(curves, f, v))
 
 
 def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
@@ -115,13 +116,12 @@ def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
     return [(f, v, friction / total) for f, v, friction in places if total > 0.0]
 
 
-def _target(curves: Curves, f: Array, v: Array, weight: Array) -> Target:
-    """A target with its rows: splines over ln f, straight lines over ln v between the speeds.
+def target_rows(curves: Curves, f: Array, v: Array) -> Array:
+    """Rows (q, size) that give ln mu at points (q,): splines over ln f, lines between the speeds.
 
     Beyond the knots and speeds the nearest one holds, as in the refined surface.
     """
     speeds = curves.log_speed
     basis = curves.basis(np.log(f))
     hats = np.stack([np.interp(np.log(v), speeds, unit) for unit in np.eye(speeds.size)], axis=1)
-    rows = (hats[:, :, None] * basis[:, None, :]).reshape(f.size, -1)
-    return Target(f, v, weight, rows)
+    return np.asarray((hats[:, :, None] * basis[:, None, :]).reshape(f.size, -1))
