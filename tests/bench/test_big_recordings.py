@@ -170,15 +170,6 @@ def test_what_is_wrong_is_told_as_when_read_at_once(
     assert f"rig.csv:{row + 1}: " in str(streamed.value)
 
 
-def test_a_row_cut_short_is_refused_with_its_line(small_chunks: None, tmp_path: Path) -> None:
-    rows = some_rows()
-    rows[820] = rows[820].rsplit(",", 1)[0]
-    path = tmp_path / "rig.csv"
-    path.write_text("\n".join(rows) + "\n")
-    with pytest.raises(InputError, match=r"rig\.csv:821: 7 cells, must be 8"):
-        list(open_big(path))
-
-
 def streamed(path: Path, data: bytes) -> tuple[list[str], tuple[str, ...]]:
     """Labels of the runs and the notes of a recording read run by run."""
     path.write_bytes(data)

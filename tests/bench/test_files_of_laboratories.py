@@ -205,16 +205,6 @@ def test_text_in_utf_16_without_its_mark_is_read_where_the_config_says_so(tmp_pa
         decode(HEADER.encode("utf-16-be"), "P22.csv")
 
 
-def test_a_matrix_without_names_is_told_where_columns_are_missing(tmp_path):
-    from scipy.io import savemat
-
-    names = np.array(["Zeit", "Weg", "Kraft"], dtype=object)
-    savemat(tmp_path / "P22.mat", {"data": np.column_stack([T, D, F]), "names": names})
-    assert "data left out: a 40 x 3 matrix, its columns have no names" in refused(
-        tmp_path / "P22.mat"
-    )
-
-
 def test_exponents_of_fortran_are_exponents(tmp_path):
     def fortran(value: float) -> str:
         return f"{value:.9E}".replace("E", "D")

@@ -84,7 +84,7 @@ def test_units_and_structs_of_channels_in_matlab(tmp_path):
         np.testing.assert_allclose(columns["displacement_mm"], travel, rtol=1e-12, atol=1e-15)
         np.testing.assert_array_equal(columns["time_s"], time)
     savemat(tmp_path / "d.mat", {"data": test[["time_s", "force_N"]].to_numpy()})
-    with pytest.raises(InputError, match="a 1365 x 2 matrix, its columns have no names"):
+    with pytest.raises(InputError, match="data left out: a 1365 x 2 matrix, its columns have no"):
         read_recording(tmp_path / "d.mat", "press")
 
 

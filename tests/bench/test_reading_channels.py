@@ -314,14 +314,6 @@ def test_a_channel_without_any_time_is_refused():
     assert noted.found[0][1] == "r.x: column time_s is missing"
 
 
-def test_cells_that_count_the_other_way_are_asked_for_their_sign(tmp_path):
-    rows = [row.replace(";310;", ";-310;") for row in RIG_ROWS]
-    (found,) = problems(write(tmp_path, RIG, rows), "rig")
-    assert "tension_tight_N is negative nearly everywhere" in found
-    config = {"columns": {"rig": {"tension_tight_N": "-Zugtrum"}}}
-    assert read(write(tmp_path, RIG, rows), "rig", config).columns["tension_tight_N"][0] == 310.0
-
-
 def test_the_mark_of_a_file_comes_before_the_encoding_of_the_config(tmp_path):
     path = write(tmp_path, "Prüfzeit [s];Weg [mm];Kraft [N]", PRESS_ROWS)
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())

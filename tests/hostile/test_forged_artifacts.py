@@ -87,6 +87,9 @@ def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
 @pytest.mark.parametrize(
     ("kind", "place", "value", "words"),
     [
+        ("surface", ("extra", "rms_arc_spread"), "x", "extra.rms_arc_spread = 'x', must be a num"),
+        ("surface", ("extra", "n_points"), -1, "n_points = -1, must be greater than or equal to 0"),
+        ("surface", ("extra", "origin"), "found", "origin = 'found', must be measured or syn"),
         ("surface", ("extra", "budget"), "x", "extra.budget = 'x', must be a list"),
         ("surface", ("extra", "budget", 0, "source"), 3, "extra.budget[0].source = 3, must be a"),
         (
@@ -122,7 +125,7 @@ def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
         ("slip", ("extra", "rig_speeds", "statement"), 10**400, "must be a text"),
         ("stiffness", ("extra", "warnings"), 10**400, "must be a list"),
     ],
-    ids=range(14),
+    ids=range(17),
 )
 def test_figures_that_stages_rely_on_are_looked_at_when_they_are_opened(
     folder, kind, place, value, words

@@ -234,14 +234,6 @@ def test_what_a_run_survives_is_reported() -> None:
     assert 13 <= after(spikes_everywhere).n_spikes <= 15
 
 
-def cut(n: int) -> Callable[[Columns], None]:
-    def fault(c: Columns) -> None:
-        for name in c:
-            c[name] = c[name][:n]
-
-    return fault
-
-
 @pytest.mark.parametrize(
     ("recipe", "reason"),
     [

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
-from beltid.identify.estimators.statistics import as_set
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
@@ -224,10 +223,3 @@ def test_rows_and_spans_know_missing_values() -> None:
     assert rows_of(columns, "b", "a", "c") == [{"b": "x", "a": 1.0}, {"b": None, "a": None}]
     assert span(np.array([np.nan, 3.0, 1.0])) == (1.0, 3.0)
     assert span(np.array([np.nan])) is None
-
-
-def test_measured_speeds_belong_to_their_settings() -> None:
-    measured = np.array([0.0999, 0.211, np.nan, 0.1001, 0.1, 0.209])
-    assert as_set(measured) == pytest.approx(
-        [0.1, 0.21, np.nan, 0.1, 0.1, 0.21], nan_ok=True, rel=1e-12
-    )

@@ -114,11 +114,6 @@ def test_reversed_running_has_rows_in_the_order_of_the_drive() -> None:
 
 
 def test_what_the_laws_do_not_cover_is_said() -> None:
-    small = [TWO[0] | {"radius_m": 0.03}, TWO[1]]
-    outcome = beltid.simulate_drive(config(pulleys=small), true_surface(), LAW)
-    assert any(
-        "pulley driver: radius 0.03 m is outside 0.035 to 0.075 m" in w for w in outcome.warnings
-    )
     slow = {"driver_speed_rad_s": [5.0], "torque_N_m": {"driven": [16]}}
     outcome = beltid.simulate_drive(config(operating_points=slow), true_surface(), LAW)
     assert any(
@@ -179,8 +174,6 @@ def test_ribs_that_shear_leave_the_bending_of_the_belt_open() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"initial_tension_N": [10]}, r"span driver to driven: .* six bending"),
-        ({"pulleys": [TWO[0], TWO[1] | {"x_m": 0.09}]}, "pulleys driver and driven overlap"),
         ({"pulleys": [TWO[0], TWO[0]]}, "driver is named twice"),
         ({"driver": "crank"}, "drive.driver: crank is not the name of a pulley"),
         ({"installation": "tensioner"}, "drive.tensioner: must be stated"),

@@ -137,6 +137,10 @@ def test_both_lists_are_told_where_they_differ() -> None:
         "stated (without the key, those measured)"
     ]
     assert differing_settings(OPEN, measured) == []
+    # a motor misses its speed by a percent; six are another setting
+    faster = load_config({"rig": {"pulley_speeds_rad_s": [0.106]}})
+    assert differing_settings(faster, np.array([(45.0, 100.0, 0.105)])) == []
+    assert "0.106 rad/s" in differing_settings(faster, np.array([(45.0, 100.0, 0.1)]))[0]
     assert differing_settings(CONFIG, None) == []
 
 

@@ -24,7 +24,7 @@ from beltid.identify.shear.stiffness import (
     not_used,
 )
 from beltid.laws.penalty import NormalLaw, stiffness_under
-from beltid.report.summary import Summary, combined_origin
+from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of
 from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
