@@ -32,6 +32,7 @@ from beltid.refine.evidence import (
     LinearModel,
     Smoothness,
     choose_smoothness,
+    log_posterior,
 )
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -108,6 +109,9 @@ class RefinedSurface:
     stated : FoundEffect or None
         The errors that runs share as the runs show them, in units of their stated standard
         uncertainties; the surface does not follow these values. None where no error was stated.
+    log_evidence : float
+        Logarithm of the probability of the data given the bench, surface and effects integrated
+        out, hyperparameters at their best, up to a constant that benches share.
     """
 
     surface: FrictionSurface
@@ -131,6 +135,7 @@ class RefinedSurface:
     effects: tuple[FoundEffect, ...]
     effects_covariance: Array
     stated: FoundEffect | None
+    log_evidence: float
 
     def effect(self, key: str) -> FoundEffect | None:
         """One of the effects; None if the runs cannot show it."""
@@ -229,6 +234,8 @@ def refine_surface(
         effects=found[:-1],
         effects_covariance=solution.effects_covariance,
         stated=None if stated is None else found[-1],
+        # a weight below 1 is a run of a larger variance
+        log_evidence=log_posterior(fit.model, fit.smoothness) + 0.5 * np.log(fit.weight).sum(),
     )
 
 
