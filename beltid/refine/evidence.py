@@ -354,7 +354,8 @@ def _before(model: LinearModel) -> _Before:
     limits += [EFFECT_RANGE] * (len(before) - 3)
     asked = np.ones(len(before), dtype=bool)
     asked[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
-    return _Before(*np.array(before).T, np.array(limits), asked)
+    centre, width = np.array(before).T
+    return _Before(centre, width, np.array(limits), asked)
 
 
 def log_posterior(model: LinearModel, smoothness: Smoothness) -> float:
@@ -421,6 +422,21 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
     for k, size in zip(free, means, strict=True):
         found = _with_size(found, k, size)
     return found
+
+
+def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[int]) -> float:
+    """Logarithm of how much more probable the data are with some effects than without them.
+
+    Without them all hyperparameters are chosen anew: other effects may grow to explain the same.
+    """
+    kept = [k for k in range(len(model.effects)) if k not in effects]
+    without = replace(
+        model,
+        effects=[model.effects[k] for k in kept],
+        before=[model.before[k] for k in kept],
+    )
+    start = replace(found, effects=())
+    return log_posterior(model, found) - log_posterior(without, choose_smoothness(without, start))
 
 
 def _mean_square_root(model: LinearModel, found: Smoothness, k: int) -> float:

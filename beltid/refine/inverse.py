@@ -32,6 +32,7 @@ from beltid.refine.evidence import (
     LinearModel,
     Smoothness,
     choose_smoothness,
+    log_evidence_for,
     log_posterior,
 )
 from beltid.refine.rig_runs import (
@@ -112,6 +113,8 @@ class RefinedSurface:
     log_evidence : float
         Logarithm of the probability of the data given the bench, surface and effects integrated
         out, hyperparameters at their best, up to a constant that benches share.
+    model : LinearModel
+        The linear model about the solution by which the hyperparameters were chosen.
     """
 
     surface: FrictionSurface
@@ -136,10 +139,19 @@ class RefinedSurface:
     effects_covariance: Array
     stated: FoundEffect | None
     log_evidence: float
+    model: LinearModel
 
     def effect(self, key: str) -> FoundEffect | None:
         """One of the effects; None if the runs cannot show it."""
         return next((found for found in self.effects if found.effect.key == key), None)
+
+    def log_evidence_for(self, *keys: str) -> float:
+        """Logarithm of how much more probable the runs are with some effects than without them.
+
+        Near zero or below where the surface, other effects and stated errors explain as much.
+        """
+        mine = [k for k, found in enumerate(self.effects) if found.effect.key in keys]
+        return log_evidence_for(self.model, self.smoothness, mine)
 
     @property
     def columns_of_effects(self) -> dict[str, Array]:
@@ -236,6 +248,7 @@ def refine_surface(
         stated=None if stated is None else found[-1],
         # a weight below 1 is a run of a larger variance
         log_evidence=log_posterior(fit.model, fit.smoothness) + 0.5 * np.log(fit.weight).sum(),
+        model=fit.model,
     )
 
 

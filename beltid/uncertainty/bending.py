@@ -35,6 +35,7 @@ WIDE = math.log(
     4.0
 )  # standard deviation of ln EI before the runs: that is how published ones differ
 OCTAVES = 3  # factors of two up and down within which EI is looked for
+ALWAYS = 2  # of these that are looked at whatever the density in between
 FAR_BELOW = 12.0  # of the largest log evidence: nothing beyond is looked at
 FALL = 1.5  # of the log density between neighbouring places, aimed at
 NEAR = 0.5  # standard deviations of the parabola: a top so near to a place is known
@@ -162,15 +163,15 @@ class _Evidence:
             self.log_density[x] = refined.log_evidence - 0.5 * (x / WIDE) ** 2
 
     def look_outwards(self) -> None:
-        """By factors of two up and down from the stated value, until the density has fallen far."""
+        """By factors of two up and down from the stated value; the last only from a likely place."""
         self.look(0.0)
         for sign in (-1.0, 1.0):
             for k in range(1, OCTAVES + 1):
-                x = sign * k * math.log(2.0)
-                self.look(x)
+                x, before = sign * k * math.log(2.0), sign * (k - 1) * math.log(2.0)
                 largest = max(self.log_density.values())
-                if largest > -math.inf and self.log_density[x] < largest - FAR_BELOW:
+                if k > ALWAYS and self.log_density[before] < largest - FAR_BELOW:
                     break
+                self.look(x)
         if not self.found:
             raise ConvergenceError(
                 "bending stiffness: the surface can be refined with none between "
