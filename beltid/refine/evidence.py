@@ -330,22 +330,61 @@ class LinearModel:
         return A
 
 
+class _Before(NamedTuple):
+    """What is known of the hyperparameters beforehand: normal in their logarithms.
+
+    In the order noise scale, bending, difference, scatter, effects whose sizes the data find.
+    """
+
+    centre: Array
+    width: Array
+    limits: Array
+    asked: NDArray[np.bool_]
+
+    def away(self, log_values: Array) -> Array:
+        """Logarithms of those that are asked for, in widths from their centres."""
+        return np.asarray((log_values - self.centre[self.asked]) / self.width[self.asked])
+
+
+def _before(model: LinearModel) -> _Before:
+    """Noise scale, bending and effects always; the others where runs tell them."""
+    before = [SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE, SCATTER_BEFORE]
+    before += [at for at in model.before if at is not None]
+    limits = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), WEIGHT_RANGE, WEIGHT_RANGE]
+    limits += [EFFECT_RANGE] * (len(before) - 3)
+    asked = np.ones(len(before), dtype=bool)
+    asked[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
+    centre, width = np.array(before).T
+    return _Before(centre, width, np.array(limits), asked)
+
+
+def log_posterior(model: LinearModel, smoothness: Smoothness) -> float:
+    """Logarithm of marginal likelihood times priors of the hyperparameters, up to a constant."""
+    before = _before(model)
+    sizes = (size for size, at in zip(smoothness.effects, model.before, strict=True) if at)
+    found = np.array(
+        [
+            smoothness.noise_scale,
+            smoothness.bending,
+            smoothness.difference,
+            smoothness.scatter,
+            *sizes,
+        ]
+    )
+    away = before.away(np.log(found[before.asked]))
+    return model.log_evidence(smoothness)[0] - float(0.5 * away @ away)
+
+
 def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
     """Most probable hyperparameters: marginal likelihood times their own wide priors.
 
     Those of the effects are the root of the posterior mean of their square, given the others.
     """
     free = [k for k, before in enumerate(model.before) if before is not None]
-    before = [SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE, SCATTER_BEFORE]
-    before += [at for at in model.before if at is not None]
-    limits = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), WEIGHT_RANGE, WEIGHT_RANGE]
-    limits += [EFFECT_RANGE] * (1 + len(free))
-    # noise scale, bending and effects always; the others where runs tell them
-    asked = np.ones(len(before), dtype=bool)
-    asked[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
-    rows = np.flatnonzero([*asked[:4], *(before is not None for before in model.before)])
+    before = _before(model)
+    asked, centre = before.asked, before.centre
+    rows = np.flatnonzero([*asked[:4], *(at is not None for at in model.before)])
     sizes = np.ones(len(model.before))
-    centre, width = np.array(before).T
 
     def unpack(x: Array) -> Smoothness:
         values = np.zeros(asked.size)
@@ -355,9 +394,9 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
         return Smoothness(bending, difference, scale, scatter, tuple(sizes.tolist()))
 
     def cost(x: Array) -> tuple[float, Array]:
-        away, at = (x - centre[asked]) / width[asked], unpack(x)
-        value, slope = model.log_evidence(at)
-        return float(0.5 * away @ away) - value, away / width[asked] - slope[rows]
+        away = before.away(x)
+        value, slope = model.log_evidence(unpack(x))
+        return float(0.5 * away @ away) - value, away / before.width[asked] - slope[rows]
 
     def starts() -> Iterator[Array]:
         """From the last choice; without one from the centres, and with one effect large in turn."""
@@ -375,14 +414,29 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
             x[k] = EFFECT_LARGE
             yield x
 
-    bounds = [limit for limit, chosen in zip(limits, asked, strict=True) if chosen]
-    inside = [np.clip(x[asked], *np.transpose(bounds)) for x in starts()]
+    bounds = before.limits[asked]
+    inside = [np.clip(x[asked], *bounds.T) for x in starts()]
     tried = [minimize(cost, x, jac=True, bounds=bounds, method="L-BFGS-B") for x in inside]
     found = unpack(min(tried, key=lambda end: float(end.fun)).x)
     means = [_mean_square_root(model, found, k) for k in free]
     for k, size in zip(free, means, strict=True):
         found = _with_size(found, k, size)
     return found
+
+
+def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[int]) -> float:
+    """Logarithm of how much more probable the data are with some effects than without them.
+
+    Without them all hyperparameters are chosen anew: other effects may grow to explain the same.
+    """
+    kept = [k for k in range(len(model.effects)) if k not in effects]
+    without = replace(
+        model,
+        effects=[model.effects[k] for k in kept],
+        before=[model.before[k] for k in kept],
+    )
+    start = replace(found, effects=())
+    return log_posterior(model, found) - log_posterior(without, choose_smoothness(without, start))
 
 
 def _mean_square_root(model: LinearModel, found: Smoothness, k: int) -> float:

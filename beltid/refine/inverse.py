@@ -32,6 +32,8 @@ from beltid.refine.evidence import (
     LinearModel,
     Smoothness,
     choose_smoothness,
+    log_evidence_for,
+    log_posterior,
 )
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -108,6 +110,11 @@ class RefinedSurface:
     stated : FoundEffect or None
         The errors that runs share as the runs show them, in units of their stated standard
         uncertainties; the surface does not follow these values. None where no error was stated.
+    log_evidence : float
+        Logarithm of the probability of the data given the bench, surface and effects integrated
+        out, hyperparameters at their best, up to a constant that benches share.
+    model : LinearModel
+        The linear model about the solution by which the hyperparameters were chosen.
     """
 
     surface: FrictionSurface
@@ -131,10 +138,20 @@ class RefinedSurface:
     effects: tuple[FoundEffect, ...]
     effects_covariance: Array
     stated: FoundEffect | None
+    log_evidence: float
+    model: LinearModel
 
     def effect(self, key: str) -> FoundEffect | None:
         """One of the effects; None if the runs cannot show it."""
         return next((found for found in self.effects if found.effect.key == key), None)
+
+    def log_evidence_for(self, *keys: str) -> float:
+        """Logarithm of how much more probable the runs are with some effects than without them.
+
+        Near zero or below where the surface, other effects and stated errors explain as much.
+        """
+        mine = [k for k, found in enumerate(self.effects) if found.effect.key in keys]
+        return log_evidence_for(self.model, self.smoothness, mine)
 
     @property
     def columns_of_effects(self) -> dict[str, Array]:
@@ -229,6 +246,9 @@ def refine_surface(
         effects=found[:-1],
         effects_covariance=solution.effects_covariance,
         stated=None if stated is None else found[-1],
+        # a weight below 1 is a run of a larger variance
+        log_evidence=log_posterior(fit.model, fit.smoothness) + 0.5 * np.log(fit.weight).sum(),
+        model=fit.model,
     )
 
 

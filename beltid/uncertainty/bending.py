@@ -1,35 +1,48 @@
 """The bending stiffness of the belt from the runs: what one surface for all of them asks for.
 
-EI is one more unknown of the inverse problem. With a wide prior in place of the stated uncertainty
-the runs alone say what it is; the surface, the effects of the campaign and all other stated errors
-are unknowns at the same time, so that their share is in its uncertainty. The simulated ln mu is
-linear in ln EI near the solution only: the rig is refined anew with the EI found until it stays.
+For any EI the surface is refined and the runs have a probability, with the surface, the effects of
+the campaign and all other stated errors integrated out and the hyperparameters at their best
+(:attr:`beltid.refine.inverse.RefinedSurface.log_evidence`). Its integral over ln EI, with a wide
+prior about the stated value in place of the stated uncertainty, gives EI and its uncertainty. No
+solution that jumps with the choice of hyperparameters is followed: they are chosen for every EI,
+and how far they can make up for a wrong EI is in the width of the evidence. Runs that cannot tell
+EI give back the prior.
+
+The places are those that the integral asks for: factors of two about the stated value, then the
+top of the parabola through the best three, then wherever the integral knows least.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from beltid.errors import ConvergenceError
-from beltid.laws.friction_surface import FrictionSurface
-from beltid.refine.inverse import refine_surface
+from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.refined import changes_of_residuals, simulated_slopes
+from beltid.uncertainty.refined import changes_of_residuals, refined_slopes
 from beltid.uncertainty.sources import FITTED, PERCENT, Source
 
 Array = NDArray[np.float64]
 
 ERROR, NAME = "bending_stiffness", "bending stiffness of the belt"
-WIDE = 0.7  # standard deviation of ln EI before the runs: published values differ by a factor of 4
-LARGEST_STEP = 0.5  # of ln EI at once
-MOST_REFINEMENTS = 10
-NOTHING = 0.05  # standard uncertainties by which EI may still move
+WIDE = math.log(
+    4.0
+)  # standard deviation of ln EI before the runs: that is how published ones differ
+OCTAVES = 3  # factors of two up and down within which EI is looked for
+ALWAYS = 2  # of these that are looked at whatever the density in between
+FAR_BELOW = 12.0  # of the largest log evidence: nothing beyond is looked at
+FALL = 1.5  # of the log density between neighbouring places, aimed at
+NEAR = 0.5  # standard deviations of the parabola: a top so near to a place is known
+RESOLVED = 0.25  # share of the integral that an interval may leave open
+MOST_PLACES = 40
+FINE = 100  # steps of the final quadrature in each interval
+HARDLY = 0.35  # standard uncertainty of ln EI above which the runs hardly tell it
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +62,11 @@ class FittedBending:
     EI: float
     relative: float
     refinements: int
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the runs say much more of it than what is published of belts."""
+        return self.relative < HARDLY
 
     def away_from(self, EI: float, relative: float) -> float:
         """Distance of ln EI from a stated one [N m²], in standard uncertainties of both."""
@@ -81,46 +99,145 @@ def fit_bending(
     Raises
     ------
     ConvergenceError
-        If EI does not stay.
+        If the surface can be refined with none of the stiffnesses looked at.
     """
-    wide = Source(NAME, ERROR, 0, WIDE, *PERCENT, FITTED)
-    unknown = [*(source for source in sources if source.error != ERROR), wide]
-    for refinements in range(1, MOST_REFINEMENTS + 1):
-        start, EI = campaign.bench.surface, campaign.bench.belt.EI
-        along = speed_slope(start, campaign.measured)
-        slopes = simulated_slopes(campaign, [start] * len(speeds), speeds, along)
-        refined = refine_surface(
-            campaign.bench,
-            campaign.runs,
-            speeds,
-            # an error put right brings measured and simulated coefficients together
-            stated=-changes_of_residuals(campaign, unknown, slopes, along),
-            reference_degC=reference_degC,
-        )
-        errors = refined.stated
-        assert errors is not None
-        step, relative = WIDE * errors.values[-1], WIDE * float(np.sqrt(errors.covariance[-1, -1]))
-        if abs(step) <= NOTHING * relative:
-            return FittedBending(EI, relative, refinements)
-        EI *= float(np.exp(np.clip(step, -LARGEST_STEP, LARGEST_STEP)))
-        # from the surface just found: the next one is near it
-        bench = replace(
-            campaign.bench,
-            belt=replace(campaign.bench.belt, EI=EI),
-            surface=refined.surface,
-        )
-        campaign = replace(campaign, bench=bench)
-    raise ConvergenceError(
-        f"bending stiffness: still moves by {100 * abs(step):.2g} % after {MOST_REFINEMENTS} "
-        f"refinements (standard uncertainty {100 * relative:.2g} %)",
-        iterations=MOST_REFINEMENTS,
-        residual=abs(step),
-    )
+    others = [source for source in sources if source.error != ERROR]
+    rough = _Evidence(campaign, speeds, reference_degC)
+    rough.look_outwards()
+    at = rough.best
+    nearby = rough.campaign_at(at)
+    slopes = refined_slopes(nearby, rough.found[at], speeds)
+    changes = changes_of_residuals(nearby, others, slopes, rough.found[at].speed_slope)
+    evidence = _Evidence(campaign, speeds, reference_degC, -changes, dict(rough.found))
+    for x in rough.worth_a_look():
+        evidence.look(x)
+    evidence.resolve()
+    mean, deviation = evidence.moments()
+    refinements = len(rough.log_density) + len(evidence.log_density)
+    return FittedBending(campaign.bench.belt.EI * math.exp(mean), deviation, refinements)
 
 
-def speed_slope(surface: FrictionSurface, measured: Measured) -> Array:
-    """Slope d ln mu/d ln v (n,) of a surface at mean force and speed of each run."""
-    f, v, step = measured.normal_force, measured.slip_speed, 1.001
-    return np.asarray(
-        0.5 * np.log(surface.mu(f, v * step) / surface.mu(f, v / step)) / np.log(step)
-    )
+@dataclass(slots=True)
+class _Evidence:
+    """Log density of x = ln(EI/stated EI), up to a constant, at the places looked at.
+
+    `stated` are the columns of the stated errors, `found` the solutions to start from.
+    """
+
+    campaign: Campaign
+    speeds: Array
+    reference_degC: float | None
+    stated: Array | None = None
+    found: dict[float, RefinedSurface] = field(default_factory=dict)
+    log_density: dict[float, float] = field(default_factory=dict)
+
+    @property
+    def best(self) -> float:
+        """Where the density is largest."""
+        return max(self.log_density, key=self.log_density.__getitem__)
+
+    def campaign_at(self, x: float) -> Campaign:
+        """The campaign with that stiffness, starting from the nearest surface found so far."""
+        bench = self.campaign.bench
+        start = bench.surface
+        if self.found:
+            start = self.found[min(self.found, key=lambda at: abs(at - x))].surface
+        belt = replace(bench.belt, EI=bench.belt.EI * math.exp(x))
+        return replace(self.campaign, bench=replace(bench, belt=belt, surface=start))
+
+    def look(self, x: float) -> None:
+        """Refine the surface with one stiffness; the runs exclude one with which it cannot be."""
+        at = self.campaign_at(x)
+        try:
+            refined = refine_surface(
+                at.bench,
+                at.runs,
+                self.speeds,
+                stated=self.stated,
+                reference_degC=self.reference_degC,
+            )
+        except ConvergenceError:
+            self.log_density[x] = -math.inf
+        else:
+            self.found[x] = refined
+            self.log_density[x] = refined.log_evidence - 0.5 * (x / WIDE) ** 2
+
+    def look_outwards(self) -> None:
+        """By factors of two up and down from the stated value; the last only from a likely place."""
+        self.look(0.0)
+        for sign in (-1.0, 1.0):
+            for k in range(1, OCTAVES + 1):
+                x, before = sign * k * math.log(2.0), sign * (k - 1) * math.log(2.0)
+                largest = max(self.log_density.values())
+                if k > ALWAYS and self.log_density[before] < largest - FAR_BELOW:
+                    break
+                self.look(x)
+        if not self.found:
+            raise ConvergenceError(
+                "bending stiffness: the surface can be refined with none between "
+                f"{2.0**-OCTAVES:g} and {2.0**OCTAVES:g} times the stated one",
+                iterations=len(self.log_density),
+                residual=math.inf,
+            )
+
+    def worth_a_look(self) -> Array:
+        """The places where the density is not far below the largest, and those beside them."""
+        x, log_density = self._places()
+        near = log_density > log_density.max() - FAR_BELOW
+        return x[near | np.append(near[1:], False) | np.append(False, near[:-1])]
+
+    def resolve(self) -> None:
+        """Look at one place after the other until the integral is known."""
+        while len(self.log_density) < MOST_PLACES:
+            x = self._top()
+            if x is None:
+                x = self._least_known()
+            if x is None:
+                return
+            self.look(x)
+
+    def _top(self) -> float | None:
+        """Top of the parabola through the best place and its neighbours; None if it is known."""
+        x, log_density = self._places()
+        best = int(np.argmax(log_density))
+        three = slice(best - 1, best + 2)
+        if not 0 < best < x.size - 1 or not np.all(np.isfinite(log_density[three])):
+            return None
+        curvature, slope, _ = np.polyfit(x[three] - x[best], log_density[three], 2)
+        if curvature >= 0.0:
+            return None
+        top = x[best] - 0.5 * slope / curvature
+        known = np.min(np.abs(x - top)) <= NEAR / math.sqrt(-2.0 * curvature)
+        return None if known or not x[best - 1] < top < x[best + 1] else float(top)
+
+    def _least_known(self) -> float | None:
+        """A place in the interval that leaves most of the integral open; None if that is little.
+
+        An interval leaves open what its ends differ by. From the higher end the density is taken
+        to fall as a normal one does.
+        """
+        x, log_density = self._places()
+        density, width = np.exp(log_density - log_density.max()), np.diff(x)
+        open_by = width * np.abs(np.diff(density))
+        whole = 0.5 * float(width @ (density[1:] + density[:-1]))
+        k = int(np.argmax(open_by))
+        if open_by[k] <= RESOLVED * whole:
+            return None
+        fall = float(log_density[k + 1] - log_density[k])
+        share = min(0.5, math.sqrt(FALL / abs(fall))) if math.isfinite(fall) else 0.5
+        return float(x[k] + share * width[k] if fall < 0.0 else x[k + 1] - share * width[k])
+
+    def moments(self) -> tuple[float, float]:
+        """Mean and standard deviation of x; its log density is interpolated."""
+        x, log_density = self._places()
+        log_density = np.maximum(log_density - log_density.max(), -4.0 * FAR_BELOW)
+        places = np.arange(FINE * (x.size - 1) + 1) / FINE
+        fine = np.interp(places, np.arange(x.size), x)
+        weight = np.exp(PchipInterpolator(x, log_density)(fine)) * np.gradient(fine)
+        mean = float(np.average(fine, weights=weight))
+        return mean, float(np.sqrt(np.average(np.square(fine - mean), weights=weight)))
+
+    def _places(self) -> tuple[Array, Array]:
+        """The places in order, and the log density there."""
+        x = np.array(sorted(self.log_density))
+        return x, np.array([self.log_density[at] for at in x])

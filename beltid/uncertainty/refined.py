@@ -30,7 +30,11 @@ from beltid.uncertainty.sources import EFFECT_SOURCES, Errors, Source, effect_so
 Array = NDArray[np.float64]
 
 STEP = 2.0e-3
-"""Relative step of the differences; their error is of its order, a fraction of a percent."""
+"""Relative step of the differences; their error is of its order, a fraction of a percent.
+
+Of the bending stiffness, whose slopes are small (0.02), it is a tenth: contact points come into
+touch within the step.
+"""
 MESH = 1.0
 """Elements over the default: a difference needs no finer mesh."""
 INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
@@ -228,6 +232,8 @@ def factor_of(covariance: Array) -> Array:
 
 
 TOGETHER, SCATTER = "together", "scatter"
+LEAST_EVIDENCE = math.log(20.0)
+"""Of an effect that is called clear: the runs are twenty times as probable with it as without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +256,9 @@ class ShownEffect:
     explained : float
         Share of the order, its course or the temperature that force and speed of the runs explain
         [-]; nan for others.
+    log_evidence : float
+        Logarithm of how much more probable the runs are with it than without, other effects and
+        stated errors in its place; infinite where its size does not make it worth asking.
     """
 
     key: str
@@ -257,6 +266,7 @@ class ShownEffect:
     uncertainty: float
     arcs_deg: tuple[float, ...] = ()
     explained: float = math.nan
+    log_evidence: float = math.inf
 
     @property
     def is_confounded(self) -> bool:
@@ -264,7 +274,7 @@ class ShownEffect:
         return self.explained > CONFOUNDED
 
     @property
-    def is_clear(self) -> bool:
+    def is_large(self) -> bool:
         """Whether it is far more than its uncertainty, and than the error of the simulated rig.
 
         That error is alike in runs that are alike: it looks like an effect. What force and speed
@@ -273,31 +283,46 @@ class ShownEffect:
         least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
         return abs(self.size) > least and not self.is_confounded
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is large, and nothing else explains the runs as well."""
+        return self.is_large and self.log_evidence > LEAST_EVIDENCE
+
 
 def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:
     """The effects that the runs can show, in a fixed order."""
+
+    def weighed(shown: ShownEffect) -> ShownEffect:
+        """With the evidence for it, which takes a search, if its size makes that worth while."""
+        if not shown.is_large:
+            return shown
+        keys = (ORDER, COURSE, TEMPERATURE) if shown.key == TOGETHER else (shown.key,)
+        return replace(shown, log_evidence=found.refined.log_evidence_for(*keys))
+
     seen = _Seen(found.refined)
     order, warm = seen.rows(ORDER), seen.rows(TEMPERATURE)
     shown = [
-        ShownEffect(key, *seen.change(rows), explained=seen.explained(key))
+        weighed(ShownEffect(key, *seen.change(rows), explained=seen.explained(key)))
         for key, rows in ((ORDER, order), (TEMPERATURE, warm))
         if rows is not None
     ]
     course = seen.rows(COURSE)
     if course is not None:
         size, uncertainty = seen.root_mean_square(COURSE, course)
-        shown.append(ShownEffect(COURSE, size, uncertainty, explained=seen.explained(COURSE)))
+        of_course = ShownEffect(COURSE, size, uncertainty, explained=seen.explained(COURSE))
+        shown.append(weighed(of_course))
     if order is not None and warm is not None:
         # what a straight line through the temperatures adds to the change over the campaign
         columns = found.refined.columns_of_effects
         x, T = (columns[key][:, 0] for key in (ORDER, TEMPERATURE))
         change = seen.change(order + np.polyfit(x, T, 1)[0] * warm)
-        together = ShownEffect(TOGETHER, *change, explained=seen.explained(ORDER))
+        together = weighed(ShownEffect(TOGETHER, *change, explained=seen.explained(ORDER)))
         if together.is_clear and not any(one.is_clear for one in shown):
             shown.append(together)
     arcs = seen.rows(ARC)
     if arcs is not None:
-        shown.insert(0, _arc_difference(seen, arcs, found.campaign.measured.arcs_deg))
+        difference = _arc_difference(seen, arcs, found.campaign.measured.arcs_deg)
+        shown.insert(0, weighed(difference))
     return (*shown, ShownEffect(SCATTER, found.refined.smoothness.scatter, float("nan")))
 
 

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from truth_bench import SPEEDS, R, bench_and_runs, solved, true_mu
+from truth_bench import SPEEDS, TWO, R, bench_and_runs, solved, true_mu
 
 from beltid.refine.effects import (
+    ARC,
     COURSE,
     ORDER,
     STATED,
@@ -19,7 +20,7 @@ from beltid.refine.effects import (
     campaign_effects,
 )
 from beltid.refine.inverse import RefinedSurface, refine_surface
-from beltid.uncertainty.refined import Refined, ShownEffect
+from beltid.uncertainty.refined import LEAST_EVIDENCE, Refined, ShownEffect
 from beltid.uncertainty.sources import Source
 
 NOISE = 0.001
@@ -227,6 +228,36 @@ def test_what_no_usual_campaign_shows_is_named():
         order = FoundEffect(Effect(ORDER, np.eye(1)), 0.1, np.array([size]), *NO_MATTER)
         assert order.largest_usual == pytest.approx(0.2009, rel=1e-3)
         assert order.is_unusual is unusual
+
+
+def two_arcs(order: np.ndarray) -> RefinedSurface:
+    """32 runs at two arcs, the friction at the longer one 2 % higher."""
+    bench, runs, _ = bench_and_runs("5pk", speeds=TWO)
+    runs = [run for run in runs if not np.isclose(np.degrees(run.point.beta), 68.0, atol=0.5)]
+    longer = np.array([run.point.beta > 1.0 for run in runs])
+    noise = 0.003 * np.random.default_rng(8).normal(size=longer.size)
+    factor = np.exp(0.02 * longer + noise)
+    shifted = [
+        replace(run, mu=run.mu * by, mu_se=0.003 * run.mu * by, arc=int(k), order=int(place))
+        for run, by, k, place in zip(runs, factor, longer, order, strict=True)
+    ]
+    return refine_surface(bench, shifted, TWO)
+
+
+def test_arcs_are_not_told_from_the_order_of_a_campaign_that_is_sorted_by_arc():
+    sorted_by_arc = two_arcs(np.arange(32))
+    at_random = two_arcs(np.random.default_rng(3).permutation(32))
+    # one of the two is there in either case, and only at random it is known which
+    assert sorted_by_arc.log_evidence_for(ARC, ORDER) > LEAST_EVIDENCE
+    assert sorted_by_arc.log_evidence_for(ARC) < LEAST_EVIDENCE
+    assert at_random.log_evidence_for(ARC) > LEAST_EVIDENCE
+    assert at_random.log_evidence_for(ORDER) < 1.0
+
+
+def test_a_large_effect_without_evidence_is_not_clear():
+    assert ShownEffect(ARC, 0.05, 0.01, log_evidence=4.0).is_clear
+    alone = ShownEffect(ARC, 0.05, 0.01, log_evidence=1.0)
+    assert alone.is_large and not alone.is_clear
 
 
 @pytest.mark.long

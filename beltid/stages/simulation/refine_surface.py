@@ -386,6 +386,7 @@ def _outcome(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
                 "force and speed",
             ),
+            *_explained_otherwise(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *beside.notes,
         ),
@@ -412,6 +413,18 @@ def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
     ]
 
 
+def _explained_otherwise(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
+    """A sentence where the runs show more than one effect, and not which."""
+    large = [EFFECT_WORDS[one.key] for one in effects if one.is_large and not one.is_clear]
+    if not large:
+        return ()
+    return (
+        f"{', '.join(large)}: large, but the runs are nearly as probable without, other effects or "
+        "stated errors in its place: they do not show which it is, and it is not claimed; make the "
+        "runs in random order",
+    )
+
+
 def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
     """Bending stiffness that the runs ask for beside the stated one [N m²]."""
     if fitted is None:
@@ -430,6 +443,12 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
     if fitted is None:
         return ()
     stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
+    if not fitted.is_told:
+        return (
+            f"bending stiffness: the runs hardly tell it (standard uncertainty of its logarithm "
+            f"{fitted.relative:.2g}); take the stated one, or quieter runs at low tension and "
+            "short arcs",
+        )
     away = fitted.away_from(stated, own)
     if away <= CLEAR:
         return ()
