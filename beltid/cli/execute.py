@@ -63,7 +63,7 @@ def execute(
     common : Common
         The common options.
     options : Options, optional
-        Options of this stage; the common ones are added.
+        Options with workers, or others of this stage; the common ones are added.
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
@@ -75,13 +75,13 @@ def execute(
     names: dict[str, str] = {}
     with ExitStack() as passing:
 
-        def work(common_options: Options) -> Summary:
-            reporter = common_options.reporter
+        def work(usual: Options) -> Summary:
+            reporter = usual.reporter
             files = passing.enter_context(piped(given, named, common.json))
             names.update(files.names)
             source = find_config(first, common.config)
             reporter.report(f"config: {source.origin}")
-            chosen = replace(options or common_options, force=common.force, reporter=reporter)
+            chosen = replace(options or usual, force=common.force, reporter=reporter)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
                 with _stdout():

@@ -87,6 +87,11 @@ class FrictionTable:
     mu: Array
     deviation: Deviation
 
+    @property
+    def reductions(self) -> dict[str, Deviation]:
+        """What a file simplifies that holds this table."""
+        return {"straight lines between nodes": self.deviation}
+
 
 def reference_point(
     law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None

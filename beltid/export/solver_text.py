@@ -87,9 +87,7 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
         )
     )
     files = {f"{name}.adm": adm.encode("ascii"), f"{name}.cmd": cmd.encode("ascii")}
-    return Export(
-        files | compiled_text.cffsub(law), {"straight lines between nodes": table.deviation}
-    )
+    return Export(files | compiled_text.cffsub(law), table.reductions)
 
 
 def abaqus(law: ContactLaw, choices: Choices) -> Export:
@@ -140,10 +138,7 @@ def abaqus(law: ContactLaw, choices: Choices) -> Export:
         + "*FRICTION\n"
         + _rows(friction)
     )
-    return Export(
-        {f"{name}_abaqus.inp": text.encode("ascii")},
-        {"straight lines between nodes": table.deviation},
-    )
+    return Export({f"{name}_abaqus.inp": text.encode("ascii")}, table.reductions)
 
 
 def _force(law: ContactLaw, delta: Array) -> Array:

@@ -53,10 +53,7 @@ def modelica(law: ContactLaw, choices: Choices) -> Export:
         + _modelica_table("line_force", force)
         + _modelica_table("mu", friction)
     )
-    return Export(
-        {f"{name}_modelica.txt": text.encode("ascii")},
-        {"straight lines between nodes": table.deviation},
-    )
+    return Export({f"{name}_modelica.txt": text.encode("ascii")}, table.reductions)
 
 
 def matlab(law: ContactLaw, choices: Choices) -> Export:
@@ -107,10 +104,7 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
     }
     buffer = io.BytesIO()
     savemat(buffer, content, oned_as="column")
-    return Export(
-        {f"{name}.mat": _with_text(buffer.getvalue(), law)},
-        {"straight lines between nodes": table.deviation},
-    )
+    return Export({f"{name}.mat": _with_text(buffer.getvalue(), law)}, table.reductions)
 
 
 def csv(law: ContactLaw, choices: Choices) -> Export:
@@ -135,10 +129,7 @@ def csv(law: ContactLaw, choices: Choices) -> Export:
         f"{name}_friction_nodes.csv": head + _nodes_csv(law),
         f"{name}_friction_table.csv": head + _table_csv(table),
     }
-    return Export(
-        {key: text.encode("ascii") for key, text in files.items()},
-        {"straight lines between nodes": table.deviation},
-    )
+    return Export({key: text.encode("ascii") for key, text in files.items()}, table.reductions)
 
 
 def _modelica_table(name: str, values: Array) -> str:

@@ -52,6 +52,20 @@ def test_the_artifact_is_the_same_to_the_byte(
     assert fitted(some_runs, tmp_path / "shared.parquet", two) == at_once.read_bytes()
 
 
+def test_who_works_alone_holds_no_batch_of_runs(
+    some_runs: Path,
+    at_once: Path,
+    tmp_path: Path,
+    everything_is_big: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def batches(*arguments: object) -> None:
+        raise AssertionError("runs were held for workers that there are none of")
+
+    monkeypatch.setattr("beltid.stages.identification.reduction._shared", batches)
+    assert fitted(some_runs, tmp_path / "alone.parquet", Workers()) == at_once.read_bytes()
+
+
 def test_runs_for_the_figures_are_picked_from_the_stream(
     some_runs: Path, at_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

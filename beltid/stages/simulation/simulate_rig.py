@@ -116,12 +116,23 @@ def run(
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
 
     The runs are those of ``friction``, where it is given or stands beside the surface that was made
-    from it; otherwise those of the config; only those `picked`, if any are. Method and number of
-    beam elements are those of the config, if not stated. Where no workers are given, `jobs` runs
-    are simulated at the same time; None is one per core.
+    from it; otherwise those of the config.
 
-    Profiles of the contact go beside the recording if times for them are given, after the start of
-    rotation [s].
+    Parameters
+    ----------
+    config, inputs, out, options
+        As of every stage.
+    picked : Picked, optional
+        Only these runs; by default all of them.
+    method : {"transient", "steady"}, optional
+        By default that of the config.
+    elements : int, optional
+        Beam elements of the belt; by default those of the config.
+    jobs : int, optional
+        Runs at the same time where no workers are given; by default one per core.
+    profile_times_s : sequence of float
+        Times after the start of rotation at which the contact along the arc is kept [s]; its
+        profiles go beside the recording.
     """
     model, times = config.config, tuple(sorted(set(profile_times_s)))
     settings = simulation_settings(model, method, elements, times)
