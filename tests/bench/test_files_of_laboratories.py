@@ -292,3 +292,14 @@ def test_settings_in_attributes_that_are_arrays_of_one(tmp_path):
     columns = read_recording(tmp_path / "R1.h5", "rig").columns
     assert set(columns["arc_deg"]) == {82.0}
     assert set(columns["initial_tension_N"]) == {100.0}
+
+
+@pytest.mark.parametrize("stated", [{}, {"dialect": {"separator": " "}}])
+def test_columns_set_apart_by_blanks(tmp_path, stated):
+    rows = (f"  {t:8.3f} {d:10.5f}  {f:9.3f} " for t, d, f in zip(T, D, F, strict=True))
+    path = tmp_path / "P22.dat"
+    path.write_text("\n".join(["  time_s  displacement_mm force_N", *rows]) + "\n")
+    assert_is_the_press(read(path, stated))
+    path.write_text("\n".join(["time_s displacement_mm force_N", *rows, " 0.1  x 2.0"]) + "\n")
+    with pytest.raises(InputError, match=r'P22\.dat:2: displacement_mm = "x", must be a number'):
+        read(path, stated)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 from beltid.artifacts.file_bytes import opened
 from beltid.bench.files.sniff import CUT_OFF
 from beltid.bench.formats.clock import Clock
-from beltid.bench.formats.dialect import Layout, asides_note, blank_asides
+from beltid.bench.formats.dialect import BLANK, Layout, asides_note, blank_asides
 from beltid.bench.formats.numbers import MISSING_WORDS, numbers_or_problems
 from beltid.bench.formats.rows import Rows, Texts, writable
 from beltid.errors import InputError, Problems
@@ -26,6 +27,8 @@ CHUNK: Final = 16 << 20
 ARROW_BLOCK: Final = 1 << 20
 """Bytes that a thread of Arrow reads at a time."""
 LONGEST_ROW: Final = 64 << 20
+_SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
+"""Blanks that part no cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,8 @@ def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
     UnicodeDecodeError
         If rows that are not clean are not UTF-8.
     """
+    if layout.separator == BLANK:
+        layout = replace(layout, body=_SPACING.sub(b"", layout.body))
     rows = _read_clean(layout, wanted)
     return (_read_row_by_row(layout, wanted, name) if rows is None else rows).filled()
 

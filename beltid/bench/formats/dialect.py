@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from beltid.config.model import DialectSection
 
 SEPARATORS: Final = (",", ";", "\t", "|")
+BLANK: Final = " "
+"""Any number of blanks; they separate where no other sign does."""
 MAX_COLUMNS: Final = 2000
 MAX_LINES: Final = 50_000_000
 """Lines of a file that is read at once; blank ones take memory, too."""
@@ -26,7 +28,7 @@ LONGEST_LINE: Final = 1 << 24
 """Characters of a line, at most: cells take far more memory than their text."""
 TOP: Final = 10_000
 """Lines among which the header and the row of units are, after those that are skipped."""
-_NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'"}
+_NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'", BLANK: "blank"}
 FIRST_BYTES: Final = 20_000
 FIRST_ROWS: Final = 200
 """Rows that show how a table writes its numbers and times."""
@@ -156,7 +158,10 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     top = _whole_cells(text.split("\n", skipped + TOP)[: skipped + TOP], skipped)
     at = _header_row(top, skipped, name, notes)
     separator = dialect.separator or best_separator(top[at], names)
-    header = tuple(cell.strip() for cell in _cells(top[at], separator, f"{name}:{at + 1}"))
+    if not dialect.separator and _set_apart_by_blanks(top, at):
+        separator = BLANK
+    row = top[at].strip() if separator == BLANK else top[at]
+    header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
     if not skipped and not names <= set(header):
         found = _search(top[:SEARCHED], dialect.separator)
@@ -234,6 +239,14 @@ def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> i
                 notes.append(f"{comments} lines beginning with # before the header left out")
             return at
     raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them are skipped)")
+
+
+def _set_apart_by_blanks(top: Sequence[str], at: int) -> bool:
+    """Whether blanks, and no other sign, part the header and the rows into as many cells."""
+    below = next((row for row in top[at + 1 :] if row.strip()), "")
+    cells = len(top[at].split())
+    is_parted = any(sign in top[at] for sign in SEPARATORS)
+    return not is_parted and cells > 1 and len(below.split()) == cells
 
 
 def _units_row(
