@@ -167,14 +167,6 @@ def test_out_of_tolerance_is_status_4_with_the_verdict(bench: Path, beltid: Any)
     assert "up to date" in again.stderr
 
 
-def test_simulated_recording_has_exactly_the_columns_of_the_bench(bench: Path) -> None:
-    header = (bench / "rig.csv").read_text().splitlines()[0].split(",")
-    artifact = read_artifact(bench / "simulated.parquet", "simulated")
-    assert list(artifact.columns) == header
-    assert artifact.metadata.method == "steady"
-    assert artifact.columns["run"][0] == "S001"
-
-
 def test_runs_are_picked_by_their_settings_and_keep_their_labels(bench: Path, beltid: Any) -> None:
     call = ("simulate-rig", "surface.parquet", "stiffness.parquet", "--json", "-o", "some.parquet")
     result = beltid(*call, "--arc", "82", "--speed", "0.21", "--tension", "220", "--tension", "411")

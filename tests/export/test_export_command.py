@@ -204,9 +204,3 @@ def test_names_of_targets_are_completed() -> None:
 
     assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
     assert _complete("m") == ["mbdyn", "motionsolve", "modelica", "matlab"]
-
-
-def test_help_names_every_target() -> None:
-    told = call("--help").stdout
-    assert all(name in told for name in (*TARGETS, "all", "schema", "--list"))
-    assert "\\b" not in told

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import read_artifact, write_artifact
@@ -178,10 +177,3 @@ def test_the_shipped_recordings_are_known_to_be_synthetic(belt: str) -> None:
     assert load_config(ROOT / "configs" / f"{belt}.yaml").data.origin == "synthetic"
     for name in ("press.csv", "rig.csv", "speedloss.csv"):
         assert find_config(ROOT / "rigdata" / belt / name).config.data.origin == "synthetic"
-
-
-def test_the_config_beside_the_shipped_recordings_says_nothing_else() -> None:
-    found = find_config(DATA / "rig.csv").config
-    assert found.sha256 == load_config(None).sha256
-    assert found.data.files == {}
-    assert np.isclose(found.belt.axial_stiffness_N, 1e5)
