@@ -47,7 +47,7 @@ from beltid.plan.candidates import Candidates, NoiseLaw, Settings, simulate_cand
 from beltid.plan.design import RunRows, choose_runs
 from beltid.plan.prior import USUAL, USUAL_ARCS, knowledge_at
 from beltid.plan.session import schedule
-from beltid.plan.target import surface_target, target_rows
+from beltid.plan.target import Target, surface_target
 from beltid.refine.effects import ARC, BEFORE
 from beltid.refine.evidence import (
     BENDING_BEFORE,
@@ -424,7 +424,7 @@ class TrueModel:
     candidates: Candidates
     rows: RunRows
     truth: Array
-    W: Array
+    target: Target
 
     @classmethod
     def of(cls, bench: SyntheticBench) -> TrueModel:
@@ -445,13 +445,13 @@ class TrueModel:
             candidates,
             candidates.rows(sources, bench.noise, {}),
             np.log(bench.mu(knots[0][None, :], knots[1][:, None])).ravel(),
-            target.W,
+            target,
         )
 
     def expected_error(self, chosen: Sequence[int]) -> float:
         """Root of the expected mean square error of ln mu of the surface from some runs."""
-        parts, bias = self.error_of(chosen, USUAL)
-        square = bias @ self.W @ bias + sum(np.trace(self.W @ part @ part.T) for part in parts)
+        (parts, bias), W = self.error_of(chosen, USUAL), self.target.W
+        square = bias @ W @ bias + sum(np.trace(W @ part @ part.T) for part in parts)
         return float(np.sqrt(square))
 
     def error_of(
@@ -479,18 +479,15 @@ class TrueModel:
         sources = *all_sources(bench.given, n_arcs, False), *effect_sources(ARC, USUAL_ARCS, n_arcs)
         rows = self.candidates.rows(sources, bench.noise, {})
         before = knowledge_at(self.candidates.curves, None, len(sources), smoothness)
-        return choose_runs(before, rows, self.W, bench.runs)
+        return choose_runs(before, rows, self.target.W, bench.runs)
 
     def errors_drawn(
         self, chosen: Sequence[int], smoothness: Smoothness, shared: Array, rng: np.random.Generator
     ) -> Array:
         """Mean square errors (draws,) with drawn shared errors and effects (draws, K + arcs)."""
         (of_noise, *of_shared), bias = self.error_of(chosen, smoothness)
-        f, v = target_points(self.bench)
-        rows = target_rows(self.candidates.curves, f.ravel(), v.ravel())
-        knots = rows @ np.column_stack([*of_shared, of_noise, self.truth + bias])
-        knots[:, -1] -= np.log(self.bench.mu(f, v)).ravel()  # with interpolation between speeds
-        factor = np.linalg.qr(knots / math.sqrt(f.size), mode="r")
+        rows = np.sqrt(self.target.weight)[:, None] * self.target.rows
+        factor = np.linalg.qr(rows @ np.column_stack([*of_shared, of_noise, bias]), mode="r")
         noise = rng.standard_normal((len(shared), of_noise.shape[1]))
         drawn = np.column_stack([shared, noise, np.ones(len(shared))])
         return np.asarray(np.sum(np.square(drawn @ factor.T), axis=1))

@@ -81,7 +81,7 @@ def surface_target(
     share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
     weight = np.repeat(share / share.sum() / PLACES, PLACES)
     places = np.tile(f, v.size), np.repeat(v, PLACES)
-    return Target(*places, weight, target_rows(curves, *places))
+    return Target(*places, weight, _rows(curves, *places))
 
 
 def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
@@ -99,7 +99,7 @@ def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
     if not parts:
         raise InputError("drive: no rib slides at its operating points, no friction acts")
     f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return Target(f, v, weight / weight.sum(), target_rows(curves, f, v))
+    return Target(f, v, weight / weight.sum(), _rows(curves, f, v))
 
 
 def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
@@ -116,7 +116,7 @@ def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
     return [(f, v, friction / total) for f, v, friction in places if total > 0.0]
 
 
-def target_rows(curves: Curves, f: Array, v: Array) -> Array:
+def _rows(curves: Curves, f: Array, v: Array) -> Array:
     """Rows (q, size) that give ln mu at points (q,): splines over ln f, lines between the speeds.
 
     Beyond the knots and speeds the nearest one holds, as in the refined surface.

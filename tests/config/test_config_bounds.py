@@ -26,7 +26,7 @@ from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
 from beltid.stages.identification.reduction import friction_settings, rig_kind, stiffness_settings
-from beltid.stages.simulation.plan import rig_settings
+from beltid.stages.simulation.plan_inputs import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
 SLIP = SlipResult(

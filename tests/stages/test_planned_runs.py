@@ -11,14 +11,13 @@ import pytest
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.plan.candidates import Settings
+from beltid.stages.simulation.plan_inputs import at_rest, rig_settings
 from beltid.stages.simulation.planned_runs import (
     Picked,
     PlannedRun,
-    at_rest,
     differing_settings,
     measured_settings,
     planned_runs,
-    rig_settings,
 )
 
 CONFIG = load_config(

@@ -128,7 +128,8 @@ def build_surface(
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
     notes += grid_notes
     arcs = []
-    for arc in () if curves.joined else curves.arcs_deg:
+    with_curve = {curve.arc_deg for curve in curves.curves}  # an arc of few runs may have none
+    for arc in () if curves.joined else sorted(with_curve):
         try:
             own, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
         except InputError as error:

@@ -7,6 +7,8 @@ Module               Responsibility                                             
 ``compare``          measured against simulated                                  section 7
 ``refine_surface``   the surface without the bias of the mean force              beyond section 7
 ``plan``             the next runs of the rig, or stop                           (P1) to (P6)
+``plan_inputs``      what a plan starts from: settings, the known surface, noise
+``plan_tables``      what a plan writes and shows
 ``planned_runs``     which runs are simulated
 ``campaign``         a simulated campaign: its runs, their results and recording
 ``simulated_runs``   one run, or a campaign, simulated from Python

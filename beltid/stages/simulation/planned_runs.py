@@ -20,7 +20,6 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import OK, SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
-from beltid.plan.candidates import Settings
 from beltid.stages.tables import is_number
 
 if TYPE_CHECKING:
@@ -35,7 +34,6 @@ KEYS: Final = {
 MOST_COMBINED: Final = 10_000
 """Combinations of stated with measured settings beyond which a key was meant otherwise."""
 SHOWN_VALUES: Final = 12
-MOST_SETTINGS: Final = 12  # of arc, tension or speed, that candidates of a plan are made of
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
@@ -349,50 +347,3 @@ def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -
     if problems:
         raise InputError(problems)
     return PlannedRun("S001", *(float(value) for _, value, _, _ in settings))
-
-
-def rig_settings(
-    config: Config, friction: Mapping[str, np.ndarray] | None
-) -> tuple[Settings, tuple[str, ...]]:
-    """What the rig can be set to, and a note where nobody said it.
-
-    Each list is that of the section plan, else that stated under rig, else what runs were made at,
-    else the built-in one.
-    """
-    plan = config.plan
-    measured = None
-    if friction is not None and all(name in friction for name in KEYS):
-        measured = measured_settings(friction)
-    stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
-    others = [_thinned(values) for values in setting_lists(config, measured)]
-    unsaid = [
-        f"{key}: {', '.join(f'{value:g}' for value in values)}"
-        for (key, _), of_plan, values in zip(KEYS.values(), stated, others, strict=True)
-        if not of_plan and measured is None and key not in config.rig.model_fields_set
-    ]
-    notes = (f"nobody stated what the rig can be set to, assumed: {'; '.join(unsaid)}",)
-    arcs, tensions, speeds = (
-        tuple(of_plan or values) for of_plan, values in zip(stated, others, strict=True)
-    )
-    return Settings(arcs, tensions, speeds), notes if unsaid else ()
-
-
-def _thinned(values: Sequence[float]) -> list[float]:
-    """A few of many settings, the ends among them: where each run has a value of its own."""
-    ordered = sorted(values)
-    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
-    return [ordered[k] for k in at]
-
-
-def at_rest(settings: Settings, config: Config) -> Settings:
-    """The settings of a running rig as those of a belt at rest; of another rig they themselves."""
-    if config.rig.kind != "running":
-        return settings
-    runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
-    as_resting(config, runs)  # refuses what no belt can run with
-    with_belt = belt_speed(config) / config.rig.pulley_radius_m
-    return Settings(
-        settings.arcs_deg,
-        tuple(T_0 - momentum_N(config) for T_0 in settings.tensions),
-        tuple(abs(omega - with_belt) for omega in settings.omegas),
-    )

@@ -1,0 +1,190 @@
+"""What a plan starts from: settings of the rig, the surface that is known, noise of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.artifacts.artifact import Artifact
+from beltid.artifacts.metadata_models import SurfaceMetadata
+from beltid.config import Config
+from beltid.errors import ArgumentTypeError, InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
+from beltid.plan.candidates import NoiseLaw, Settings, noise_law
+from beltid.plan.present import KnownSurface, sources_of_plan
+from beltid.plan.prior import MeasuredSurface
+from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.outcome import Outcome
+from beltid.stages.simulation.planned_runs import (
+    KEYS,
+    PlannedRun,
+    as_resting,
+    measured_settings,
+    setting_lists,
+)
+from beltid.stages.tables import shown, surface_from, surface_of
+from beltid.stages.uncertainties import press_law, standard_uncertainties
+from beltid.uncertainty.measured import measured_runs, valid_rows
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.simulated import sources_of
+from beltid.uncertainty.sources import Source
+
+USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
+"""Contact law of the paper's 5PK belt, Eq. (3): for a plan before any measurement."""
+MOST_SETTINGS: Final = 12  # of arc, tension or speed, that candidates of a plan are made of
+
+
+def rig_settings(
+    config: Config, friction: Mapping[str, np.ndarray] | None
+) -> tuple[Settings, tuple[str, ...]]:
+    """What the rig can be set to, and a note where nobody said it.
+
+    Each list is that of the section plan, else that stated under rig, else what runs were made at,
+    else the built-in one.
+    """
+    plan = config.plan
+    measured = None
+    if friction is not None and all(name in friction for name in KEYS):
+        measured = measured_settings(friction)
+    stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
+    others = [_thinned(values) for values in setting_lists(config, measured)]
+    unsaid = [
+        f"{key}: {', '.join(f'{value:g}' for value in values)}"
+        for (key, _), of_plan, values in zip(KEYS.values(), stated, others, strict=True)
+        if not of_plan and measured is None and key not in config.rig.model_fields_set
+    ]
+    notes = (f"nobody stated what the rig can be set to, assumed: {'; '.join(unsaid)}",)
+    arcs, tensions, speeds = (
+        tuple(of_plan or values) for of_plan, values in zip(stated, others, strict=True)
+    )
+    return Settings(arcs, tensions, speeds), notes if unsaid else ()
+
+
+def _thinned(values: Sequence[float]) -> list[float]:
+    """A few of many settings, the ends among them: where each run has a value of its own."""
+    ordered = sorted(values)
+    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
+    return [ordered[k] for k in at]
+
+
+def at_rest(settings: Settings, config: Config) -> Settings:
+    """The settings of a running rig as those of a belt at rest; of another rig they themselves."""
+    runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
+    resting = as_resting(config, runs)  # the speed runs fastest, the arc slowest
+    n_speeds = len(settings.omegas)
+    of_first_arc = resting[: n_speeds * len(settings.tensions)]
+    return Settings(
+        settings.arcs_deg,
+        tuple(run.initial_tension_N for run in of_first_arc[::n_speeds]),
+        tuple(run.pulley_speed_rad_s for run in resting[:n_speeds]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Present:
+    """What is known before the next runs.
+
+    Attributes
+    ----------
+    surface : MeasuredSurface or None
+        The surface; None before any run.
+    arcs_deg : tuple of float
+        Its arc settings [deg].
+    sources : tuple of Source
+        The shared errors of its changes.
+    press : PressLaw
+        The contact law.
+    noise : NoiseLaw
+        Noise of a run.
+    columns : dict of str to float
+        What the errors of the reduction change in ln mu of a run.
+    notes : tuple of str
+        What was assumed.
+    """
+
+    surface: MeasuredSurface | None
+    arcs_deg: tuple[float, ...]
+    sources: tuple[Source, ...]
+    press: PressLaw
+    noise: NoiseLaw
+    columns: dict[str, float]
+    notes: tuple[str, ...]
+
+
+def present_knowledge(
+    known: KnownSurface | None,
+    press: PressLaw | None,
+    friction: Mapping[str, np.ndarray] | None,
+    settings: Settings,
+    config: Config,
+) -> Present:
+    """What is known, None before any measurement, and what is assumed in its place."""
+    notes: list[str] = []
+    if press is None:
+        press = press_law(USUAL_LAW, config)
+        notes.append("no data: contact law of the paper's 5PK belt")
+    stated = standard_uncertainties(config)
+    sources = sources_of_plan(known, stated, settings.arcs_deg, press.has_scatter)
+    if known is None:
+        notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
+    elif other := known.stated_otherwise(stated, press.has_scatter):
+        notes.append(
+            f"stated otherwise when the surface was made: {', '.join(other)}; what was stated then "
+            "is taken"
+        )
+    scale = 1.0 if known is None else known.noise_scale
+    noise, columns = NoiseLaw(scale=scale), {}
+    if friction is not None:
+        status = friction.get("status", np.full(len(friction["mu_sliding"]), "ok", dtype=object))
+        ok = valid_rows(friction, np.flatnonzero(status == "ok"))
+        rig = config.rig_params()
+        runs = measured_runs(friction, ok, rig.R, rig_kind(config), rig.given_force)
+        noise = noise_law(runs, scale)
+        columns = {key: float(np.mean(change)) for key, change in runs.columns.items()}
+    else:
+        notes.append(
+            f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
+            "tensions; --from friction.parquet takes that of its runs"
+        )
+    surface = None if known is None else known.measured(len(sources))
+    arcs = () if known is None else known.arcs_deg
+    return Present(surface, arcs, sources, press, noise, columns, tuple(notes))
+
+
+def known_of_artifact(artifact: Artifact) -> KnownSurface:
+    """The surface of an artifact."""
+    metadata: SurfaceMetadata = artifact.metadata
+    surface = surface_of(artifact)
+    if metadata.uncertainty is None:
+        raise InputError(f"{artifact.path}: has no covariance; build it again")
+    return _known(surface, metadata.uncertainty, metadata.noise_scale, str(artifact.path))
+
+
+def known_of_result(surface: Any) -> KnownSurface:
+    """The surface of a result."""
+    if not isinstance(surface, Outcome) or surface.kind != "surface":
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
+            "the plan needs its covariance by its causes"
+        )
+    extra = surface.extra
+    return _known(surface_from(surface), extra["uncertainty"], extra.get("noise_scale"), "surface")
+
+
+def _known(
+    surface: FrictionSurface, stored: Mapping[str, Any], noise_scale: float | None, name: str
+) -> KnownSurface:
+    if not isinstance(surface, UncertainSurface) or surface.factor is None:
+        raise InputError(f"{name}: has no covariance; build it again")
+    return KnownSurface(
+        surface=surface,
+        factor=surface.factor,
+        arcs_deg=tuple(float(arc) for arc in stored["arcs_deg"]),
+        sources=sources_of(stored["sources"]),
+        noise_scale=noise_scale or 1.0,
+    )

@@ -1,0 +1,148 @@
+"""What a plan writes and shows: the table for the operator of the bench, regions, statements."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.errors import counted
+from beltid.params import OperatingPoint
+from beltid.plan.advice import Plan
+from beltid.plan.session import ScheduledRun
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source
+
+SHOWN: Final = (
+    "order",
+    "arc_deg",
+    "initial_tension_N",
+    "pulley_speed_rad_s",
+    "repeat",
+    "repeats",
+    "start_minutes",
+    "gain_percent",
+    "needed_for",
+)
+COLUMNS: Final = (*SHOWN[:-1], "slip_speed_m_s", "normal_force_N_m", "based_on", "needed_for")
+HEADER: Final = (",".join(COLUMNS) + "\n").encode()
+KNOWN_BY: Final = (",".join(COLUMNS[:-1])).encode()
+
+
+def session_rows(
+    session: Sequence[ScheduledRun],
+    plan: Plan,
+    points: Sequence[OperatingPoint],
+    runs: Measured,
+    based_on: str,
+) -> list[dict[str, Any]]:
+    """A row per run in the order of the session.
+
+    A run that the plan has to have, for its arc or as a repetition, may gain nothing by itself.
+    """
+    gains = dict(zip(plan.chosen, plan.gains, strict=True))
+    return [
+        {
+            "order": place,
+            "arc_deg": round(float(np.degrees(points[one.run].beta)), 9),
+            "initial_tension_N": points[one.run].T_0,
+            "pulley_speed_rad_s": points[one.run].omega,
+            "repeat": one.repeat,
+            "repeats": one.repeats,
+            "start_minutes": one.start_minutes,
+            "slip_speed_m_s": float(runs.slip_speed[one.run]),
+            "normal_force_N_m": float(runs.normal_force[one.run]),
+            "gain_percent": 100.0 * max(gains[one.run], 0.0),
+            "based_on": based_on,
+            "needed_for": plan.needed.get(one.run, ""),
+        }
+        for place, one in enumerate(session, start=1)
+    ]
+
+
+def is_plan(path: Path) -> bool:
+    """Whether a file is a table of runs that this command wrote."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(KNOWN_BY)) == KNOWN_BY
+
+
+def csv_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """The table for the operator of the bench."""
+    text = io.StringIO()
+    for row in rows:
+        cells = [f"{v:.6g}" if isinstance(v := row[name], float) else str(v) for name in COLUMNS]
+        text.write(",".join(cells) + "\n")
+    return HEADER + text.getvalue().encode()
+
+
+MOST_STATEMENTS: Final = 6
+
+
+def region_rows(plan: Plan) -> list[dict[str, Any]]:
+    """Regions of the target, and the uncertainty of the surface there before and after."""
+    return [
+        {
+            "force_range_N_m": region.force,
+            "speed_range_m_s": region.speed,
+            "before_percent": 100.0 * region.before,
+            "after_percent": 100.0 * region.after,
+        }
+        for region in plan.regions
+    ]
+
+
+def statement_rows(plan: Plan) -> list[dict[str, Any]]:
+    """Shared errors that would help most, and the uncertainty of the surface with each halved."""
+    return [
+        {
+            "source": one.source.name,
+            "known": one.source.basis,
+            "uncertainty": _size(one.source),
+            "contribution_percent": 100.0 * one.contribution,
+            "surface_then_percent": 100.0 * one.halved,
+        }
+        for one in plan.statements[:MOST_STATEMENTS]
+    ]
+
+
+def _size(source: Source) -> str:
+    """Standard uncertainty of a source in words; what the data alone say has no figure of its own.
+
+    Scatter of the press and what the reduction shares are known by their contribution: they are
+    directions of a covariance, not errors of a quantity that has a unit.
+    """
+    if source.basis == FITTED and source.error not in EFFECT_SOURCES:
+        return "by the data"
+    return f"{source.shown:.3g} {source.unit}"
+
+
+def verdict(plan: Plan, goal_u: float) -> str:
+    """Go on or stop, and why."""
+    before, after = 100.0 * plan.before, 100.0 * plan.after
+    goal = 100.0 * goal_u
+    if plan.stop is None:
+        reached = "reached" if after <= goal else "not reached"
+        count = counted(len(plan.chosen), "run")
+        return (
+            f"{count}: uncertainty of mu {before:.3g} % -> {after:.2g} %, goal {goal:g} % {reached}"
+        )
+    if plan.stop == "goal reached":
+        return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
+    if plan.stop == "runs do not help":
+        return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
+    best = plan.best_statement
+    text = (
+        f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs, further "
+        f"ones hardly lower its uncertainty, {before:.2g} %"
+    )
+    if best is None:
+        return text
+    return (
+        f"{text}; most would help: {best.source.name}, known twice as well it is "
+        f"{100.0 * best.halved:.2g} %"
+    )
