@@ -13,7 +13,6 @@ Module                 Responsibility                                           
 ``slow_friction``      The same below its slowest speed, for a drive                  (D14)
 ``surface_tables``     The surface as arrays and the functions that read them          Section 3
 ``bicubic``            Spline patches that stay between the values they join           Section 3
-``grid_checks``        What can be wrong with a grid, all at once
 ``friction_formulas``  Parametric laws mu(f, v) in place of a surface                  beyond
 =====================  ==============================================================  ==========
 

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.laws.bicubic import patches
-from beltid.laws.grid_checks import axis_problems, to_array, value_problems
 from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, log_nodes
 
 Array = NDArray[np.float64]
 
+MIN_RELATIVE_GAP = 1e-9  # closer nodes leave no digits for a slope between them
 _DEGREE_WORDS = ("constant", "linear", "quadratic", "cubic")
 
 
@@ -74,12 +74,12 @@ class FrictionSurface:
         mu: ArrayLike,
         mu_se: ArrayLike | None = None,
     ) -> None:
-        f = to_array("normal_force_N_m", normal_force_N_m)
-        v = to_array("slip_speed_m_s", slip_speed_m_s)
-        z = to_array("mu", mu)
-        se = None if mu_se is None else to_array("mu_se", mu_se)
-        problems = axis_problems("normal_force_N_m", f) + axis_problems("slip_speed_m_s", v)
-        problems += value_problems(f, v, z, se)
+        f = _to_array("normal_force_N_m", normal_force_N_m)
+        v = _to_array("slip_speed_m_s", slip_speed_m_s)
+        z = _to_array("mu", mu)
+        se = None if mu_se is None else _to_array("mu_se", mu_se)
+        problems = _axis_problems("normal_force_N_m", f) + _axis_problems("slip_speed_m_s", v)
+        problems += _value_problems(f, v, z, se)
         if problems:
             raise InputError(problems)
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
@@ -272,10 +272,56 @@ class FrictionSurface:
         )
 
 
+def _to_array(name: str, values: ArrayLike) -> Array:
+    """Copy of the values as float64; the caller's array may change later."""
+    try:
+        return np.array(values, dtype=float, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: must be an array of numbers ({error})") from None
+
+
+def _axis_problems(name: str, nodes: Array) -> list[str]:
+    """What is wrong with the nodes of one axis, a line per problem."""
+    if nodes.ndim != 1 or nodes.size == 0:
+        return [f"{name}: shape {nodes.shape}, must be one-dimensional with at least one node"]
+    problems = [
+        f"{name}[{k}] = {nodes[k]:g}, must be >= 0 and finite"
+        for k in np.flatnonzero(~(np.isfinite(nodes) & (nodes >= 0.0)))
+    ]
+    if not problems:
+        gaps = np.diff(nodes)
+        problems = [
+            f"{name}[{k + 1}] = {nodes[k + 1]:.12g} after {nodes[k]:.12g}, "
+            "must be strictly increasing"
+            for k in np.flatnonzero(~(gaps > MIN_RELATIVE_GAP * nodes[1:]))
+        ]
+    return problems
+
+
+def _value_problems(f: Array, v: Array, mu: Array, mu_se: Array | None) -> list[str]:
+    """What is wrong with the node values and their standard errors, a line per problem."""
+    problems = []
+    allowed = f"must be {(f.size, v.size)}: a row per force node, a column per speed node"
+    if mu.shape != (f.size, v.size):
+        problems.append(f"mu: shape {mu.shape}, {allowed}")
+    problems += [
+        f"mu[{', '.join(map(str, k))}] = {mu[tuple(k)]:g}, must be > 0 and finite"
+        for k in np.argwhere(~(np.isfinite(mu) & (mu > 0.0)))
+    ]
+    if mu_se is not None:
+        if mu_se.shape != (f.size, v.size):
+            problems.append(f"mu_se: shape {mu_se.shape}, {allowed}")
+        problems += [
+            f"mu_se[{', '.join(map(str, k))}] = {mu_se[tuple(k)]:g}, must be >= 0 or nan"
+            for k in np.argwhere((mu_se < 0.0) | np.isinf(mu_se))
+        ]
+    return problems
+
+
 def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Array, Array]:
     """Forces and speeds as arrays of one shape."""
-    f = to_array("normal_force_N_m", normal_force_N_m)
-    v = to_array("slip_speed_m_s", slip_speed_m_s)
+    f = _to_array("normal_force_N_m", normal_force_N_m)
+    v = _to_array("slip_speed_m_s", slip_speed_m_s)
     try:
         f, v = np.broadcast_arrays(f, v)
     except ValueError:

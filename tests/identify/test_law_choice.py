@@ -90,8 +90,8 @@ def test_the_quadratic_law_that_is_judged_is_the_one_that_is_handed_on(power):
     assert ("held at zero" in quadratic.note) == bool(held)
     assert bool(held) == (f"A power (exponent {power}" in choice.verdict)
     for p in quadratic.parameters:
-        assert p.se > 0.0
-        assert p in held or p.se < 0.1 * p.value
+        # the residuals of a law that does not hold are correlated: its errors are no measure
+        assert 0.0 < p.se < (math.inf if power else 0.1 * p.value)
 
 
 def test_single_test_is_judged_by_blocks_of_force():

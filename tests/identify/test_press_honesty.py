@@ -179,6 +179,21 @@ def test_a_load_cell_that_drifts_is_said_and_in_the_standard_errors(drifts, cycl
     assert said(result, "drift", alarming=False) == [pytest.approx(largest / 40.0, rel=0.1)]
 
 
+@pytest.mark.parametrize(
+    ("slope", "drifts"), [(0.0, (4.0, -5.0, 3.0, -2.0)), (1.5e-3, (0.5, -0.4, 0.6, -0.5))]
+)
+def test_a_drift_is_not_taken_for_a_temperature(slope, drifts):
+    bench = Bench(temperature_slope=slope, dt=0.3)
+    columns = back_to_the_start(bench.record(1))
+    for test, drift in zip(dict.fromkeys(columns["test"].tolist()), drifts, strict=True):
+        rows = np.flatnonzero(columns["test"] == test)
+        columns["force_N"][rows] += drift * np.linspace(0.0, 1.0, rows.size)
+    result = fit_stiffness(columns, SETTINGS)
+    assert result.temperature.f_p_value < 1e-4
+    assert result.temperature.matters == (slope > 0.0)
+    assert ("beyond the drift" in result.temperature.statement) == (slope == 0.0)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.8])
 def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     bench = Bench(cycles=2)

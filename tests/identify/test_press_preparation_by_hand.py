@@ -175,6 +175,8 @@ def test_samples_at_the_end_of_the_range_of_the_cell_are_left_out():
     assert (clipped.n_missing, clipped.force_N.max()) == (n, 148.0)
     (note,) = clipped.notes
     assert note.startswith(f"{n} samples left out: the force stays at 150 N while the crosshead")
+    with pytest.raises(InputError, match="usable samples, must be at least 20"):
+        prepared(np.arange(40.0), np.minimum(np.maximum(np.arange(40.0) - 10.0, 0.0), 6.0))
     # a hold at the top, a coarse converter and a force that creeps are none
     hold = np.concatenate([way[:141], np.full(50, 140.0), way[141:]])
     for travel, force in (

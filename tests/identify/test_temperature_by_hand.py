@@ -92,7 +92,7 @@ def test_statistic_of_the_temperature(step, scatter):
     differ = fisher.sf(between / noise, dof, noise_dof) < 0.05
     against, within = (between, dof) if differ else (noise, noise_dof)
     p = fisher.sf(gain / against, 4, within)
-    found = temperature_effect(groups, [22.0, 40.0, 60.0], 0.03)
+    found = temperature_effect(groups, [22.0, 40.0, 60.0], 0.03, 0.03)
     assert found.f_statistic == pytest.approx(gain / against, rel=1e-4)
     assert (found.f_dof_between, found.f_dof_within) == (4.0, pytest.approx(within, rel=1e-6))
     assert found.f_p_value == pytest.approx(p, rel=1e-3, abs=1e-12)
@@ -104,17 +104,25 @@ def test_statistic_of_the_temperature(step, scatter):
     assert "largest difference 3 % of the force" in found.statement
 
 
-@pytest.mark.parametrize(("difference", "matters"), [(0.0051, True), (0.0049, False)])
-def test_a_proven_difference_of_half_a_percent_matters(difference, matters):
-    found = temperature_effect(campaign(0.05, 0.0), [22.0, 40.0, 60.0], difference)
+@pytest.mark.parametrize(
+    ("difference", "beyond_drift", "matters", "said"),
+    [
+        (0.0051, 0.0051, True, "matters"),
+        (0.0049, 0.0049, False, "has a provable but negligible influence"),
+        (0.03, 0.0051, True, "matters"),
+        (0.03, 0.0049, False, "does not matter beyond the drift of the load cell"),
+    ],
+)
+def test_a_proven_difference_of_half_a_percent_matters(difference, beyond_drift, matters, said):
+    temperatures = [22.0, 40.0, 60.0]
+    found = temperature_effect(campaign(0.05, 0.0), temperatures, difference, beyond_drift)
     assert found.matters == matters
-    said = "Temperature matters" if matters else "Temperature has a provable but negligible"
-    assert found.statement.startswith(said)
+    assert found.statement.startswith(f"Temperature {said} between")
 
 
 def test_one_temperature_says_nothing():
-    found = temperature_effect([[curve("a", 1.0, 1)]], [22.0], 0.0)
+    found = temperature_effect([[curve("a", 1.0, 1)]], [22.0], 0.0, 0.0)
     assert found.statement == "All tests are at 22 °C: no statement on temperature."
     assert math.isnan(found.f_statistic)
     assert found.matters is None
-    assert "an unknown temperature" in temperature_effect([], [], 0.0).statement
+    assert "an unknown temperature" in temperature_effect([], [], 0.0, 0.0).statement

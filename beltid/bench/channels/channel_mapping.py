@@ -213,11 +213,16 @@ def map_channels(
 
 
 def channels_meant(
-    candidates: Sequence[Candidate], context: MappingContext, roles: Collection[str] | None = None
+    candidates: Sequence[Candidate],
+    context: MappingContext,
+    roles: Collection[str] | None = None,
+    *,
+    numbered: bool = True,
 ) -> dict[str, list[tuple[Candidate, How, bool]]]:
     """Our columns of a table -> the channels that can be meant, who says so, and if sign turns.
 
-    Several for one column are ambiguous. See `map_channels`.
+    Several for one column are ambiguous; `numbered` are those that only a number tells apart.
+    See `map_channels`.
     """
     columns = [c for c in context.table.columns if roles is None or c.name in roles]
     found = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
@@ -231,7 +236,7 @@ def channels_meant(
         fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
         if column.name == "time_s":  # a stop watch comes before a clock on the wall
             fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
-        if len(fitting) == 1 and column.name in sensors_of(context.table):
+        if numbered and len(fitting) == 1 and column.name in sensors_of(context.table):
             fitting = [*fitting, *_numbered_alike(fitting[0], free, column, context.kind)]
         if fitting:
             found[column.name] = [(c, "recognised", False) for c in fitting]
@@ -267,9 +272,8 @@ def sensors_of(table: Table) -> list[str]:
 
 def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
     """Whether channels hold all the sensors that a run needs."""
-    silent = MappingContext(context.table, context.options)
-    found = map_channels(candidates, silent)
-    return all(role in found for role in sensors_of(context.table))
+    meant = channels_meant(candidates, context, numbered=False)
+    return all(len(meant.get(role, ())) == 1 for role in sensors_of(context.table))
 
 
 def unit_of(candidate: Candidate) -> str:

@@ -119,37 +119,26 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     order of time, shape (n,) each; nan where missing. :class:`InputError` if the clock runs
     backwards, there are too few samples, absurd values, no travel, or no contact.
     """
-    clock = part["time_s"][np.isfinite(part["time_s"])]
-    if np.any(np.diff(clock) < 0.0):
-        at = float(clock[:-1][np.diff(clock) < 0.0][0])
-        raise InputError(f"test {label}: time_s falls after {at:g} s, must not run backwards")
+    _require_forward_clock(label, part["time_s"])
     displacement_mm = settings.displacement_gain * part["displacement_mm"]
     force_N = settings.force_gain * part["force_N"]
     _require_plausible(label, displacement_mm, force_N)
     missing = ~(np.isfinite(displacement_mm) & np.isfinite(force_N))
     travel, force = displacement_mm[~missing] * 1e-3, force_N[~missing]
-    if travel.size < MIN_SAMPLES:
-        found = f"test {label}: {travel.size} usable samples"
-        raise InputError(f"{found}, must be at least {MIN_SAMPLES}")
+    _require_samples(label, travel)
     spikes = _spikes(travel) | _spikes(force)
     travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
     clipped, how = _clipped(travel, force)
     travel, force, time_s = travel[~clipped], force[~clipped], time_s[~clipped]
+    _require_samples(label, travel)
     noise = _noise(force)
     _require_contact(label, travel, force, noise)
     before, after = _free_samples(travel, force, noise)
     zero = _load_cell_zero(before)
     force = force - (zero or 0.0)
-    compliance = settings.machine_compliance_m_N
-    position = travel - compliance * force
-    pressed = force > 0.5 * np.max(force)
-    if compliance > 0.0 and np.median(position[pressed]) <= np.median(position[~pressed]):
-        raise InputError(
-            f"test {label}: machine compliance {compliance * 1e3:g} mm/N times the "
-            "force exceeds the crosshead travel, must be less"
-        )
+    position = _without_yield(label, travel, force, settings.machine_compliance_m_N)
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
@@ -177,6 +166,31 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         notes=tuple(text for applies, text in changes if applies),
         drift_N=0.0 if zero is None else _drift(before, after),
     )
+
+
+def _require_forward_clock(label: str, time_s: Array) -> None:
+    clock = time_s[np.isfinite(time_s)]
+    if np.any(np.diff(clock) < 0.0):
+        at = float(clock[:-1][np.diff(clock) < 0.0][0])
+        raise InputError(f"test {label}: time_s falls after {at:g} s, must not run backwards")
+
+
+def _require_samples(label: str, travel: Array) -> None:
+    if travel.size < MIN_SAMPLES:
+        found = f"test {label}: {travel.size} usable samples"
+        raise InputError(f"{found}, must be at least {MIN_SAMPLES}")
+
+
+def _without_yield(label: str, travel: Array, force: Array, compliance_m_N: float) -> Array:
+    """Position of the plate [m]: the travel of the crosshead less the yield of the machine."""
+    position = travel - compliance_m_N * force
+    pressed = force > 0.5 * np.max(force)
+    if compliance_m_N > 0.0 and np.median(position[pressed]) <= np.median(position[~pressed]):
+        raise InputError(
+            f"test {label}: machine compliance {compliance_m_N * 1e3:g} mm/N times the "
+            "force exceeds the crosshead travel, must be less"
+        )
+    return np.asarray(position)
 
 
 def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> None:

@@ -136,7 +136,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
             problems += [f"press at {t:g} °C: {problem}" for problem in error.problems]
     if problems:
         raise _refused(problems, curves)
-    effect = temperature_effect(list(groups.values()), list(groups), _largest_difference(laws))
+    effect = temperature_effect(list(groups.values()), list(groups), *_largest_difference(laws))
     if effect.matters:
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
     else:
@@ -203,14 +203,24 @@ def _at_reference(
     return replace(laws[nearest], temperature_degC=None), notes
 
 
-def _largest_difference(laws: Sequence[LawEstimate]) -> float:
-    """Largest spread of the laws' forces at equal penetration over their mean [-]."""
+def _largest_difference(laws: Sequence[LawEstimate]) -> tuple[float, float]:
+    """Largest spread of the laws' forces at equal penetration over their mean [-].
+
+    The second is what is left of it beyond two standard deviations of what drifting zeros do.
+    """
     if len(laws) < 2:
-        return 0.0
+        return 0.0, 0.0
     # from a fifth of the common penetration: below, a small force would be divided by
     delta = np.linspace(0.2, 1.0, 81) * min(e.max_penetration_m for e in laws)
     forces = np.array([e.law.force(delta) for e in laws])
-    return float(np.max(np.ptp(forces, axis=0) / np.mean(forces, axis=0)))
+    drifts = np.zeros(forces.shape)
+    for law, drift in zip(laws, drifts, strict=True):
+        for finding in law.findings:
+            if finding.check == "drift":
+                drift += sum(change @ np.stack([delta, delta**2]) for change in finding.changes)
+    of_two = np.sqrt(np.sum(np.sort(np.square(drifts), axis=0)[-2:], axis=0))
+    spread, mean = np.ptp(forces, axis=0), np.mean(forces, axis=0)
+    return float(np.max(spread / mean)), float(np.max((spread - 2.0 * of_two) / mean))
 
 
 def _estimate(

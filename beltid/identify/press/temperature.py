@@ -95,12 +95,14 @@ def temperature_effect(
     groups: Sequence[Sequence[PressCurve]],
     temperatures_degC: Sequence[float],
     largest_difference: float,
+    beyond_drift: float,
 ) -> TemperatureEffect:
     """Test one law against one law per temperature, the curves of which are the `groups`.
 
     If tests at the same temperature differ by more than their noise, their scatter is what a
     difference between temperatures is measured against; else it is the noise. It matters if the
-    laws differ enough, too: `largest_difference` is that of their forces [-].
+    laws differ enough, too: `largest_difference` is that of their forces [-], `beyond_drift` what
+    load cells that drift leave of it.
     """
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
@@ -118,7 +120,7 @@ def temperature_effect(
     statistic = max(one - sum(rss for rss, _, _ in each), 0.0) / dof / against
     p_value = float(fdtrc(dof, dof_within, statistic))
     significant = p_value < 0.01
-    matters = significant and largest_difference >= RELEVANT_DIFFERENCE
+    matters = significant and beyond_drift >= RELEVANT_DIFFERENCE
     span = f"{min(temperatures_degC):g} to {max(temperatures_degC):g} °C"
     test = (
         f"F({dof:g}, {dof_within:.0f}) = {statistic:.3g} against {yardstick}, p = {p_value:.2g}, "
@@ -127,5 +129,7 @@ def temperature_effect(
     outcome = "does not matter"
     if significant:
         outcome = "matters" if matters else "has a provable but negligible influence"
+    if significant and not matters and largest_difference >= RELEVANT_DIFFERENCE:
+        outcome = "does not matter beyond the drift of the load cell"
     statement = f"Temperature {outcome} between {span}: {test}."
     return TemperatureEffect(statistic, dof, dof_within, p_value, matters, statement)

@@ -118,29 +118,11 @@ def _outcome(
     name: str,
     chosen: Mapping[str, str | None],
 ) -> Outcome[SurfaceResult]:
-    n = len(columns["mu_sliding"])
-    status = columns.get("status", np.full(n, "ok", dtype=object))
-    good = np.flatnonzero(status == "ok")
-    if good.size == 0:
-        text = f"{name}: none of its {n} runs has the status ok, at least one is needed"
-        raise InputError(text, code="no-run")
-    good = rows_of_one(columns, good, chosen, name)
+    good = rows_of_one(columns, _ok_rows(columns, name), chosen, name)
     direct = not np.isfinite(columns["arc_deg"][good]).any()
     if direct:
-        columns = {**columns, "arc_deg": np.full(n, NO_ARC_DEG)}
-    se = own_errors(columns)
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    try:
-        result = identify(
-            columns["arc_deg"][good],
-            columns["normal_force_N_m"][good],
-            columns["slip_speed_m_s"][good],
-            columns["mu_sliding"][good],
-            None if se is None else se[good],
-            settings,
-        )
-    except InputError as error:
-        raise InputError(error.at(name)) from None
+        columns = {**columns, "arc_deg": np.full(len(columns["arc_deg"]), NO_ARC_DEG)}
+    result = _published(columns, good, config, name)
     surface = result.surface
     table = result.to_columns()
     used = valid_rows(columns, good)
@@ -172,6 +154,34 @@ def _outcome(
         notes=(*result.notes, *formulas.notes, *forces.notes),
         warnings=(*(f"set aside: {line}" for line in result.set_aside), *forces.warnings),
     )
+
+
+def _ok_rows(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+    """Rows of the runs that can be used."""
+    n = len(columns["mu_sliding"])
+    good = np.flatnonzero(columns.get("status", np.full(n, "ok", dtype=object)) == "ok")
+    if good.size == 0:
+        text = f"{name}: none of its {n} runs has the status ok, at least one is needed"
+        raise InputError(text, code="no-run")
+    return good
+
+
+def _published(
+    columns: Mapping[str, np.ndarray], rows: np.ndarray, config: Config, name: str
+) -> SurfaceResult:
+    """Surface of some runs by the procedure of the paper."""
+    se = own_errors(columns)
+    try:
+        return identify(
+            columns["arc_deg"][rows],
+            columns["normal_force_N_m"][rows],
+            columns["slip_speed_m_s"][rows],
+            columns["mu_sliding"][rows],
+            None if se is None else se[rows],
+            SurfaceSettings(force_nodes=config.surface.force_nodes),
+        )
+    except InputError as error:
+        raise InputError(error.at(name)) from None
 
 
 def _uncertainty(

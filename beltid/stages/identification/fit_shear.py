@@ -167,6 +167,26 @@ def _normal_stiffness_spread(
     return float(np.linalg.norm(np.reshape(changes, (-1, 2)), axis=0).max())
 
 
+def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchValues:
+    """Belt and bench as the config states them; the normal law is that of a usual belt."""
+    known = (
+        "axial_stiffness",
+        "pulley_radius",
+        "pulley_speed",
+        "tension_gain",
+        "cell_gain",
+        "arc",
+        "arc_setting",
+    )
+    return BenchValues(
+        EA=config.belt.axial_stiffness_N,
+        EI=config.belt.bending_stiffness_N_m2,
+        R=config.rig.pulley_radius_m,
+        span=config.rig.span_length_m,
+        **{name: getattr(uncertainty, name) for name in known},
+    )
+
+
 def _outcome(
     records: Iterable[RunRecord], config: Config, press: PressLaw | None
 ) -> Outcome[ShearStiffness]:
@@ -178,23 +198,7 @@ def _outcome(
         if problem:
             raise InputError(problem)
     uncertainty = standard_uncertainties(config)
-    known = (
-        "axial_stiffness",
-        "pulley_radius",
-        "pulley_speed",
-        "tension_gain",
-        "cell_gain",
-        "arc",
-        "arc_setting",
-    )
-    bench = BenchValues(
-        EA=config.belt.axial_stiffness_N,
-        EI=config.belt.bending_stiffness_N_m2,
-        R=radius,
-        span=config.rig.span_length_m,
-        **{name: getattr(uncertainty, name) for name in known},
-    )
-    spread = None
+    bench, spread = _bench_values(config, uncertainty), None
     if press is not None:
         line_force = float(np.median([run.initial_tension_N for run in runs])) / radius
         spread = _normal_stiffness_spread(press, uncertainty, line_force)
