@@ -209,7 +209,8 @@ Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 def fields_of(records: np.recarray[Any, np.dtype[Any]]) -> SimpleNamespace:
     """Fields of records, as arrays that share their memory.
 
-    A record array makes a field anew whenever it is asked for, in the time of a hundred such.
+    A record array makes a field anew whenever it is asked for, which takes longer than what is done
+    with the field.
     """
     plain = records.view(np.ndarray)
     return SimpleNamespace(**{name: plain[name] for name in records.dtype.names or ()})
