@@ -59,7 +59,7 @@ class Layout:
             Effective forces of the spans [N].
         """
         leaving = P[:, None] * self.directions
-        return leaving - np.roll(leaving, 1, axis=0)
+        return leaving - np.concatenate((leaving[-1:], leaving[:-1]))
 
 
 def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
@@ -136,13 +136,15 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     centres = np.array([(p.x, p.y) for p in pulleys])
     senses = np.array([sense if p.ribs else -sense for p in pulleys])
     offsets = senses * np.array([p.R for p in pulleys])
-    to_next = np.roll(centres, -1, axis=0) - centres
-    across = np.roll(offsets, -1) - offsets
+    to_next = np.concatenate((centres[1:], centres[:1])) - centres
+    across = np.concatenate((offsets[1:], offsets[:1])) - offsets
     spans = np.sqrt(np.sum(to_next**2, axis=1) - across**2)
     angles = np.arctan2(to_next[:, 1], to_next[:, 0]) - np.arctan2(across, spans)
-    wraps = np.mod(senses * (angles - np.roll(angles, 1)), 2.0 * np.pi)
-    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    normals = np.stack([-directions[:, 1], directions[:, 0]], axis=1)
+    before = np.concatenate((angles[-1:], angles[:-1]))
+    wraps = np.mod(senses * (angles - before), 2.0 * np.pi)
+    directions, normals = np.empty_like(centres), np.empty_like(centres)
+    directions[:, 0], directions[:, 1] = np.cos(angles), np.sin(angles)
+    normals[:, 0], normals[:, 1] = -directions[:, 1], directions[:, 0]
     starts = centres - offsets[:, None] * normals
     ends = starts + spans[:, None] * directions
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
@@ -150,7 +152,12 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
 
 def _fitting(pulleys: list[Pulley]) -> Layout | None:
     """Lay the belt on both ways round: one that crosses itself is wrong; None if both are."""
-    both = (_lay(pulleys, sense) for sense in (1.0, -1.0))
+    # as a rule the ribs turn the way round in which the pulleys stand
+    area = sum(
+        a.x * b.y - b.x * a.y for a, b in zip(pulleys, [*pulleys[1:], pulleys[0]], strict=True)
+    )
+    likely = -1.0 if area < 0.0 else 1.0
+    both = (_lay(pulleys, sense) for sense in (likely, -likely))
     possible = (one for one in both if _turns_once(one) and not _crosses_itself(one))
     return next(possible, None)
 

@@ -197,12 +197,15 @@ class _Loop:
         self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
         self.omega = abs(point.omega)
         self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
+        self.laid = rest.arm_angle, rest.laid  # the last angle of the arm and its layout
 
     def state(self, u: Array) -> LoopState:
         """Unpack the unknowns and find the belt on its pulleys."""
         n = self.R.size
         angle = None if self.rest.arm_angle is None else float(u[n + 1])
-        laid = self.rest.laid if angle is None else layout(self.drive, angle)
+        if angle is not None and angle != self.laid[0]:
+            self.laid = angle, layout(self.drive, angle)
+        laid = self.laid[1]
         P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
         P_in = np.concatenate((P[-1:], P[:-1]))
         return LoopState(P, v0, angle, laid, self.level.arcs(P_in, P, v0, laid.wraps))

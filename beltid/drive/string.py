@@ -9,6 +9,7 @@ speed x at its entry (D5).
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -651,7 +652,6 @@ class StringLevel:
         law, pulleys = self.drive.law, self.drive.pulleys
         rigid = (math.inf, 0.0)
         soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
-        back = FrictionSurface.constant(self.drive.back_friction)
         arrays = Pulleys(
             self.drive.belt.EA,
             self.drive.belt.rhoA,
@@ -661,7 +661,8 @@ class StringLevel:
             np.array([self.drive.shear_stiffness if p.ribs else math.inf for p in pulleys]),
         )
         of_ribs = _friction(self.drive.surface, self.drive.friction)
-        object.__setattr__(self, "_laws", (arrays, of_ribs, _friction(back, back.tables())))
+        of_back = _friction_of_back(self.drive.back_friction)
+        object.__setattr__(self, "_laws", (arrays, of_ribs, of_back))
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """State of the belt on every pulley.
@@ -724,6 +725,12 @@ class StringLevel:
         shares = SlidingShares(speeds, least, most, below, outside, states)
         shares_of_pulleys(P_in, P_out, v0, wraps, slip, *self._laws, shares)
         return shares
+
+
+@functools.cache
+def _friction_of_back(mu: float) -> Friction:
+    surface = FrictionSurface.constant(mu)
+    return _friction(surface, surface.tables())
 
 
 def _friction(measured: FrictionSurface, tables: SurfaceTables) -> Friction:

@@ -8,7 +8,8 @@ Module               Responsibility                                             
 ``beam``             The belt: path, cable elements, forces, supports               (9), (10)
 ``contact``          Its contact with the pulley: normal forces, friction           (1) to (4),
                                                                                     (11), (12)
-``step``             Linearised rig, Newton's method, march from step to step       (10) to (12)
+``step``             Linearised rig, Newton's method, march from step to step;      (10) to (12)
+                     a belt that runs over the pulley, for the drive
 ``steady``           Belt laid on and tightened; the limit of full sliding
 ``transient_run``    Schedule of a run in time, and what comes of it
 ``profile``          Forces, speeds and tension along the arc                       (8)

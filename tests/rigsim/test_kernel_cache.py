@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,11 @@ from pathlib import Path
 import pytest
 from rig_bench import LAW_5PK, at, bench, true_surface_5pk
 
+from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.drive.results import Simulator
+from beltid.drive.rod import ribs_shear
+from beltid.drive.string import arcs_of_pulleys
+from beltid.params import Belt
 from beltid.rigsim import kernel_cache
 from beltid.rigsim.first_call import first_call
 from beltid.rigsim.rig import SimulationSettings, simulate
@@ -38,6 +44,26 @@ def test_what_is_compiled_ahead_is_what_the_rig_calls() -> None:
     simulate(rig, at(), SimulationSettings("steady", sensitivities=True))
     simulate(rig, at(), SimulationSettings("transient", steps=52))
     assert len(march.signatures) == 1
+
+
+def test_a_drive_calls_the_kernel_of_the_rig_whether_its_ribs_shear_or_not() -> None:
+    """One specialisation for all: another one would take as long to compile again."""
+    pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
+    first_call()
+    for shear_stiffness in (math.inf, 1e8):
+        drive = Drive(
+            Belt(1e5, 0.02, 0.1),
+            LAW_5PK,
+            true_surface_5pk(30, 12),
+            pulleys,
+            shear_stiffness=shear_stiffness,
+            slow_trend=0.5,
+        )
+        assert ribs_shear(drive) == math.isfinite(shear_stiffness)
+        for method in ("string", "rod"):
+            Simulator(drive, method).solve(DrivePoint(60.0, 300.0, (0.0, 4.0)))
+    assert len(march.signatures) == 1
+    assert len(arcs_of_pulleys.signatures) == 1
 
 
 def test_a_process_that_compiles_ends_with_its_caller(empty: Path) -> None:

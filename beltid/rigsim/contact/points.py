@@ -209,7 +209,8 @@ Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 def fields_of(records: np.recarray[Any, np.dtype[Any]]) -> SimpleNamespace:
     """Fields of records, as arrays that share their memory.
 
-    A record array makes a field anew whenever it is asked for, in the time of a hundred such.
+    A record array makes a field anew whenever it is asked for, which takes longer than what is done
+    with the field.
     """
     plain = records.view(np.ndarray)
     return SimpleNamespace(**{name: plain[name] for name in records.dtype.names or ()})
@@ -235,6 +236,20 @@ class Ribs(NamedTuple):
     zone: NDArray[np.int64]
     zones: Zones
     number: NDArray[np.int64]
+
+
+def new_ribs(n_e: int, n_c: int, stiffness: float) -> Ribs:
+    """Ribs with a shear stiffness [N/m²], nowhere in contact."""
+    return Ribs(
+        stiffness=float(stiffness),
+        zone=np.full((n_e, n_c), SLIDES),
+        zones=np.zeros(MOST_ZONES, dtype=ZONE).view(np.recarray),
+        number=np.zeros(1, dtype=np.int64),
+    )
+
+
+RIGID = new_ribs(0, 0, math.inf)
+"""Ribs that do not shear: what they would have to remember is never written."""
 
 
 class Points(NamedTuple):
@@ -307,12 +322,7 @@ def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf)
         F_look=np.zeros((n_e, n_c, 2)),
         frames=np.zeros((n_e, n_c), dtype=FRAME),
         counts=np.zeros((2, n_c)),
-        ribs=Ribs(
-            stiffness=float(shear_stiffness),
-            zone=np.full((n_e, n_c), SLIDES),
-            zones=np.zeros(MOST_ZONES, dtype=ZONE).view(np.recarray),
-            number=np.zeros(1, dtype=np.int64),
-        ),
+        ribs=RIGID if math.isinf(shear_stiffness) else new_ribs(n_e, n_c, shear_stiffness),
     )
 
 
