@@ -21,8 +21,6 @@ SPIKE_WINDOW = 7
 """Samples of the running median: it is blind to up to three deviating samples in a row."""
 NOISE_FLOOR = 2.0e-5
 """Deviations below this fraction of a signal are never taken for anything but rounding."""
-THINNED_SAMPLES = 3000
-"""Records longer than this are averaged over blocks before a model is fitted to them."""
 
 
 def running_median(x: Array, window: int) -> Array:
@@ -172,7 +170,7 @@ def spike_sigma(x: Array) -> float:
     return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
 
 
-def block_means(columns: Array, limit: int = THINNED_SAMPLES) -> Array:
+def block_means(columns: Array, limit: int) -> Array:
     """Thin a record of finite samples (n, m) to at most `limit` means of equally many samples.
 
     A last incomplete block is averaged over what it has; a record that is short enough is kept.

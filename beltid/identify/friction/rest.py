@@ -105,19 +105,7 @@ def rest_state(
     RunRejected
         If there are fewer samples at rest.
     """
-    both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
-    if both.size < min_samples:
-        raise RunRejected(
-            f"no rest phase: {both.size} usable samples before the pulley turns, "
-            f"must be >= {min_samples}"
-        )
-    difference = tight[both] - slack[both]
-    half = difference[: max(min_samples, both.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
-    parted = np.abs(difference - median(half)) > limit
-    quiet = np.flatnonzero(~parted)
-    last = max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)
-    kept = both[:last]
+    kept = _quiet_samples(tight, slack, first, min_samples)
     mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
     near = _near_median(mean) & _near_median(difference)
     mean, difference, time = mean[near], difference[near], t[kept][near]
@@ -145,6 +133,21 @@ def rest_state(
         slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
         noise_N=noise / np.sqrt(2.0),
     )
+
+
+def _quiet_samples(tight: Array, slack: Array, first: int, min_samples: int) -> NDArray[np.intp]:
+    """Samples with both tensions before the rotation, and before the tensions part."""
+    both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
+    if both.size < min_samples:
+        raise RunRejected(
+            f"no rest phase: {both.size} usable samples before the pulley turns, "
+            f"must be >= {min_samples}"
+        )
+    difference = tight[both] - slack[both]
+    half = difference[: max(min_samples, both.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
+    quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
+    return both[: max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)]
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float, float]:
