@@ -163,7 +163,7 @@ class _Evidence:
             self.log_density[x] = refined.log_evidence - 0.5 * (x / WIDE) ** 2
 
     def look_outwards(self) -> None:
-        """By factors of two up and down from the stated value; the last only from a likely place."""
+        """By factors of two up and down from the stated value, the last from likely places."""
         self.look(0.0)
         for sign in (-1.0, 1.0):
             for k in range(1, OCTAVES + 1):

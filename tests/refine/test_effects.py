@@ -257,7 +257,8 @@ def test_arcs_are_not_told_from_the_order_of_a_campaign_that_is_sorted_by_arc():
 def test_a_large_effect_without_evidence_is_not_clear():
     assert ShownEffect(ARC, 0.05, 0.01, log_evidence=4.0).is_clear
     alone = ShownEffect(ARC, 0.05, 0.01, log_evidence=1.0)
-    assert alone.is_large and not alone.is_clear
+    assert alone.is_large
+    assert not alone.is_clear
 
 
 @pytest.mark.long

@@ -7,11 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from beltid.refine.curves import Curves
 from beltid.refine.effects import ARC, BEFORE
-from beltid.refine.evidence import LinearModel, Smoothness, Solution, choose_smoothness
+from beltid.refine.evidence import (
+    LinearModel,
+    Smoothness,
+    Solution,
+    choose_smoothness,
+    log_evidence_for,
+    log_posterior,
+)
 
 
 def _model(rng: np.random.Generator, noise: float, wiggle: float) -> tuple[LinearModel, np.ndarray]:
@@ -74,6 +81,32 @@ def test_slope_of_the_evidence_is_its_difference_quotient():
     for k, step in enumerate(1e-5 * np.eye(x.size)):
         up, down = (model.log_evidence(_smoothness(at))[0] for at in (x + step, x - step))
         assert slope[k] == pytest.approx((up - down) / 2e-5, rel=1e-6)
+
+
+def test_the_posterior_is_the_evidence_times_log_normal_priors():
+    """Medians 1, e^5, e^7, 0.3 % and the effect's own; the number of a stated size has none."""
+    model, x = _with_effects()
+    before = norm([0.0, 5.0, 7.0, math.log(0.003), -5.0], [0.5, 1.5, 2.0, 1.5, 1.0])
+    other = x + np.array([0.2, -0.3, 0.4, -0.5, 0.6, 0.0])
+    expected = [
+        model.log_evidence(_smoothness(at))[0] + before.logpdf(at[:5]).sum() for at in (x, other)
+    ]
+    found = [log_posterior(model, _smoothness(at)) for at in (x, other)]
+    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=1e-9)
+
+
+def test_an_effect_that_another_one_can_replace_has_no_evidence():
+    rng = np.random.default_rng(2)
+    model, _ = _with_effects()
+    Z = 1000.0 * rng.normal(size=(40, 1))
+    data = rng.normal(size=40) + 0.02 * Z[:, 0]
+    alone = replace(model, y=data, effects=(Z,), before=((-5.0, 1.0),))
+    twice = replace(alone, effects=(Z, Z), before=((-5.0, 1.0),) * 2)
+    start = Smoothness(10.0, 10.0, 1.0)
+    found = choose_smoothness(twice, start)
+    assert log_evidence_for(alone, choose_smoothness(alone, start), [0]) > 20.0
+    assert abs(log_evidence_for(twice, found, [0])) < 1.0
+    assert log_evidence_for(twice, found, [0, 1]) > 20.0
 
 
 def test_the_share_a_free_surface_explains_is_a_multiple_correlation():
