@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 BUILT_IN: Final = "built-in 5PK rig"
 SUFFIX: Final = ".parquet"
+OTHER_FORMATS: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".json", ".yaml", ".html"})
+"""Endings of files that a result would not be what it is called."""
 UNCERTAINTY: Final = "uncertainty"
 """Section of the config of which it matters, too, which values are stated and which assumed."""
 RECORDED: Final = "simulated"
@@ -298,6 +300,11 @@ class Build:
         """The artifact of this kind that exists at `out`; refuse what must not be replaced."""
         self._refuse_inputs()
         out, force = self.out, self.options.force
+        if out.suffix.lower() in OTHER_FORMATS:
+            raise InputError(
+                f"{out}: ends in {out.suffix}, but results are Parquet files: name it "
+                f"{out.with_suffix(SUFFIX).name}; `beltid show` writes its table as .csv"
+            )
         existing, obstacle = _existing(out, self.kind)
         replaceable = obstacle != FOREIGN or out.suffix == SUFFIX
         if obstacle and not (force and replaceable):

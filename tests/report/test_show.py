@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from report_belt_data import sheets, stating, write
 from typer.testing import CliRunner
 
 import beltid
-from beltid.artifacts.artifact import read_artifact
+from beltid.artifacts.artifact import read_artifact, write_artifact
 from beltid.cli import app
 from beltid.report.braille import drawn
 from beltid.report.drawing import figure, logarithmic
@@ -64,6 +65,25 @@ def test_a_figure_in_a_file_says_that_its_data_are_synthetic(folder: Path, tmp_p
     out = tmp_path / "figure.svg"
     assert shown(folder / "surface_refined.parquet", "-o", out)[0] == 0
     assert "synthetic data" in out.read_text()  # the outlines of a text stand below its words
+
+
+def test_the_table_of_an_artifact_is_written_as_csv(folder: Path, tmp_path: Path) -> None:
+    artifact = read_artifact(folder / "friction.parquet")
+    artifact.columns["run"][0] = "=1+1"
+    write_artifact(tmp_path / "friction.parquet", "friction", artifact.columns, artifact.metadata)
+    assert shown(tmp_path / "friction.parquet", "-o", tmp_path / "friction.csv")[0] == 0
+    with (tmp_path / "friction.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["mu_sliding"]) for row in rows] == pytest.approx(
+        artifact.columns["mu_sliding"].tolist(), nan_ok=True
+    )
+    assert rows[0]["run"] == "'=1+1"  # no formula in a spreadsheet
+    assert {row["origin"] for row in rows} == {"synthetic"}
+    status, _, said = shown(
+        folder / "friction.parquet", "-o", tmp_path / "b.csv", "--figure", "friction"
+    )
+    assert status == 2
+    assert "is a table, --figure = friction needs .svg, .pdf, .png" in said
 
 
 def test_results_in_python_hand_on_that_their_data_are_synthetic(tmp_path: Path) -> None:

@@ -223,3 +223,10 @@ def test_rows_and_spans_know_missing_values() -> None:
     assert rows_of(columns, "b", "a", "c") == [{"b": "x", "a": 1.0}, {"b": None, "a": None}]
     assert span(np.array([np.nan, 3.0, 1.0])) == (1.0, 3.0)
     assert span(np.array([np.nan])) is None
+
+
+@pytest.mark.parametrize("name", ["table.csv", "Table.XLSX", "result.json"])
+def test_a_result_is_not_called_what_it_is_not(source: Path, tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"results are Parquet files: name it \w+\.parquet"):
+        make(recipe(source), tmp_path / name, Options(), Work())
+    assert not (tmp_path / name).exists()

@@ -58,7 +58,7 @@ def report(
         "--out",
         "-o",
         metavar="FILE",
-        help="Figure to write: .svg, .png or .pdf. Default: draw in the terminal.",
+        help="Table to write (.csv), or figure (.svg, .png, .pdf). Default: the terminal.",
     ),
 )
 def show(
@@ -74,7 +74,10 @@ def show(
 ) -> None:
     """Show any artifact: what it is, its first rows, and a drawing in the terminal.
 
-    With --out a figure is written to a file, for a paper or a slide. --verbose prints every row.
+    With --out it writes the whole table as CSV, for a spreadsheet, or a figure, for a paper or a
+    slide. --verbose prints every row.
+
+    Example: beltid show runs/5pk/friction.parquet -o friction.csv
 
     Example: beltid show runs/5pk/surface_refined.parquet -o map.pdf --figure map-surface_refined
     """

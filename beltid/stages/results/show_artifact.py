@@ -1,4 +1,4 @@
-"""beltid show: any artifact as a table and a drawing, or as a figure in a file."""
+"""beltid show: any artifact as a table and a drawing, or as a CSV table or figure in a file."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import sheet_of
 
 STAGE: Final = "show"
+TABLE: Final = ".csv"
+FIGURES: Final = tuple(f".{kind}" for kind in NO_DATES)
 FEW_ROWS: Final = 12
 SHOWN: Final = {
     "stiffness": (
@@ -66,7 +68,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     path : Path
         The artifact.
     out : Path or None
-        Figure to write, .svg, .png or .pdf; None shows it in the terminal.
+        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows both in the terminal.
     name : str or None
         Which of its figures; None for the first.
     options : Options
@@ -75,13 +77,18 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     Raises
     ------
     ArtifactError
-        If it is missing or damaged, or the figure cannot be written.
+        If it is missing or damaged, or the file cannot be written.
     InputError
-        If there is no such figure, or a file stands in its way.
+        If there is no such figure, or `out` is of another kind or already exists.
     """
     artifact = read_artifact(path)
     if out is not None:
         _check_place(out, options)
+    if out is not None and out.suffix.lower() == TABLE:
+        if name is not None:
+            raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
+        write_bytes(out, _table_text(artifact).encode())
+        return _summary(artifact, None, [], out)
     found = pictures(sheet_of(artifact))
     chosen = _chosen(found, name, path)
     if out is not None and chosen is not None and chosen.figure is not None:
@@ -92,11 +99,35 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
 
 
 def _check_place(out: Path, options: Options) -> None:
-    kinds = ", ".join(f".{kind}" for kind in NO_DATES)
-    if out.suffix[1:].lower() not in NO_DATES:
-        raise InputError(f"{out}: ends in {out.suffix or 'nothing'}, must be one of {kinds}")
+    kinds = (TABLE, *FIGURES)
+    if out.suffix.lower() not in kinds:
+        found = out.suffix or "nothing"
+        raise InputError(f"{out}: ends in {found}, must be one of {', '.join(kinds)}")
     if out.exists() and not options.force:
         raise InputError(already_exists(out))
+
+
+def _table_text(artifact: Artifact) -> str:
+    """The whole table as CSV, with the origin of its data as a column.
+
+    A label that a spreadsheet would take for a formula is quoted by an apostrophe.
+    """
+    import pandas as pd
+
+    columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
+    frame = pd.DataFrame(
+        {
+            name: [_quoted(label) for label in values] if values.dtype == object else values
+            for name, values in columns.items()
+        }
+    )
+    if artifact.metadata.origin is not None:
+        frame["origin"] = artifact.metadata.origin
+    return frame.to_csv(index=False, lineterminator="\n")
+
+
+def _quoted(label: str | None) -> str | None:
+    return f"'{label}" if label is not None and label.startswith(("=", "+", "-", "@")) else label
 
 
 def _chosen(found: list[Picture], name: str | None, path: Path) -> Picture | None:
