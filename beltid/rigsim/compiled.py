@@ -174,9 +174,6 @@ class _TakenIn(JITCodeLibrary):
     def set_env(self, name: str, environment: Any) -> None:
         """Leave it: there is no native code to get it."""
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
     def _optimize_final_module(self) -> None:
         """Leave it to the kernel."""
 
@@ -191,9 +188,6 @@ class _Whole(JITCodeLibrary):
     There are no reference counts to be removed first, and vectors do not pay in loops of four to
     fifteen rounds.
     """
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         passes, builder = self._codegen._module_pass_manager(opt=2, loop_vectorize=False)
