@@ -160,7 +160,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
     stack = campaign.Stack([record], campaign.log_settings([record])[0])
     stack.stretch(np.zeros(campaign.SETTINGS))
-    sd = np.array([0.05, 0.1, 0.2, 0.3, 2e-4, 0.15, 0.1, 3e-3])
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
     w = campaign.whiten(stack, sd)
     c = record.sensitivity
     V = c**2 * np.diag(record.noise_N**2 / record.count)
@@ -169,9 +169,13 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     for s, tau in zip(sd, short, strict=False):
         V += (c * s) ** 2 * block_covariance(*blocks, tau)
     V += (c * sd[3]) ** 2 * wander_since_rest(*blocks, record.rest, walk)
-    V += (record.level * sd[4]) ** 2 * record.turn @ record.turn.T
+    # a misfit that fades over a fifth of the record and is smooth over a tenth
+    x = (record.travel - record.travel[0]) / np.ptp(record.travel)
+    fading = np.exp(-5.0 * np.add.outer(x, x) - 10.0 * np.abs(np.subtract.outer(x, x)))
+    V += (c * sd[4]) ** 2 * fading
+    V += (record.level * sd[5]) ** 2 * record.turn @ record.turn.T
     V += campaign.FREE**2 * record.take_up @ record.take_up.T
-    V += (record.level * sd[7]) ** 2 * record.slow_take_up @ record.slow_take_up.T
+    V += (record.level * sd[8]) ** 2 * record.slow_take_up @ record.slow_take_up.T
     root = np.linalg.cholesky(V)
     one, z = np.linalg.solve(root, np.ones(V.shape[0])), np.linalg.solve(root, record.z)
     (level,), squares = np.linalg.lstsq(one[:, None], z, rcond=None)[:2]
@@ -240,7 +244,7 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     records = [recorded(seed)[0] for seed in (0, 1)]
     stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
     given = shared.Given.by([record.rest for record in records], (1e-3, 0.2))
-    sd = np.array([0.05, 0.1, 0.2, 0.3, 2e-4, 0.15, 0.1, 3e-3])
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
     stack.stretch(before.powers)
     w = campaign.whiten(stack, sd)

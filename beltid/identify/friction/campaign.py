@@ -90,12 +90,27 @@ def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: 
     return whole[1:, 1:] - at_rest[:, None] - at_rest[None, :] + whole[0, 0]
 
 
+def early_misfit(travel: Array) -> Array:
+    """Covariance of what a model may leave unexplained where the sliding begins, shape (m, m).
+
+    It fades over a fifth of the record and is smooth over a tenth.
+
+    Parameters
+    ----------
+    travel : ndarray
+        Travel of the blocks [m], increasing, shape (m,).
+    """
+    x = (travel - travel[0]) / max(float(np.ptp(travel)), 1e-12)
+    size = np.exp(-x / 0.2)
+    return size[:, None] * size[None, :] * np.exp(-np.abs(x[:, None] - x[None, :]) / 0.1)
+
+
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
 from the rest, where the zeros show."""
-N_VARIANCES = len(MEMORIES_S) + 4
+N_VARIANCES = len(MEMORIES_S) + 5
 """Variances of a bench."""
-WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S)
+WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
 OWN_PARTS = slice(TURN_PART + 1, TURN_PART + 3)
 """Where the walk, the ripple once per turn and the run's own tail are among the variances."""
 RUNS_FOR_VARIANCES = 32
@@ -173,6 +188,7 @@ class Stack:
             blocks = (r.first_s, r.last_s, r.count)
             self.parts[: short.size, k, :b, :b] = block_covariance(*blocks, short)
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
+            self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
             self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.slow_take_up @ r.slow_take_up.T)
         diagonal = np.arange(m)
@@ -206,8 +222,8 @@ class Bench:
     Attributes
     ----------
     sd : ndarray
-        Standard deviations: zeros that wander, by :data:`MEMORIES_S` [N]; ripple once per turn,
-        height and length of the tail of a run, slow decays of the build-up [-].
+        Standard deviations: zeros that wander, by :data:`MEMORIES_S`, and early misfit [N]; ripple
+        once per turn, height and length of the tail of a run, slow decays of the build-up [-].
     shared : Shared
         Tail and drift.
     """
@@ -356,6 +372,7 @@ class Priors:
             [
                 *[(WANDER[0] * typical, WANDER[1])] * (n - 1),
                 (WALK[0] * typical, WALK[1]),
+                (WANDER[0] * typical, WANDER[1]),
                 (TURN[0] * typical_z, TURN[1]),
                 HEIGHT_SPREAD,
                 LENGTH_SPREAD,
