@@ -102,7 +102,8 @@ def _facts(facts: dict[str, Any]) -> Table:
     grid.add_column(overflow="fold")
     grid.add_column(overflow="fold")
     for name, value in facts.items():
-        if isinstance(value, (list, tuple)) and any(isinstance(item, dict) for item in value):
+        items = value if isinstance(value, (list, tuple)) else (value,)
+        if any(isinstance(item, dict) for item in items):
             continue  # tables within the facts are for programs
         grid.add_row(*_texts(fact(name, value)))
     return grid

@@ -443,19 +443,19 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
     if fitted is None:
         return ()
     stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    if not fitted.is_told:
-        return (
-            f"bending stiffness: the runs hardly tell it (standard uncertainty of its logarithm "
-            f"{fitted.relative:.2g}); take the stated one, or quieter runs at low tension and "
-            "short arcs",
-        )
     away = fitted.away_from(stated, own)
-    if away <= CLEAR:
+    if away > CLEAR:
+        return (
+            f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * own:.2g} %, the "
+            f"runs ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} "
+            "standard uncertainties apart; one of them is wrong, or the runs are",
+        )
+    if fitted.is_told:
         return ()
     return (
-        f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * own:.2g} %, the runs "
-        f"ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} standard "
-        "uncertainties apart; one of them is wrong, or the runs are",
+        "bending stiffness: the runs hardly tell it (standard uncertainty of its logarithm "
+        f"{fitted.relative:.2g}); take the stated one, or quieter runs at low tension and "
+        "short arcs",
     )
 
 
