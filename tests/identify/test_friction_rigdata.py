@@ -162,3 +162,15 @@ def test_rows_of_a_run_need_not_be_together() -> None:
     for run in reduce_runs(together, 0.05):
         # repr: nan equals nan
         assert repr(by_name[run.run]) == repr(run)
+
+
+def test_a_clock_that_started_earlier_changes_no_coefficient() -> None:
+    """The end of the build-up is the time of a sample in every sixth run or so."""
+    whole = recording("5pk")
+    few = np.isin(whole["run"], np.unique(whole["run"])[:6])
+    columns = {name: values[few] for name, values in whole.items()}
+    found = [
+        [run.mu_sliding for run in reduce_runs(columns | {"time_s": time}, 0.05)]
+        for time in (columns["time_s"], np.round(columns["time_s"] + 100.0, 6))
+    ]
+    assert found[1] == pytest.approx(found[0], rel=1e-9)

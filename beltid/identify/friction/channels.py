@@ -499,7 +499,9 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     build_up = int(np.argmax(reached))
     if t[first + build_up] > middle:
         raise RunRejected("never slides: the tensions still part at the end of the record")
-    behind = t[first] + 1.5 * (t[first + build_up] - t[first])
+    rise_s = float(t[first + build_up] - t[first])
+    # a sample at this very time is before it, however a clock of another origin rounds its times
+    behind = t[first] + (1.5 + 1e-3 / max(build_up, 1)) * rise_s
     slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
     slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
     # noise reaches the level too early as often as it falls below it too late
