@@ -249,8 +249,9 @@ def assemble(
 
     Returns the look-ups outside the measured range.
     """
-    for i in range(state.dq.size):
-        state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
+    if motion.rate > 0.0:
+        for i in range(state.dq.size):
+            state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
     return linearize(system, motion, points, state.trial, state.dq, stretch, work)
 
 
