@@ -35,7 +35,9 @@ from beltid.rigsim.step import (
 Array = NDArray[np.float64]
 
 BUILD_UP_MARGIN = 1.25
-PLATEAU_FACTOR = 5.0  # time step of the plateau over that of the build-up
+PLATEAU_FACTOR = (
+    15.0  # time step of the plateau over that of the build-up: some 17 build-ups in all
+)
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
 SETTLING = 12.0  # plateau over the time in which the damped contact gives way, at least
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up

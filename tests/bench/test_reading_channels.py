@@ -136,17 +136,23 @@ def test_two_forces_beside_a_travel_are_asked_about(tmp_path, names):
     assert read(path, "press", config).columns["force_N"].tolist() == [3.0, 4.0]
 
 
-@pytest.mark.parametrize(("name", "unit"), [("displacement_in", "in"), ("weg_m", "m")])
-def test_a_unit_at_the_end_of_a_stated_name_is_asked_about(tmp_path, name, unit):
-    path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
-    config = {"columns": {"press": {"displacement_mm": name}}}
+def test_a_unit_at_the_end_of_a_stated_name_is_asked_about(tmp_path):
+    path = write(tmp_path, "time_s;weg_m;force_N", PRESS_ROWS)
+    config = {"columns": {"press": {"displacement_mm": "weg_m"}}}
     assert problems(path, "press", config) == [
-        f'bench.csv:1: displacement_mm (column "{name}"): is it in {unit}? say '
-        f"units: {{press: {{displacement_mm: {unit}}}}} or "
-        "units: {press: {displacement_mm: mm}}"
+        'bench.csv:1: displacement_mm (column "weg_m"): is it in m? say '
+        "units: {press: {displacement_mm: m}} or units: {press: {displacement_mm: mm}}"
     ]
     as_stated = {**config, "units": {"press": {"displacement_mm": "mm"}}}
     assert read(path, "press", as_stated).columns["displacement_mm"][0] == 0.5
+
+
+def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
+    path = write(tmp_path, "time_s;displacement_in;force_N", PRESS_ROWS)
+    config = {"columns": {"press": {"displacement_mm": "displacement_in"}}}
+    found = read(path, "press", config)
+    assert found.columns["displacement_mm"][0] == pytest.approx(0.5 * 25.4)
+    assert 'displacement_mm (column "displacement_in") converted from in to mm' in found.notes
 
 
 @pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])

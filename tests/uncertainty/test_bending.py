@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 from types import SimpleNamespace
 from typing import Any
 
@@ -122,11 +123,12 @@ def test_of_two_maxima_the_larger_counts_and_a_stiffness_that_cannot_be_simulate
 
 def test_runs_that_do_not_tell_it_give_back_what_was_known(monkeypatch):
     found = fitted_with(lambda x: 0.01 * x, 1.0, monkeypatch)
-    # the prior within three octaves: a normal cut off at 1.5 of its standard deviations
+    # the prior within three octaves, a normal one cut off at 1.5 of its standard deviations: half
+    # of the interval between the percentiles of one standard deviation
     cut = 3.0 * math.log(2.0) / WIDE
-    inside = math.erf(cut / math.sqrt(2.0))
-    density = math.exp(-0.5 * cut**2) / math.sqrt(2.0 * math.pi)
-    expected = WIDE * math.sqrt(1.0 - 2.0 * cut * density / inside)
+    inside = NormalDist().cdf(cut) - NormalDist().cdf(-cut)
+    share = 0.5 + (NormalDist().cdf(1.0) - 0.5) * inside
+    expected = WIDE * NormalDist().inv_cdf(share)
     assert found.relative == pytest.approx(expected, rel=0.05)
     assert not found.is_told
     assert FittedBending(0.02, 0.1, 9).is_told
