@@ -347,3 +347,9 @@ def test_a_wrong_argument_is_named_in_the_words_and_units_of_the_call(
         call()
     assert re.search(message, str(caught.value)), str(caught.value)
     assert "float64" not in str(caught.value)
+
+
+def test_an_artifact_in_the_place_of_a_law_file_is_named(friction: Any, tmp_path: Path) -> None:
+    path = friction.save(tmp_path / "friction.parquet")
+    with pytest.raises(beltid.ArtifactError, match="is a friction artifact, part of a contact law"):
+        beltid.load_law(path)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.formats.frames import columns_of_frame
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError, Problems
@@ -45,7 +45,13 @@ def load_law(path: str | Path) -> ContactLaw:
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
-        text = f"{path}: not a contact law: no UTF-8 text"
+        kind = stated_kind(Path(path))
+        text = (
+            f"{path}: is a {kind} artifact, part of a contact law; name the folder of a belt's "
+            "results, such as runs/5pk, or a law file"
+            if kind
+            else f"{path}: not a contact law: no UTF-8 text"
+        )
         raise ArtifactError(text, code="law-file") from None
     return law_from_text(text, str(path))
 
