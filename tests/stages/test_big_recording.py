@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,8 @@ import pytest
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import find_config
 from beltid.errors import InputError
-from beltid.stages.identification import fit_friction
+from beltid.identify.friction.run import RunRecord
+from beltid.stages.identification import fit_friction, reduction
 from beltid.stages.reporter import Options
 from beltid.stages.results.recorded_curves import rig_curves
 from beltid.stages.workers import Workers
@@ -64,6 +65,53 @@ def test_who_works_alone_holds_no_batch_of_runs(
 
     monkeypatch.setattr("beltid.stages.identification.reduction._shared", batches)
     assert fitted(some_runs, tmp_path / "alone.parquet", Workers()) == at_once.read_bytes()
+
+
+@pytest.mark.parametrize("n_runs", [3, 40])
+def test_long_runs_are_reduced_one_by_one_however_many_workers_there_are(
+    n_runs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sixteen runs of a million samples for two workers would be a gigabyte."""
+    monkeypatch.setattr(reduction, "BATCH_BYTES", 4 * 8 * 1000)
+    read = 0
+
+    def records() -> Iterator[RunRecord]:
+        nonlocal read
+        for _ in range(n_runs):
+            read += 1
+            yield RunRecord(*np.zeros((4, 1000)))
+
+    two = Workers()
+    two.jobs = 2
+    reduced = reduction._shared(two, lambda record: record.time_s.size, records())
+    for done, size in enumerate(reduced, start=1):
+        assert size == 1000
+        assert read - done <= 1
+    assert read == n_runs
+
+
+def test_short_runs_go_to_the_workers_in_batches_that_are_bounded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    size = 4 * 8 * 100
+    monkeypatch.setattr(reduction, "BYTES_UNDER_WAY", 40 * size)
+    read = 0
+
+    def records() -> Iterator[RunRecord]:
+        nonlocal read
+        for k in range(200):
+            read += 1
+            yield RunRecord(*np.full((4, 100), float(k)))
+
+    two = Workers()
+    two.jobs = 2
+    reduced = reduction._shared(two, lambda record: record.time_s[0], records())
+    found = []
+    for value in reduced:
+        found.append(value)
+        # the batch that is made, those under way, and the one whose results are given out
+        assert read - len(found) <= 16 + 48 + 16
+    assert found == list(range(200))
 
 
 def test_runs_for_the_figures_are_picked_from_the_stream(

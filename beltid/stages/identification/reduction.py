@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -62,8 +61,10 @@ TOUCHING: Final = (
 )
 BATCH: Final = 8
 """Runs per worker that are handed over at a time."""
-MOST_UNDER_WAY: Final = 8
-"""Batches that wait for their workers, at most."""
+BATCH_BYTES: Final = 32 << 20
+"""Size from which fewer runs make a batch [bytes]."""
+BYTES_UNDER_WAY: Final = 96 << 20
+"""Size of the batches that wait for their workers, at most, beside the one that is made."""
 
 
 def friction_settings(config: Config) -> FrictionSettings:
@@ -230,27 +231,50 @@ def _columns(run: StreamedRun) -> RunColumns:
 
 
 def _shared(
-    workers: Workers, function: Callable[[Any], Any], items: Iterable[Any]
+    workers: Workers, function: Callable[[RunRecord], Any], records: Iterable[RunRecord]
 ) -> Iterator[Any]:
-    """Results of calls in the order of their items; the next items are made meanwhile."""
-    size = BATCH * workers.jobs
-    source = iter(items)
-    batch = list(itertools.islice(source, size))
-    if len(batch) < size:  # workers take longer to start than that
+    """Results of calls in the order of the records; the next ones are read meanwhile."""
+    batches = _batches(records, BATCH * workers.jobs)
+    batch = next(batches, [])
+    # a few runs take less time than workers to start, long ones less than to be handed over
+    if len(batch) < BATCH * workers.jobs:
         yield from map(function, batch)
+        for batch in batches:
+            yield from map(function, batch)
         return
-    under_way: deque[Future[list[Any]]] = deque()
+    under_way: deque[tuple[Future[list[Any]], int]] = deque()
     with ThreadPoolExecutor(1) as beside:
         while batch:
-            under_way.append(beside.submit(_batch, workers, function, batch))
-            while under_way and (under_way[0].done() or len(under_way) > MOST_UNDER_WAY):
-                yield from under_way.popleft().result()
-            batch = list(itertools.islice(source, size))
+            under_way.append((beside.submit(_reduced, workers, function, batch), _bytes(batch)))
+            while under_way and (
+                under_way[0][0].done() or sum(size for _, size in under_way) > BYTES_UNDER_WAY
+            ):
+                yield from under_way.popleft()[0].result()
+            batch = next(batches, [])
         while under_way:
-            yield from under_way.popleft().result()
+            yield from under_way.popleft()[0].result()
 
 
-def _batch(workers: Workers, function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
+def _batches(records: Iterable[RunRecord], most: int) -> Iterator[list[RunRecord]]:
+    """Records in batches of some number, of fewer where they are long."""
+    batch: list[RunRecord] = []
+    for record in records:
+        batch.append(record)
+        if len(batch) == most or _bytes(batch) >= BATCH_BYTES:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _bytes(records: list[RunRecord]) -> int:
+    channels = (getattr(record, field.name) for record in records for field in fields(record))
+    return sum(channel.nbytes for channel in channels if isinstance(channel, np.ndarray))
+
+
+def _reduced(
+    workers: Workers, function: Callable[[RunRecord], Any], items: list[RunRecord]
+) -> list[Any]:
     chunks = [items[k :: workers.jobs] for k in range(workers.jobs)]
     results: list[Any] = [None] * len(items)
     for k, part in workers.as_ended(_each, [(function, chunk) for chunk in chunks if chunk]):
