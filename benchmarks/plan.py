@@ -33,8 +33,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
+
+from virtual_bench import USUAL_CLASS
 
 from beltid.errors import ConvergenceError
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
@@ -68,22 +73,6 @@ Array = np.ndarray
 RUNS = 24
 FINER = 1.5
 PLACES = (30, 13)
-USUAL_CLASS = StandardUncertainties(
-    tension_gain=0.002,
-    cell_gain=0.001,
-    cell_offset=0.05,
-    arc=math.radians(0.1),
-    arc_setting=math.radians(0.2),
-    pulley_radius=0.002,
-    span_length=5.0e-4,
-    pulley_speed=0.002,
-    bending_stiffness=0.05,
-    axial_stiffness=0.05,
-    press_force=0.005,
-    press_displacement=0.002,
-    segment_length=0.005,
-)
-"""The standard uncertainties that a config has by default."""
 POOR_CLASS = replace(
     USUAL_CLASS,
     cell_gain=0.002,

@@ -96,7 +96,7 @@ class Outcome(Generic[Result]):
 
     def _plain_frame(self) -> pd.DataFrame:
         """The table without the columns that hold several numbers in a cell."""
-        return self.to_frame()[[name for name, values in self.columns.items() if values.ndim == 1]]
+        return self.to_frame()[[*flat(self.columns)]]
 
     def plot(self, figure: str | None = None) -> Figure:
         """The table as a figure of matplotlib, like that of ``beltid show``.
@@ -223,6 +223,11 @@ def table_columns_of(
             array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
         columns[column.name] = array
     return columns
+
+
+def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns of a table that hold a single value in each cell."""
+    return {name: values for name, values in columns.items() if values.ndim == 1}
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

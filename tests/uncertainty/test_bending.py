@@ -17,6 +17,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "refine"))
 
 from truth_bench import BELTS, SPEEDS, TWO, bench_and_runs
+from virtual_bench import USUAL_CLASS
 
 from beltid.errors import ConvergenceError
 from beltid.identify.surface.surface import build_surface
@@ -25,24 +26,7 @@ from beltid.uncertainty.bending import WIDE, FittedBending, fit_bending
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import StandardUncertainties, all_sources
-
-USUAL = StandardUncertainties(
-    tension_gain=0.002,
-    cell_gain=0.001,
-    cell_offset=0.05,
-    arc=math.radians(0.1),
-    arc_setting=math.radians(0.2),
-    pulley_radius=0.002,
-    span_length=5.0e-4,
-    pulley_speed=0.002,
-    bending_stiffness=0.05,
-    axial_stiffness=0.05,
-    press_force=0.005,
-    press_displacement=0.002,
-    segment_length=0.005,
-)
-"""The standard uncertainties that a config has by default."""
+from beltid.uncertainty.sources import all_sources
 
 
 def campaign_of(
@@ -160,11 +144,11 @@ def test_a_statement_that_is_far_off_is_told_by_both_uncertainties():
 )
 def test_the_stiffness_of_synthetic_belts_is_found_wherever_it_was_stated(belt, stated):
     campaign = campaign_of(belt, stated)
-    found = fit_bending(campaign, TWO, all_sources(USUAL, 3, False))
+    found = fit_bending(campaign, TWO, all_sources(USUAL_CLASS, 3, False))
     error = math.log(found.EI / BELTS[belt][1])
     assert found.relative < 0.02
     assert abs(error) < 3.0 * found.relative
-    used, sources = found.used(campaign, all_sources(USUAL, 3, False))
+    used, sources = found.used(campaign, all_sources(USUAL_CLASS, 3, False))
     assert used.bench.belt.EI == found.EI
     (own,) = (source for source in sources if source.error == "bending_stiffness")
     assert (own.size, own.basis) == (found.relative, "fitted")
@@ -173,6 +157,6 @@ def test_the_stiffness_of_synthetic_belts_is_found_wherever_it_was_stated(belt, 
 @pytest.mark.long
 def test_friction_that_scatters_leaves_the_stiffness_as_open_as_it_is():
     campaign = campaign_of("5pk", 2.0, scatter=0.01, speeds=SPEEDS)
-    found = fit_bending(campaign, SPEEDS, all_sources(USUAL, 3, False))
+    found = fit_bending(campaign, SPEEDS, all_sources(USUAL_CLASS, 3, False))
     assert 0.05 < found.relative < 0.35
     assert abs(math.log(found.EI / BELTS["5pk"][1])) < 3.0 * found.relative

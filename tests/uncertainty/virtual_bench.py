@@ -28,6 +28,22 @@ FORCE = np.geomspace(80.0, 40000.0, 60)
 SPEED = np.geomspace(1e-3, 0.1, 25)
 FINER = 1.5
 
+USUAL_CLASS = StandardUncertainties(
+    tension_gain=0.002,
+    cell_gain=0.001,
+    cell_offset=0.05,
+    arc=math.radians(0.1),
+    arc_setting=math.radians(0.2),
+    pulley_radius=0.002,
+    span_length=5.0e-4,
+    pulley_speed=0.002,
+    bending_stiffness=0.05,
+    axial_stiffness=0.05,
+    press_force=0.005,
+    press_displacement=0.002,
+    segment_length=0.005,
+)
+"""Those that a config has by default, with the compliance of the press known."""
 GIVEN = StandardUncertainties(
     tension_gain=0.002,
     cell_gain=0.002,

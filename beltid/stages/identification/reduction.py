@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -238,14 +239,14 @@ def _shared(
     batch = next(batches, [])
     # a few runs take less time than workers to start, long ones less than to be handed over
     if len(batch) < BATCH * workers.jobs:
-        yield from map(function, batch)
-        for batch in batches:
-            yield from map(function, batch)
+        one_by_one = itertools.chain.from_iterable(itertools.chain([batch], batches))
+        yield from map(function, one_by_one)
         return
     under_way: deque[tuple[Future[list[Any]], int]] = deque()
     with ThreadPoolExecutor(1) as beside:
         while batch:
-            under_way.append((beside.submit(_reduced, workers, function, batch), _bytes(batch)))
+            size = sum(map(_bytes, batch))
+            under_way.append((beside.submit(_reduced, workers, function, batch), size))
             while under_way and (
                 under_way[0][0].done() or sum(size for _, size in under_way) > BYTES_UNDER_WAY
             ):
@@ -258,17 +259,19 @@ def _shared(
 def _batches(records: Iterable[RunRecord], most: int) -> Iterator[list[RunRecord]]:
     """Records in batches of some number, of fewer where they are long."""
     batch: list[RunRecord] = []
+    size = 0
     for record in records:
         batch.append(record)
-        if len(batch) == most or _bytes(batch) >= BATCH_BYTES:
+        size += _bytes(record)
+        if len(batch) == most or size >= BATCH_BYTES:
             yield batch
-            batch = []
+            batch, size = [], 0
     if batch:
         yield batch
 
 
-def _bytes(records: list[RunRecord]) -> int:
-    channels = (getattr(record, field.name) for record in records for field in fields(record))
+def _bytes(record: RunRecord) -> int:
+    channels = (getattr(record, field.name) for field in fields(record))
     return sum(channel.nbytes for channel in channels if isinstance(channel, np.ndarray))
 
 

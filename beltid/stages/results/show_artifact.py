@@ -13,7 +13,7 @@ from beltid.report.figures.single import pictures
 from beltid.report.picture import Picture
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
-from beltid.stages.outcome import rows_of
+from beltid.stages.outcome import flat, rows_of
 from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import sheet_of
 
@@ -114,11 +114,10 @@ def _table_text(artifact: Artifact) -> str:
     """
     import pandas as pd
 
-    columns = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
     frame = pd.DataFrame(
         {
             name: [_quoted(label) for label in values] if values.dtype == object else values
-            for name, values in columns.items()
+            for name, values in flat(artifact.columns).items()
         }
     )
     if artifact.metadata.origin is not None:
@@ -146,7 +145,7 @@ def _summary(
     """What a person sees of it; of a figure that was written its path alone."""
     if out is not None:
         return Summary(stage=STAGE, title="", out=out, origin=artifact.metadata.origin)
-    columns = {name: v for name, v in artifact.columns.items() if v.ndim == 1}
+    columns = flat(artifact.columns)
     rows = rows_of(columns, *columns)
     shown = [name for name in SHOWN[artifact.kind] if name in columns]
     facts: dict[str, Any] = {

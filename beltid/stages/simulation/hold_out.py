@@ -16,6 +16,7 @@ from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, folds
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC
+from beltid.stages.outcome import flat
 from beltid.stages.simulation.refinement import (
     NEEDED,
     prepared_campaign,
@@ -105,7 +106,7 @@ def predictions(
         If a surface does not converge, or a run cannot be simulated.
     """
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
-    plain = {name: values for name, values in columns.items() if values.ndim == 1}
+    plain = flat(columns)
     calls = [(plain, press, config, fold) for fold in folds(columns, usable, by)]
     found = dict(workers.as_ended(predict, calls))
     return [found[k] for k in range(len(calls))]
