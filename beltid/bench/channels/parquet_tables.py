@@ -169,7 +169,7 @@ def stream_parquet(
     def blocks() -> Iterator[Rows]:
         row = 1
         for source in sources:
-            found = map_columns(source, context)
+            found = mappings if source is sources[0] else map_columns(source, context)
             context.problems.raise_if_any()
             for role, mapping in found.items():
                 if mapping.conversion != getattr(mappings.get(role), "conversion", Conversion(1.0)):
