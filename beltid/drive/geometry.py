@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,16 @@ from beltid.drive.model import Drive, Pulley, Tensioner
 from beltid.errors import InputError
 
 Array = NDArray[np.float64]
+
+
+def preceding(values: NDArray[Any]) -> NDArray[Any]:
+    """Of each in a ring the value of the one before it; several times as fast as `numpy.roll`."""
+    return np.concatenate((values[-1:], values[:-1]))
+
+
+def following(values: NDArray[Any]) -> NDArray[Any]:
+    """Of each in a ring the value of the one behind it."""
+    return np.concatenate((values[1:], values[:1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +70,7 @@ class Layout:
             Effective forces of the spans [N].
         """
         leaving = P[:, None] * self.directions
-        return leaving - np.concatenate((leaving[-1:], leaving[:-1]))
+        return leaving - preceding(leaving)
 
 
 def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
@@ -136,12 +147,11 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     centres = np.array([(p.x, p.y) for p in pulleys])
     senses = np.array([sense if p.ribs else -sense for p in pulleys])
     offsets = senses * np.array([p.R for p in pulleys])
-    to_next = np.concatenate((centres[1:], centres[:1])) - centres
-    across = np.concatenate((offsets[1:], offsets[:1])) - offsets
+    to_next = following(centres) - centres
+    across = following(offsets) - offsets
     spans = np.sqrt(np.sum(to_next**2, axis=1) - across**2)
     angles = np.arctan2(to_next[:, 1], to_next[:, 0]) - np.arctan2(across, spans)
-    before = np.concatenate((angles[-1:], angles[:-1]))
-    wraps = np.mod(senses * (angles - before), 2.0 * np.pi)
+    wraps = np.mod(senses * (angles - preceding(angles)), 2.0 * np.pi)
     directions, normals = np.empty_like(centres), np.empty_like(centres)
     directions[:, 0], directions[:, 1] = np.cos(angles), np.sin(angles)
     normals[:, 0], normals[:, 1] = -directions[:, 1], directions[:, 0]

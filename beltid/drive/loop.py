@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root_scalar
 
-from beltid.drive.geometry import Layout, arm_lever, layout, spring_moment
+from beltid.drive.geometry import Layout, arm_lever, layout, preceding, spring_moment
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rod import RodState
 from beltid.drive.string import Arcs
@@ -109,7 +109,7 @@ class LoopState:
     @property
     def P_in(self) -> Array:
         """Effective force of the span that enters each pulley [N], shape (n,)."""
-        return np.roll(self.P, 1)
+        return preceding(self.P)
 
 
 def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
@@ -207,7 +207,7 @@ class _Loop:
             self.laid = angle, layout(self.drive, angle)
         laid = self.laid[1]
         P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
-        P_in = np.concatenate((P[-1:], P[:-1]))
+        P_in = preceding(P)
         return LoopState(P, v0, angle, laid, self.level.arcs(P_in, P, v0, laid.wraps))
 
     def residual(self, state: LoopState) -> Array:

@@ -16,6 +16,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.geometry import preceding
 from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rod_level import RodLevel
@@ -114,7 +115,7 @@ class DriveResult:
         """Axial forces of the belt before and behind each pulley [N]."""
         leaving = self.drive.belt.EA * (self.drive.stretch(self.state.P, self.state.v0) - 1.0)
         leaving = np.where(self.state.slack, np.nan, leaving)
-        return np.roll(leaving, 1), leaving
+        return preceding(leaving), leaving
 
     @property
     def hub_force(self) -> Array:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.geometry import following, preceding
 from beltid.drive.model import Drive
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
@@ -336,7 +337,7 @@ class _Running:
             turn = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R)))
             state = laid.q, stretch, turn * v0
             opened = ~np.any(laid.points.F_N > 0.0, axis=1)
-            ends = opened | np.roll(opened, 1) | np.roll(opened, -1)
+            ends = opened | preceding(opened) | following(opened)
             points.patches.status[ends] = SLIDE
         turns = np.zeros(points.patches.status.size, dtype=np.int64)
         q, stretch, omega = state
@@ -443,7 +444,7 @@ class _Running:
         # a patch at an end of the contact bears nothing: were it to stick, it would open and close.
         # Where the sliding changes its direction within such a patch, it keeps the last one
         open_ = patches.limit == 0.0
-        edge = np.any(self.points.F_max == 0.0, axis=1) | _before(open_) | _behind(open_)
+        edge = np.any(self.points.F_max == 0.0, axis=1) | preceding(open_) | following(open_)
         changes = np.where(edge, sticking | (backward & (self.turns < MOST_TURNS)), changes)
         changes &= ~patches.turning
         holding = np.where(edge, patches.slip, holding)
@@ -477,8 +478,8 @@ class _Running:
         patches, flow = self.patches, self.v0 / self.system.belt.EA
         slides = (patches.status == SLIDE) & (patches.limit > 0.0)
         turns = slides & (patches.sign * patches.slip_out < 0.0)
-        sign, behind = _before(patches.sign), _behind(patches.sign)
-        alone = (patches.status == STICK) & _before(slides) & _behind(slides)
+        sign, behind = preceding(patches.sign), following(patches.sign)
+        alone = (patches.status == STICK) & preceding(slides) & following(slides)
         at_entry = sign * patches.force - sign * patches.slip_out / flow
         alone &= (sign * behind < 0.0) & (at_entry > patches.limit)
         edge = np.any(self.points.F_max == 0.0, axis=1)
@@ -570,13 +571,3 @@ class _Running:
 
 def _overwrite(patches: Patches, others: Patches) -> None:
     patches[:] = others
-
-
-def _before(values: NDArray[Any]) -> NDArray[Any]:
-    """Of every patch the value of the one before it, upstream; of the first that of the last."""
-    return np.concatenate((values[-1:], values[:-1]))
-
-
-def _behind(values: NDArray[Any]) -> NDArray[Any]:
-    """Of every patch the value of the one behind it."""
-    return np.concatenate((values[1:], values[:1]))
