@@ -110,9 +110,6 @@ class RefinedSurface:
     stated : FoundEffect or None
         The errors that runs share as the runs show them, in units of their stated standard
         uncertainties; the surface does not follow these values. None where no error was stated.
-    log_evidence : float
-        Logarithm of the probability of the data given the bench, surface and effects integrated
-        out, hyperparameters at their best, up to a constant that benches share.
     model : LinearModel
         The linear model about the solution by which the hyperparameters were chosen.
     """
@@ -138,12 +135,22 @@ class RefinedSurface:
     effects: tuple[FoundEffect, ...]
     effects_covariance: Array
     stated: FoundEffect | None
-    log_evidence: float
     model: LinearModel
 
     def effect(self, key: str) -> FoundEffect | None:
         """One of the effects; None if the runs cannot show it."""
         return next((found for found in self.effects if found.effect.key == key), None)
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of the data given the bench, up to a constant.
+
+        Surface and effects are integrated out, the hyperparameters are at their best. The constant
+        is the same for all benches.
+        """
+        # a weight below 1 is a run of a larger variance
+        weights = 0.5 * float(np.log(self.weight).sum())
+        return log_posterior(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
         """Logarithm of how much more probable the runs are with some effects than without them.
@@ -246,8 +253,6 @@ def refine_surface(
         effects=found[:-1],
         effects_covariance=solution.effects_covariance,
         stated=None if stated is None else found[-1],
-        # a weight below 1 is a run of a larger variance
-        log_evidence=log_posterior(fit.model, fit.smoothness) + 0.5 * np.log(fit.weight).sum(),
         model=fit.model,
     )
 

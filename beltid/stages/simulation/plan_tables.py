@@ -30,6 +30,7 @@ SHOWN: Final = (
 COLUMNS: Final = (*SHOWN[:-1], "slip_speed_m_s", "normal_force_N_m", "based_on", "needed_for")
 HEADER: Final = (",".join(COLUMNS) + "\n").encode()
 KNOWN_BY: Final = (",".join(COLUMNS[:-1])).encode()
+MOST_STATEMENTS: Final = 6
 
 
 def session_rows(
@@ -78,9 +79,6 @@ def csv_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
         cells = [f"{v:.6g}" if isinstance(v := row[name], float) else str(v) for name in COLUMNS]
         text.write(",".join(cells) + "\n")
     return HEADER + text.getvalue().encode()
-
-
-MOST_STATEMENTS: Final = 6
 
 
 def region_rows(plan: Plan) -> list[dict[str, Any]]:
