@@ -281,8 +281,10 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
 
 
 def _spooled(path: Path) -> Path:
-    data = sys.stdin.buffer.read()
-    if not data:
+    import shutil  # slow, and the help must be fast
+
+    with path.open("wb") as file:  # of any size: it need not fit into memory
+        shutil.copyfileobj(sys.stdin.buffer, file)
+    if not path.stat().st_size:
         raise InputError(f"{STDIN}: nothing came in")
-    path.write_bytes(data)
     return path

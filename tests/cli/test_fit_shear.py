@@ -103,6 +103,18 @@ def test_the_function_gives_what_the_command_writes(shear: Path, beltid: Any) ->
     assert found.to_frame()["slope_N_m"].tolist() == stored.columns["slope_N_m"].tolist()
 
 
+def test_the_function_takes_off_what_is_known_of_the_cells() -> None:
+    frame = pd.read_csv(RIGDATA / "shear" / "rig.csv")
+    cells = ["tension_tight_N", "tension_slack_N"]
+    known = {f"{name[:-2]}_gain": 1.25 for name in cells}
+    read_low = frame.assign(**{name: frame[name] / 1.25 for name in cells})
+    true, corrected = (
+        package.fit_shear(read, {"friction": gains}).result.shear_stiffness_N_m2
+        for read, gains in ((frame, {}), (read_low, known))
+    )
+    assert corrected == pytest.approx(true, rel=1e-4)
+
+
 def test_recordings_that_are_sampled_too_slowly_are_refused(bench: Path, beltid: Any) -> None:
     result = beltid("fit-shear", "rig.csv")
     assert result.exit_code == 2

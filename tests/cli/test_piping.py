@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +15,7 @@ from typer.testing import CliRunner
 from beltid.artifacts.artifact import artifact_from_bytes
 from beltid.artifacts.parquet_table import columns_sha256
 from beltid.cli import app
+from beltid.cli.execute import piped
 
 
 def call(*arguments: str, stdin: bytes = b"") -> Any:
@@ -27,6 +30,31 @@ def test_recording_from_stdin_gives_the_same_artifact_in_the_current_folder(benc
     assert (bench / "friction.parquet").read_bytes() == whole
     assert "beltid.yaml" in done.stderr  # the config of the current folder
     assert "beltid-" not in done.stderr
+
+
+def test_a_simulated_recording_from_stdin_brings_its_uncertainty_along(bench: Path) -> None:
+    whole = (bench / "compare.parquet").read_bytes()
+    (bench / "compare.parquet").unlink()
+    done = call(
+        "compare", "friction.parquet", "-", stdin=(bench / "simulated.parquet").read_bytes()
+    )
+    assert done.exit_code == 0, done.stderr
+    assert (bench / "compare.parquet").read_bytes() == whole
+
+
+def test_a_recording_from_stdin_need_not_fit_into_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class InPieces(io.BytesIO):
+        def read(self, size: int | None = -1) -> bytes:
+            assert size is not None
+            assert 0 < size <= 1 << 20
+            return super().read(size)
+
+    data = bytes(range(256)) * (3 << 12)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=InPieces(data)))
+    with piped({"rig": Path("-")}, tmp_path / "out.parquet", json=False) as files:
+        assert files.inputs["rig"].read_bytes() == data
 
 
 def test_artifact_to_stdout_is_nothing_but_the_artifact(bench: Path) -> None:

@@ -125,6 +125,8 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
         (("--target", "drive"), "--target drive: drive.initial_tension_N: must be stated"),
         (("-c", "light.yaml"), "a setting of plan: (without it of rig:) cannot be simulated"),
         (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
+        (("-o", "runs.png"), "runs.png: the table of a plan ends in .csv, its figure goes beside"),
+        (("-o", "-"), "stdout: the table of a plan ends in .csv, its figure goes beside"),
     ],
 )
 def test_a_wrong_call_is_refused(
@@ -136,3 +138,4 @@ def test_a_wrong_call_is_refused(
     assert result.exit_code in (2, 3)  # 3: of the simulated rig
     assert said in " ".join(result.stderr.replace("│", " ").split())
     assert not (bench / "plan.csv").exists()
+    assert not (bench / "runs.png").exists()

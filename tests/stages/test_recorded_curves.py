@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beltid.artifacts.artifact import read_artifact
+from beltid.bench.recording import read_recording
 from beltid.config import find_config
+from beltid.identify.friction.kinds import KnownCells
 from beltid.stages.identification import fit_friction
+from beltid.stages.identification.reduction import records_of
 from beltid.stages.reporter import Options
 from beltid.stages.results.recorded_curves import SMALL_SAMPLES, rig_curves, typical_runs
 
@@ -53,6 +57,17 @@ def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     row = int(np.flatnonzero(reduced["run"] == run)[0])
     late = (columns["run"] == run) & (columns["time_s"] > reduced["plateau_start_s"][row])
     assert np.nanmedian(columns["mu"][late]) == pytest.approx(reduced["mu_sliding"][row], rel=0.01)
+
+
+def test_the_cells_of_the_simulated_rig_are_perfect(bench: Path) -> None:
+    config = find_config(bench / "rig.csv", None).config
+    recording = read_recording(bench / "rig.csv", "rig", config)
+    real, simulated = (
+        next(iter(records_of(replace(recording, is_artifact=is_artifact), config))).kind.cells
+        for is_artifact in (False, True)
+    )
+    assert real.tight.gain == 1.03
+    assert simulated == KnownCells()
 
 
 def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:

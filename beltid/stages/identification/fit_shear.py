@@ -26,7 +26,7 @@ from beltid.identify.shear.stiffness import (
 from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import friction_settings, records_of
+from beltid.stages.identification.reduction import friction_settings, records_of, rig_kind
 from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
 from beltid.stages.reporter import Options
 from beltid.stages.tables import checked_law, law_of
@@ -119,7 +119,8 @@ def fit_shear(
     """
     model = load_config(config)
     _check_kind(model)
-    records = run_records(columns_of(frame, "rig", model), model.rig.pulley_radius_m)
+    columns, kind = columns_of(frame, "rig", model), rig_kind(model)
+    records = run_records(columns, model.rig.pulley_radius_m, kind)
     given = (
         read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
     )

@@ -137,7 +137,8 @@ def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRec
     """Records of the runs of a recording; those of a big one are read one at a time."""
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
     if isinstance(rig, Recording):
-        yield from run_records(rig.columns, radius, kind)
+        columns, kind = _simulated(rig.columns, config) if rig.is_artifact else (rig.columns, kind)
+        yield from run_records(columns, radius, kind)
         return
     drag = None
     if kind.has_torque:
@@ -153,10 +154,6 @@ def reduce_simulated(
 ) -> tuple[RunReduction, ...]:
     """Reduce the runs of a recording of the simulated rig.
 
-    It holds the tensions of both spans, whatever the bench measures, and is reduced by them. Only
-    the span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
-    runs here, too.
-
     Parameters
     ----------
     columns : mapping of str to array_like
@@ -168,11 +165,23 @@ def reduce_simulated(
     config : Config
         Kind of the rig.
     """
+    columns, kind = _simulated(columns, config)
+    return reduce_runs(columns, radius_m, settings, kind)
+
+
+def _simulated(
+    columns: Mapping[str, ArrayLike], config: Config
+) -> tuple[Mapping[str, ArrayLike], RigKind]:
+    """Columns of a recording of the simulated rig, and what they are measured by.
+
+    It holds the tensions of both spans, by perfect cells, whatever the bench measures. Only the
+    span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
+    runs here, too.
+    """
     kind = replace(rig_kind(config), cells=KnownCells())
     if config.rig.kind != "dead_weight":
-        return reduce_runs(columns, radius_m, settings, replace(kind, measures="two_cells"))
-    weight = {"weight_N": columns["initial_tension_N"]}
-    return reduce_runs({**columns, **weight}, radius_m, settings, kind)
+        return columns, replace(kind, measures="two_cells")
+    return {**columns, "weight_N": columns["initial_tension_N"]}, kind
 
 
 def reduce_columns(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:

@@ -24,7 +24,6 @@ from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
     records_of,
-    rig_kind,
     stiffness_settings,
 )
 from beltid.stages.outcome import Outcome
@@ -123,13 +122,12 @@ def _thinned_runs(
 
     Of a big recording one run at a time is held.
     """
-    kind = rig_kind(config)
     sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
     found = {}
     for record in records_of(recording, config):
         if record.run not in sizes:
             continue
-        tight, slack = record.tension_tight_N, record.tension_slack_N
+        tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
         if not kind.is_derived:  # else they were taken off before
             tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
         kept = thinned(np.arange(tight.size), tight, sizes[record.run])

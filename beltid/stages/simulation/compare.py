@@ -11,6 +11,7 @@ out are predicted (:mod:`beltid.stages.simulation.hold_out`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -39,7 +40,7 @@ from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import SUFFIX, Build, Built
+from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
     friction_settings,
@@ -78,6 +79,7 @@ FIGURES: Final = (
 )
 KEYS: Final = (
     "compare",
+    "belt.mass_per_length_kg_m",
     "rig.kind",
     "rig.weight_on",
     "rig.torque_with",
@@ -158,15 +160,19 @@ def run(
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         radius, settings = _reduced_with(friction, config.config)
+        notes: tuple[str, ...] = ()
+        uncertainty = None
         if recording.is_artifact:
             reduced = reduce_simulated(recording.columns, radius, settings, config.config)
+            with suppress(ArtifactError):  # it was packed
+                metadata = read_artifact(recording.path, "simulated").metadata
+                uncertainty = runs_uncertainty_of(metadata.figures)
         else:  # a second bench, whose kind and cells the config knows
             kind = rig_kind(config.config)
             reduced = reduce_runs(recording.columns, radius, settings, kind)
+            # its name without the folder: the same input gives the same bytes anywhere
+            notes = (f"{recording.path.name}: {kind.cells.note}",) if kind.cells.note else ()
         simulated = reduction_columns(reduced)
-        known = "" if recording.is_artifact else kind.cells.note
-        uncertainty = _uncertainty_of(inputs["simulated"])
-        notes = (f"{recording.path}: {known} ({config.origin})",) if known else ()
         built = build.write(
             _outcome(friction.columns, simulated, config.config, uncertainty, notes)
         )
@@ -335,22 +341,13 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSe
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
     known = type(config.friction).model_fields
     section = {key: v for key, v in stored.get("friction", {}).items() if key in known}
+    bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
     try:
-        found = load_config({"friction": section}) if section else config
+        found = load_config({"friction": section, "rig": bins}) if section else config
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
     return float(radius), friction_settings(found)
-
-
-def _uncertainty_of(path: Path) -> RunsUncertainty | None:
-    """What an artifact of simulate-rig tells of its uncertainty; other files tell nothing."""
-    if path.suffix.lower() != SUFFIX:
-        return None
-    try:
-        return runs_uncertainty_of(read_artifact(path, "simulated").metadata.figures)
-    except ArtifactError:
-        return None
 
 
 def _outcome(

@@ -62,6 +62,8 @@ from beltid.stages.uncertainties import press_law
 if TYPE_CHECKING:
     import pandas as pd
 
+TABLE: Final = ".csv"
+FIGURE: Final = ".png"
 TARGETS: Final = ("surface", "drive")
 MOST_BELOW: Final = 0.3
 """Share of a drive's friction below the speeds of all candidates above which there is a warning."""
@@ -126,7 +128,7 @@ def run(
     With ``surface`` and ``stiffness`` among the inputs it goes on from them, with ``friction`` by
     the noise of those runs; without any it starts from what is usual for such a belt.
     """
-    figure = out.with_suffix(".png")
+    figure = out.with_suffix(FIGURE)
     _check_files(options, out, figure)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
@@ -301,7 +303,10 @@ def _problems(options: PlanOptions) -> list[str | Problem]:
 def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
     """Refuse options out of range, and files that would be replaced unasked."""
     problems = _problems(options)
-    if out.exists() and not is_plan(out):
+    if out.suffix.lower() != TABLE:
+        text = f"{out}: the table of a plan ends in {TABLE}, its figure goes beside it as {FIGURE}"
+        problems.append(f"{text}; name such a file by --out")
+    elif out.exists() and not is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
