@@ -154,7 +154,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         chains.append(Chain(source, folder / source.name, chain, options.reporter))
     folders = [chain.folder for chain in chains]
     with alone_in(folders, options.reporter):
-        workers = options.workers or Workers()
+        workers = options.workers
         try:
             run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
             runs = [chain.run for chain in chains]

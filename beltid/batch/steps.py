@@ -101,6 +101,6 @@ def run_in_worker(
     """Carry out a stage in a worker: its summary, and what it reported."""
     reporter = KeepingReporter()
     with reporter.python_warnings():
-        options = Options(force=force, reporter=reporter, workers=Workers())
+        options = Options(force=force, reporter=reporter)
         summary = run(source, inputs, out, options)
     return summary, reporter.lines

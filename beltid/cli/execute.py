@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import typer
 
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from beltid.config import ConfigSource
     from beltid.report.summary import Summary
     from beltid.stages.reporter import Options, Reporter
+    from beltid.stages.workers import Workers
 
 
-Stage = Callable[["ConfigSource", Mapping[str, Path], Path, Any], "Summary"]
+Stage = Callable[["ConfigSource", Mapping[str, Path], Path, "Options"], "Summary"]
 
 DASH: Final = Path("-")
 STDIN: Final = "stdin"
@@ -47,7 +48,7 @@ def execute(
     inputs: Mapping[str, Path | None],
     default_name: str,
     common: Common,
-    options: Options | None = None,
+    workers: Workers | None = None,
 ) -> None:
     """Run one stage and exit with its status.
 
@@ -62,8 +63,8 @@ def execute(
         Name of the result beside the first input, if the user named none.
     common : Common
         The common options.
-    options : Options, optional
-        Options with workers, or others of this stage; the common ones are added.
+    workers : Workers, optional
+        Who carries out its heavy calls; by default the stage itself.
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
@@ -75,13 +76,13 @@ def execute(
     names: dict[str, str] = {}
     with ExitStack() as passing:
 
-        def work(usual: Options) -> Summary:
-            reporter = usual.reporter
+        def work(options: Options) -> Summary:
+            reporter = options.reporter
             files = passing.enter_context(piped(given, named, common.json))
             names.update(files.names)
             source = find_config(first, common.config)
             reporter.report(f"config: {source.origin}")
-            chosen = replace(options or usual, force=common.force, reporter=reporter)
+            chosen = options if workers is None else replace(options, workers=workers)
             summary = stage(source, files.inputs, files.out, chosen)
             if files.to_stdout:
                 with _stdout():

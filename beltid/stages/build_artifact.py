@@ -126,8 +126,6 @@ class Build:
         Force, reporter, whether only to look.
     choices : dict
         Settings of this call that are not in the config.
-    figures : tuple of str
-        What its metadata must hold for the summary; one without is built again.
     """
 
     kind: str
@@ -137,7 +135,6 @@ class Build:
     out: Path
     options: Options
     choices: dict[str, Any] = field(default_factory=dict)
-    figures: tuple[str, ...] = ()
     _seen: dict[str, Signature] = field(init=False)
     _contents: Future[dict[str, Content]] = field(init=False)
 
@@ -210,7 +207,6 @@ class Build:
             and artifact.software_sha256 == source_sha256()
             and artifact.metadata.inputs == self._hashes()
             and artifact.metadata.settings == self.settings
-            and set(self.figures) <= artifact.metadata.model_fields_set
         )
 
     # --- inputs

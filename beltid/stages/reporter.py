@@ -6,12 +6,10 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from beltid.errors import BeltidWarning
-
-if TYPE_CHECKING:
-    from beltid.stages.workers import Workers
+from beltid.stages.workers import Workers
 
 Level = Literal["report", "detail", "warn", "error"]
 """For whom a line is: everybody, the curious, who should look into it, who has to mend it."""
@@ -124,13 +122,13 @@ class Options:
         Whether to compute again what is up to date, and to replace files of another kind.
     reporter : Reporter
         Hears what is going on.
-    workers : Workers or None
-        Who carries out heavy calls; None is the stage itself.
+    workers : Workers
+        Who carries out heavy calls; by default the stage itself.
     peek : bool
         Whether to raise `Stale` where something would have to be computed.
     """
 
     force: bool = False
     reporter: Reporter = field(default_factory=Reporter)
-    workers: Workers | None = None
+    workers: Workers = field(default_factory=Workers)
     peek: bool = False

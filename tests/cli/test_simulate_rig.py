@@ -196,9 +196,13 @@ def test_stated_settings_that_differ_are_shown_before_anything_is_simulated(
     bench: Path, beltid: Any
 ) -> None:
     (bench / "other.yaml").write_text("rig: {arcs_deg: [40, 70]}\nsimulation: {method: steady}\n")
-    lines = beltid(*CALL, "-c", "other.yaml", "-o", "other.parquet").stderr.splitlines()
+    call = (*CALL, "-c", "other.yaml", "-o", "other.parquet")
+    lines = beltid(*call).stderr.splitlines()
     told = [k for k, line in enumerate(lines) if "states 40, 70 °, measured are 40, 82 °" in line]
     begun = [k for k, line in enumerate(lines) if "16 runs, steady, as the config states" in line]
     assert len(told) == 1
     assert told < begun
     assert {run[0] for run in _runs(bench / "other.parquet")} == {40.0, 70.0}
+    again = beltid(*call).stderr
+    assert "up to date" in again
+    assert "measured are 40, 82 °" in again

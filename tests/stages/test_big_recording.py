@@ -38,7 +38,10 @@ def everything_is_big(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beltid.bench.recording.BIG", 1)
 
 
-def fitted(rig: Path, out: Path, workers: Workers | None = None) -> bytes:
+ALONE = Workers()
+
+
+def fitted(rig: Path, out: Path, workers: Workers = ALONE) -> bytes:
     options = Options(workers=workers)
     fit_friction.run(find_config(rig, None), {"rig": rig}, out, options)
     return out.read_bytes()

@@ -137,6 +137,5 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
         from beltid.stages.identification import (
             fit_friction as stage,  # while the workers import, too
         )
-        from beltid.stages.reporter import Options
 
-        execute(stage.run, {"rig": rig}, "friction.parquet", common, Options(workers=workers))
+        execute(stage.run, {"rig": rig}, "friction.parquet", common, workers)

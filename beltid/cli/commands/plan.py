@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -72,5 +73,5 @@ def plan(
     if (surface is None) != (stiffness is None) or (surface is None and friction is not None):
         raise typer.BadParameter("SURFACE and STIFFNESS go together, --from goes with them")
     inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}
-    options = stage.PlanOptions(runs=runs, target=target, goal_u=goal_u)
-    execute(stage.run, inputs, "plan.csv", common, options)
+    run = partial(stage.run, runs=runs, target=target, goal_u=goal_u)
+    execute(run, inputs, "plan.csv", common)

@@ -90,13 +90,14 @@ def simulate_rig(
     """
     from beltid.stages.simulation import simulate_rig as stage
     from beltid.stages.simulation.planned_runs import Picked
+    from beltid.stages.workers import available_cores
 
     run = partial(
         stage.run,
         picked=Picked(tuple(arc or ()), tuple(tension or ()), tuple(speed or ())),
         method=method,
         elements=elements,
-        jobs=jobs,
+        jobs=jobs or available_cores(),
         profile_times_s=profile_time or (),
     )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"

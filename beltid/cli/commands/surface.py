@@ -74,7 +74,6 @@ def refine_surface(
 
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
-    from beltid.stages.reporter import Options
     from beltid.stages.simulation import refine_surface as stage
 
     with ExitStack() as stack:
@@ -93,4 +92,4 @@ def refine_surface(
             side=side,
         )
         inputs = {"friction": friction, "stiffness": stiffness}
-        execute(run, inputs, "surface_refined.parquet", common, Options(workers=workers))
+        execute(run, inputs, "surface_refined.parquet", common, workers)

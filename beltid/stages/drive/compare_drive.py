@@ -27,7 +27,6 @@ from beltid.stages.outcome import Outcome, finite_or_none, rows_of, span
 from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
-FIGURES: Final = ("passed", "rms_relative_error", "rms_over_uncertainty", "n_judged", "n_asked")
 KEYS: Final = ("compare_drive",)
 OF_PREDICTION: Final = {
     "loss_predicted_rad_s": "speed_loss_rad_s",
@@ -52,7 +51,7 @@ SHOWN: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Compare ``slip`` with ``drive``, write the points, sum them up."""
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         slip, drive = read_artifact(inputs["slip"], "slip"), read_artifact(inputs["drive"], "drive")

@@ -54,7 +54,6 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources, shear_source, slower_source
 
 KIND: Final = "drive"
-FIGURES: Final = ("method", "budget", "n_failed", "slip_limits")
 KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
@@ -105,7 +104,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """
     model = config.config
 
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         surface = surface_of(read_artifact(inputs["surface"], "surface"))

@@ -47,7 +47,6 @@ KEYS: Final = (
     SECTION,
 )
 METHOD: Final = "published"
-FIGURES: Final = ("n_points", "rms_arc_spread", "budget")
 NO_ARC_DEG: Final = 90.0
 """Stands for the arc of coefficients that a table states without one: all are of one group, and
 nothing of the calibration of a rig is in them."""
@@ -67,7 +66,7 @@ def run(
     Only the runs of a chosen `condition` and `side` of the belt go into it.
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES, choices=chosen)
+    build = Build(KIND, config, KEYS, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -208,10 +207,9 @@ def summarise(built: Built) -> Summary:
     validity = metadata.validity
     arcs = columns["arc_deg"]
     spread = metadata.rms_arc_spread
-    return Summary(
-        stage="build-surface",
-        title="friction coefficient over normal force and sliding speed, averaged over arcs",
-        out=built.artifact.path,
+    return built.summary(
+        "build-surface",
+        "friction coefficient over normal force and sliding speed, averaged over arcs",
         facts={
             "points": metadata.n_points,
             "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
@@ -239,10 +237,6 @@ def summarise(built: Built) -> Summary:
             "procedure is not in it)": budget_table(metadata.budget, QUANTITY)
         },
         details={"friction formulas": friction_law_rows(metadata.figures)},
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

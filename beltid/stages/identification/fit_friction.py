@@ -44,7 +44,6 @@ from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
 FAINT: Final = 0.1  # of mu: a run whose standard error is more says little
-FIGURES: Final = ("budget", "drift")
 DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
     "speed and arc explain"
@@ -65,7 +64,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write and sum up."""
     model = config.config
     (role, path), *_ = inputs.items()
-    build = Build(KIND, config, _keys(model, role), inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, _keys(model, role), inputs, out, options)
     built = build.up_to_date()
     if built is None:
         if role == "points":
@@ -271,10 +270,9 @@ def summarise(built: Built) -> Summary:
     n_aside = int(np.count_nonzero(~good))
     validity = built.artifact.metadata.validity
     drift = [dict(row) for row in built.artifact.metadata.drift]
-    return Summary(
-        stage="fit-friction",
-        title="friction coefficient of every run",
-        out=built.artifact.path,
+    return built.summary(
+        "fit-friction",
+        "friction coefficient of every run",
         facts={
             "runs": len(good),
             "runs_set_aside": n_aside,
@@ -320,8 +318,4 @@ def summarise(built: Built) -> Summary:
             columns["normal_force_N_m"][good],
             columns["mu_sliding"][good],
         ),
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )

@@ -46,7 +46,6 @@ from beltid.uncertainty.sources import (
 )
 
 KIND: Final = "shear"
-FIGURES: Final = ("resolved", "shear_stiffness_low_N_m2", "budget")
 KEYS: Final = (
     "friction",
     "belt.axial_stiffness_N",
@@ -70,7 +69,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
     With ``stiffness`` among the inputs the normal law of the ribs is that of the press.
     """
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         model = config.config
@@ -261,10 +260,9 @@ def summarise(built: Built) -> Summary:
     """Sum up a shear artifact."""
     columns = built.artifact.columns
     metadata: ShearMetadata = built.artifact.metadata
-    return Summary(
-        stage="fit-shear",
-        title="shear stiffness of the ribs, from the build-up of the tensions",
-        out=built.artifact.path,
+    return built.summary(
+        "fit-shear",
+        "shear stiffness of the ribs, from the build-up of the tensions",
         facts={
             "shear_stiffness_N_m2": metadata.shear_stiffness_N_m2,
             "shear_stiffness_u_N_m2": metadata.shear_stiffness_u_N_m2,
@@ -290,11 +288,7 @@ def summarise(built: Built) -> Summary:
         ),
         overview=_per_arc(columns),
         details=budget_details(metadata.budget),
-        notes=built.notes,
-        warnings=built.warnings,
         snippet=_snippet(metadata),
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

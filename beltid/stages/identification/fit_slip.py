@@ -23,7 +23,6 @@ from beltid.stages.outcome import Outcome, rows_of, table_columns_of
 from beltid.stages.reporter import Options
 
 KIND: Final = "slip"
-FIGURES: Final = ("rig_speeds", "max_slip_speed_m_s", "max_slip_run")
 SHOWN: Final = (
     "run",
     "driver_speed_rad_s",
@@ -47,7 +46,7 @@ KEYS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a recording of the ``speedloss`` bench, find the speeds, write them, sum them up."""
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["speedloss"], "speedloss", config.config)
@@ -140,10 +139,9 @@ def summarise(built: Built) -> Summary:
     columns = built.artifact.columns
     metadata: SlipMetadata = built.artifact.metadata
     rig = metadata.rig_speeds
-    return Summary(
-        stage="fit-slip",
-        title="sliding speed of belt on pulley in service, from the loss of angular speed",
-        out=built.artifact.path,
+    return built.summary(
+        "fit-slip",
+        "sliding speed of belt on pulley in service, from the loss of angular speed",
         facts={
             "runs": len(columns["slip_speed_m_s"]),
             "largest_slip_speed_m_s": metadata.max_slip_speed_m_s,
@@ -154,10 +152,6 @@ def summarise(built: Built) -> Summary:
         table=rows_of(columns, *SHOWN, "n_samples"),
         shown=SHOWN,
         overview=_series(columns),
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )
 
 

@@ -24,7 +24,6 @@ from beltid.stages.uncertainties import SECTION, budget_details, standard_uncert
 from beltid.uncertainty.reduced import stiffness_uncertainty
 
 KIND: Final = "stiffness"
-FIGURES: Final = ("temperature", "budget")
 KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect", SECTION)
 POOLED: Final = "pooled"
 COEFFICIENTS: Final = (
@@ -40,7 +39,7 @@ COEFFICIENTS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a press recording (input ``press``), identify the law, write it, sum it up."""
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["press"], "press", config.config)
@@ -166,10 +165,9 @@ def summarise(built: Built) -> Summary:
     ]
     metadata: StiffnessMetadata = artifact.metadata
     choice, loss = metadata.law_choice, metadata.dissipation
-    return Summary(
-        stage="fit-stiffness",
-        title="normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
-        out=artifact.path,
+    return built.summary(
+        "fit-stiffness",
+        "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
         facts={
             **{name: pooled[name] for name in COEFFICIENTS},
             "temperature_matters": metadata.temperature.get("matters"),
@@ -184,8 +182,4 @@ def summarise(built: Built) -> Summary:
             "choice of law": normal_law_rows(metadata.figures),
             **budget_details(metadata.budget),
         },
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
     )

@@ -109,7 +109,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
 
 
 def reduce_rig(
-    rig: Recording | BigRecording, config: Config, workers: Workers | None
+    rig: Recording | BigRecording, config: Config, workers: Workers
 ) -> tuple[RunReduction, ...]:
     """Reduce the runs of a recording of the friction rig; those of a big one in bounded memory.
 
@@ -119,7 +119,7 @@ def reduce_rig(
         The recording.
     config : Config
         Radius of the pulley, settings of the reduction.
-    workers : Workers or None
+    workers : Workers
         Who reduces the runs of a big recording while the next ones are read.
     """
     if isinstance(rig, Recording):
@@ -129,7 +129,7 @@ def reduce_rig(
         return reduce_columns(rig.columns, config)
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
     # alone, one run goes after the other and no batch is held
-    mapper = map if workers is None or workers.jobs == 1 else partial(_shared, workers)
+    mapper = map if workers.jobs == 1 else partial(_shared, workers)
     return reduce_stream(records_of(rig, config), radius, settings, mapper)
 
 

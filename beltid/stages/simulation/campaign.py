@@ -25,7 +25,7 @@ from beltid.stages.simulation.planned_runs import (
     momentum_N,
 )
 from beltid.stages.tables import checked_law, is_number, surface_from
-from beltid.stages.workers import Workers, available_cores
+from beltid.stages.workers import Workers
 from beltid.tables import schemas
 
 if TYPE_CHECKING:
@@ -147,12 +147,12 @@ def simulate(
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | Workers | None,
-    reporter: Reporter | None = None,
+    jobs: int | Workers,
+    reporter: Reporter,
 ) -> Campaign:
     """Simulate runs, whose progress the reporter hears; else as `simulated_results`."""
     results: dict[int, RunResult | BeltidError] = {}
-    with (reporter or Reporter()).progress("simulated runs", len(runs)) as advance:
+    with reporter.progress("simulated runs", len(runs)) as advance:
         for index, result in simulated_results(config, bench, runs, settings, jobs):
             results[index] = result
             advance()
@@ -164,7 +164,7 @@ def simulated_results(
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | Workers | None = None,
+    jobs: int | Workers,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Results of runs as they finish, each with the index of its run.
 
@@ -178,14 +178,13 @@ def simulated_results(
         The runs.
     settings : SimulationSettings
         Method and resolution.
-    jobs : int, Workers or None
-        Runs at the same time in this process, None for one per core; or the workers that simulate
-        them. The results do not depend on it.
+    jobs : int or Workers
+        Runs at the same time in this process, or the workers that simulate them. The results do
+        not depend on it.
     """
     points = [run.point for run in as_resting(config, runs)]
-    threads = jobs.jobs if isinstance(jobs, Workers) else jobs or available_cores()
-    if threads == 1 or not isinstance(jobs, Workers):
-        yield from rig_campaign(bench, points, settings, jobs=threads)
+    if not isinstance(jobs, Workers):
+        yield from rig_campaign(bench, points, settings, jobs=jobs)
         return
     groups = _laid_on_together(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]

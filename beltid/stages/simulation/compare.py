@@ -67,16 +67,6 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
-FIGURES: Final = (
-    "passed",
-    "statistics",
-    "n_measured",
-    "n_simulated",
-    "judged",
-    "validation",
-    "budget",
-    "hold_out",
-)
 KEYS: Final = (
     "compare",
     "belt.mass_per_length_kg_m",
@@ -153,7 +143,7 @@ def run(
     if "stiffness" in inputs:
         by = _checked(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
-    build = Build(KIND, config, KEYS, inputs, out, options, figures=FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -183,15 +173,14 @@ def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness`` and compare them with the measured."""
-    build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by}, FIGURES)
+    build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(law_of(stiffness), config.config, stiffness)
-        workers = options.workers or Workers()
         options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
-        built = build.write(_held_out(friction.columns, press, config.config, by, workers))
+        built = build.write(_held_out(friction.columns, press, config.config, by, options.workers))
     return summarise(built)
 
 

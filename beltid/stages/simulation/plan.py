@@ -11,7 +11,7 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.config import Config, ConfigSource, load_config
 from beltid.drive.results import Simulator
-from beltid.errors import ConvergenceError, InputError, Problem
+from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.advice import Plan, choose_plan
@@ -65,13 +65,14 @@ if TYPE_CHECKING:
 TABLE: Final = ".csv"
 FIGURE: Final = ".png"
 TARGETS: Final = ("surface", "drive")
+CANDIDATES: Final = "{} candidates, simulated with the present surface"
 MOST_BELOW: Final = 0.3
 """Share of a drive's friction below the speeds of all candidates above which there is a warning."""
 
 
 @dataclass(frozen=True, slots=True)
-class PlanOptions(Options):
-    """Options of a plan.
+class Wanted:
+    """What a plan is to reach.
 
     Attributes
     ----------
@@ -83,9 +84,20 @@ class PlanOptions(Options):
         Standard uncertainty of mu that is good enough, as a share.
     """
 
-    runs: int = 12
-    target: str = "surface"
-    goal_u: float = 0.01
+    runs: int
+    target: str
+    goal_u: float
+
+    def __post_init__(self) -> None:
+        problems = []
+        if self.runs < 1:
+            problems.append(f"--runs = {self.runs}, must be >= 1")
+        if self.target not in TARGETS:
+            problems.append(f"--target = {self.target}, must be one of {', '.join(TARGETS)}")
+        if not 0.0 <= self.goal_u < 1.0:
+            problems.append(f"--goal-u = {self.goal_u:g}, must be in [0, 1)")
+        if problems:
+            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,67 +133,89 @@ class PlannedRuns:
 
 
 def run(
-    config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: PlanOptions
+    config: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    *,
+    runs: int = 12,
+    target: str = "surface",
+    goal_u: float = 0.01,
 ) -> Summary:
     """Plan the next runs, write table and figure, sum up.
 
     With ``surface`` and ``stiffness`` among the inputs it goes on from them, with ``friction`` by
     the noise of those runs; without any it starts from what is usual for such a belt.
+
+    Parameters
+    ----------
+    config, inputs, out, options
+        As of every stage.
+    runs : int
+        Runs to plan at most.
+    target : {"surface", "drive"}
+        Where the surface has to be known.
+    goal_u : float
+        Standard uncertainty of mu that is good enough, as a share [-].
     """
-    figure = out.with_suffix(FIGURE)
-    _check_files(options, out, figure)
+    wanted, model, figure = Wanted(runs, target, goal_u), config.config, out.with_suffix(FIGURE)
+    _check_files(out, figure, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
-    press = known = friction = None
+    press = known = made_from = None
+    noise_of = artifacts.get("friction")
     if "stiffness" in artifacts:
         stiffness = artifacts["stiffness"]
-        press = press_law(law_of(stiffness), config.config, stiffness)
+        press = press_law(law_of(stiffness), model, stiffness)
     if "surface" in artifacts:
         known = known_of_artifact(artifacts["surface"])
-    if "friction" in artifacts:
-        friction = artifacts["friction"].columns
-    based_on = origin if artifacts else "usual values"
-    made_at = friction
-    if made_at is None and "surface" in artifacts:
         made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
-        made_at = None if made_from is None else made_from.columns
-    settings, notes = rig_settings(config.config, made_at)
-    present = present_knowledge(known, press, friction, settings, config.config)
-    found = _planned(present, settings, config.config, options, based_on or "unknown")
-    plan, rows = found.plan, found.rows
-    write_bytes(out, csv_bytes(rows))
-    measured = found.candidates.measured
-    picture = runs_and_uncertainty(measured, found.target, plan, origin == "synthetic")
+    made_at = noise_of or made_from
+    friction = None if noise_of is None else noise_of.columns
+    settings, notes = rig_settings(model, None if made_at is None else made_at.columns)
+    present = present_knowledge(known, press, friction, settings, model)
+    based_on = (origin or "unknown") if artifacts else "usual values"
+    options.reporter.report(CANDIDATES.format(len(settings.points())))
+    found = _planned(present, settings, model, wanted, based_on)
+    write_bytes(out, csv_bytes(found.rows))
+    picture = runs_and_uncertainty(
+        found.candidates.measured, found.target, found.plan, origin == "synthetic"
+    )
     write_bytes(figure, saved(picture, "png"))
-    minutes = rows[-1]["start_minutes"] + config.config.plan.minutes_per_run if rows else 0.0
     return Summary(
         stage="plan",
         title="the next runs of the friction rig",
         out=out,
-        facts={
-            "candidates": measured.mu.size,
-            "target": options.target,
-            "runs": len(rows),
-            "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
-            "session_minutes": minutes,
-            "uncertainty_before_percent": 100.0 * plan.before,
-            "uncertainty_after_percent": 100.0 * plan.after,
-            "goal_percent": 100.0 * options.goal_u,
-            "shared_by_all_runs_percent": 100.0 * plan.shared,
-            "stop": plan.stop,
-            "figure": str(figure),
-        },
-        table=rows,
+        facts={**_facts(found, wanted, model), "figure": str(figure)},
+        table=found.rows,
         shown=SHOWN,
         beside={
-            "standard uncertainty by region, in percent of mu": region_rows(plan),
-            "if it were known twice as well": statement_rows(plan),
+            "standard uncertainty by region, in percent of mu": region_rows(found.plan),
+            "if it were known twice as well": statement_rows(found.plan),
         },
         notes=(*notes, *found.notes),
         warnings=(*_of_other_runs(artifacts), *found.warnings),
-        verdict=verdict(plan, options.goal_u),
+        verdict=verdict(found.plan, goal_u),
         origin=origin,
     )
+
+
+def _facts(found: PlannedRuns, wanted: Wanted, config: Config) -> dict[str, Any]:
+    """A plan in figures; the session ends with its last run."""
+    plan, rows = found.plan, found.rows
+    minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
+    return {
+        "candidates": found.candidates.measured.mu.size,
+        "target": wanted.target,
+        "runs": len(rows),
+        "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
+        "session_minutes": minutes,
+        "uncertainty_before_percent": 100.0 * plan.before,
+        "uncertainty_after_percent": 100.0 * plan.after,
+        "goal_percent": 100.0 * wanted.goal_u,
+        "shared_by_all_runs_percent": 100.0 * plan.shared,
+        "stop": plan.stop,
+    }
 
 
 def plan_runs(
@@ -224,10 +258,7 @@ def plan_runs(
     InputError
         If an argument is out of range, or the surface has no covariance.
     """
-    options = PlanOptions(runs=runs, target=target, goal_u=goal_u)
-    if problems := _problems(options):
-        raise InputError(problems)
-    model = load_config(config)
+    wanted, model = Wanted(runs, target, goal_u), load_config(config)
     known = press = columns = None
     if surface is not None:
         known = known_of_result(surface)
@@ -238,7 +269,7 @@ def plan_runs(
     based_on = "unknown" if surface is not None else "usual values"
     settings, notes = rig_settings(model, columns)
     present = present_knowledge(known, press, columns, settings, model)
-    found = _planned(present, settings, model, options, based_on)
+    found = _planned(present, settings, model, wanted, based_on)
     return replace(found, notes=(*notes, *found.notes))
 
 
@@ -257,11 +288,10 @@ def _of_other_runs(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
 
 
 def _planned(
-    present: Present, settings: Settings, config: Config, options: PlanOptions, based_on: str
+    present: Present, settings: Settings, config: Config, wanted: Wanted, based_on: str
 ) -> PlannedRuns:
     """The plan from what is known, and what is assumed in place of the rest."""
     points = settings.points()
-    options.reporter.report(f"{len(points)} candidates, simulated with the present surface")
     try:
         candidates = simulate_candidates(
             _bench(config, present.press.law),
@@ -274,10 +304,10 @@ def _planned(
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    target, warnings = _target(config, candidates, present, options.target)
+    target, warnings = _target(config, candidates, present, wanted.target)
     lines = candidates.rows(present.sources, present.noise, present.columns)
     before = knowledge_at(candidates.curves, present.surface, len(present.sources))
-    plan = choose_plan(before, lines, target, present.sources, options.runs, options.goal_u)
+    plan = choose_plan(before, lines, target, present.sources, wanted.runs, wanted.goal_u)
     session = schedule(
         plan.chosen,
         [(point.beta, point.T_0, point.omega) for point in points],
@@ -288,33 +318,19 @@ def _planned(
     return PlannedRuns(plan, target, candidates, rows, present.notes, warnings)
 
 
-def _problems(options: PlanOptions) -> list[str | Problem]:
-    """Options out of range."""
-    problems: list[str | Problem] = []
-    if options.runs < 1:
-        problems.append(f"--runs = {options.runs}, must be >= 1")
-    if options.target not in TARGETS:
-        problems.append(f"--target = {options.target}, must be one of {', '.join(TARGETS)}")
-    if not 0.0 <= options.goal_u < 1.0:
-        problems.append(f"--goal-u = {options.goal_u:g}, must be in [0, 1)")
-    return problems
-
-
-def _check_files(options: PlanOptions, out: Path, figure: Path) -> None:
-    """Refuse options out of range, and files that would be replaced unasked."""
-    problems = _problems(options)
+def _check_files(out: Path, figure: Path, *, force: bool) -> None:
+    """Refuse a name that is not that of a table, and files that would be replaced unasked."""
     if out.suffix.lower() != TABLE:
         text = f"{out}: the table of a plan ends in {TABLE}, its figure goes beside it as {FIGURE}"
-        problems.append(f"{text}; name such a file by --out")
-    elif out.exists() and not is_plan(out):
+        raise InputError(f"{text}; name such a file by --out")
+    if out.exists() and not is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
-        problems.append(Problem(text, "not-replaced"))
-    elif not options.force:
-        problems += [already_exists(path) for path in (out, figure) if path.exists()]
-    if problems:
-        raise InputError(problems)
+        raise InputError(text, code="not-replaced")
+    standing = [path for path in (out, figure) if path.exists()]
+    if standing and not force:
+        raise InputError([already_exists(path) for path in standing])
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:

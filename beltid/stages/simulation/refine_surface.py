@@ -42,7 +42,6 @@ from beltid.stages.simulation.refinement import (
 )
 from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note, press_law
-from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
@@ -57,20 +56,6 @@ from beltid.uncertainty.refined import (
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
-FIGURES: Final = (
-    "n_points",
-    "iterations",
-    "noise_scale",
-    "effective_parameters",
-    "arc_spread_before",
-    "rms_arc_spread",
-    "budget",
-    "misfit",
-    "measured",
-    "effects",
-    "reference_temperature_degC",
-    "bending",
-)
 MOST_NOISE: Final = 3.0
 Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
@@ -239,10 +224,10 @@ def run(
     bending stiffness is looked for in the runs too ("fit"), and used ("use"). Only the runs of a
     chosen `condition` and `side` of the belt are taken.
     """
-    draws = Draws(bootstrap, seed, options.reporter, options.workers or Workers())
+    draws = Draws(bootstrap, seed, options.reporter, options.workers)
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
     choices = {**draws.choices, **({} if bending == "stated" else {"bending": bending}), **chosen}
-    build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
+    build = Build(KIND, config, KEYS, inputs, out, options, choices)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -487,10 +472,9 @@ def summarise(built: Built) -> Summary:
     surface = surface_of(built.artifact)
     check = metadata.monte_carlo
     places = check["linear_fails_at"] if check else []
-    return Summary(
-        stage="refine-surface",
-        title="simulated less measured friction coefficient: published surface, then refined",
-        out=built.artifact.path,
+    return built.summary(
+        "refine-surface",
+        "simulated less measured friction coefficient: published surface, then refined",
         facts={
             "runs": metadata.n_points,
             "iterations": metadata.iterations,
@@ -518,10 +502,6 @@ def summarise(built: Built) -> Summary:
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
-        notes=built.notes,
-        warnings=built.warnings,
-        up_to_date=built.up_to_date,
-        origin=built.origin,
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
 

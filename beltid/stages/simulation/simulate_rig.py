@@ -11,7 +11,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata, SurfaceMetadata
-from beltid.config import ConfigSource
+from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
@@ -52,7 +52,6 @@ from beltid.uncertainty.simulated import (
 from beltid.uncertainty.sources import all_sources
 
 KIND: Final = "simulated"
-FIGURES: Final = ("method", "runs")
 SHOWN_OF_SOLVER: Final = (
     "elements",
     "steps",
@@ -110,7 +109,7 @@ def run(
     picked: Picked | None = None,
     method: str | None = None,
     elements: int | None = None,
-    jobs: int | None = None,
+    jobs: int = 1,
     profile_times_s: Sequence[float] = (),
 ) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
@@ -128,8 +127,8 @@ def run(
         By default that of the config.
     elements : int, optional
         Beam elements of the belt; by default those of the config.
-    jobs : int, optional
-        Runs at the same time where no workers are given; by default one per core.
+    jobs : int
+        Runs at the same time in this process, where no workers are given.
     profile_times_s : sequence of float
         Times after the start of rotation at which the contact along the arc is kept [s]; its
         profiles go beside the recording.
@@ -141,54 +140,48 @@ def run(
     if "friction" in inputs:
         measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
     runs = planned_runs(model, picked or Picked(), measured)
+    differing = differing_settings(model, measured)
+    for line in differing:
+        options.reporter.warn(line)
+    choices = _choices(model, settings, runs)
+    build = Build(KIND, config, KEYS, inputs, out, options, choices)
+    of_times = {**choices, "profile_times_s": list(times)}
+    of_profiles = Build(PROFILES, config, KEYS, inputs, _path_beside(out), options, of_times)
+    profiles = of_profiles.up_to_date() if times else None
+    built = build.up_to_date()
+    if built is None or (times and profiles is None):
+        surface = read_artifact(inputs["surface"], "surface")
+        stiffness = read_artifact(inputs["stiffness"], "stiffness")
+        press = press_law(law_of(stiffness), model, stiffness)
+        stated = measured is None or differing
+        whose = "as the config states" if stated else "at the settings measured"
+        options.reporter.report(f"{counted(len(runs), 'run')}, {settings.method}, {whose}")
+        if compile_ahead(["rigsim"]):
+            options.reporter.report(COMPILING)
+        bench, workers = bench_of(model, surface_of(surface), press.law), options.workers
+        by = workers if workers.jobs > 1 else jobs
+        campaign = simulate(model, bench, runs, settings, by, options.reporter)
+        _refuse_nothing(campaign)
+        if built is None:
+            known = _uncertainty(campaign, press, surface, settings.elements, workers)
+            built = build.write(_outcome(campaign, settings, known))
+        if times and profiles is None:
+            profiles = of_profiles.write(_profiles_outcome(campaign, times))
+    return summarise(built, profiles)
+
+
+def _choices(
+    config: Config, settings: SimulationSettings, runs: Sequence[PlannedRun]
+) -> dict[str, Any]:
+    """What of a call and of the measured runs a recording is made from."""
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
     }
     if settings.method == "steady":
-        choices["sliding_samples"] = sliding_samples(model)
-    build = Build(KIND, config, KEYS, inputs, out, options, choices, FIGURES)
-    of_profiles = Build(
-        PROFILES,
-        config,
-        KEYS,
-        inputs,
-        _path_beside(out),
-        options,
-        {**choices, "profile_times_s": list(times)},
-    )
-    contacts = of_profiles.up_to_date() if times else None
-    built = build.up_to_date()
-    if built is None or (times and contacts is None):
-        surface = read_artifact(inputs["surface"], "surface")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(law_of(stiffness), model, stiffness)
-        differing = differing_settings(model, measured)
-        for line in differing:
-            options.reporter.warn(line)
-        stated = measured is None or differing
-        whose = "as the config states" if stated else "at the settings measured"
-        count = counted(len(runs), "run")
-        options.reporter.report(f"{count}, {settings.method}, {whose}")
-        if compile_ahead(["rigsim"]):
-            options.reporter.report(COMPILING)
-        campaign = simulate(
-            model,
-            bench_of(model, surface_of(surface), press.law),
-            runs,
-            settings,
-            options.workers or jobs,
-            options.reporter,
-        )
-        _refuse_nothing(campaign)
-        if built is None:
-            workers = options.workers or Workers()
-            uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
-            built = build.write(_outcome(campaign, settings, uncertainty))
-        if times and contacts is None:
-            contacts = of_profiles.write(_profiles_outcome(campaign, times))
-    return summarise(built, contacts)
+        choices["sliding_samples"] = sliding_samples(config)
+    return choices
 
 
 def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:

@@ -12,6 +12,7 @@ from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.rig import RunResult
+from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.campaign import (
     bench_of,
     recording_columns,
@@ -28,6 +29,7 @@ from beltid.stages.simulation.planned_runs import (
     planned_runs,
 )
 from beltid.stages.tables import table_columns
+from beltid.stages.workers import available_cores
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -177,7 +179,8 @@ def simulate_campaign(
         measured = measured_settings(table_columns(friction, "friction", tuple(KEYS)))
     runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
-    done = simulate(model, bench_of(model, surface, law), runs, settings, jobs)
+    bench, threads = bench_of(model, surface, law), jobs or available_cores()
+    done = simulate(model, bench, runs, settings, threads, Reporter())
     return pd.DataFrame(done.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )
