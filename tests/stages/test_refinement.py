@@ -83,3 +83,8 @@ def test_runs_that_hardly_tell_the_stiffness_say_so_and_accuse_nobody(monkeypatc
     shown = refined_with(FittedBending(0.005, 0.8, 12), "fit", monkeypatch)
     (warning,) = (line for line in shown.warnings if "bending" in line)
     assert "the runs hardly tell it" in warning
+
+
+def test_an_unknown_word_is_no_stiffness_of_the_config(monkeypatch: Any) -> None:
+    with pytest.raises(InputError, match="bending = used, must be one of stated, fit, use"):
+        refined_with(FittedBending(0.03, 0.02, 12), "used", monkeypatch)

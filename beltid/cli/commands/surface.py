@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from functools import partial
 from typing import Annotated
 
@@ -74,22 +73,19 @@ def refine_surface(
 
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
+    from beltid.batch.local import local_workers
     from beltid.stages.simulation import refine_surface as stage
+    from beltid.stages.workers import Workers
 
-    with ExitStack() as stack:
-        workers = None
-        if bootstrap:
-            from beltid.batch.local import local_workers
-
-            workers = stack.enter_context(local_workers(jobs))
-        bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
-        run = partial(
-            stage.run,
-            bootstrap=bootstrap,
-            seed=seed,
-            bending=bending,
-            condition=condition,
-            side=side,
-        )
-        inputs = {"friction": friction, "stiffness": stiffness}
+    bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
+    run = partial(
+        stage.run,
+        bootstrap=bootstrap,
+        seed=seed,
+        bending=bending,
+        condition=condition,
+        side=side,
+    )
+    inputs = {"friction": friction, "stiffness": stiffness}
+    with local_workers(jobs) if bootstrap else Workers() as workers:
         execute(run, inputs, "surface_refined.parquet", common, workers)

@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import counted, percent
+from beltid.errors import InputError, counted, percent
 from beltid.identify.friction.drift_check import CLEAR
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
@@ -44,6 +44,7 @@ from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note, press_law
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
+from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
@@ -79,6 +80,43 @@ MISFIT_COLUMNS: Final = (
     "rms_after_percent",
     "mean_after_percent",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What a call says of a refinement.
+
+    Attributes
+    ----------
+    draws : Draws
+        Of the Monte Carlo check; who computes.
+    bending : {"stated", "fit", "use"}
+        Whether the bending stiffness is looked for in the runs too, and used.
+    condition, side : str or None
+        Which runs are taken, where they were made under several.
+    """
+
+    draws: Draws
+    bending: Bending
+    condition: str | None
+    side: str | None
+
+    def __post_init__(self) -> None:
+        if self.bending not in get_args(Bending):
+            known = ", ".join(get_args(Bending))
+            raise InputError(f"bending = {self.bending}, must be one of {known}")
+
+    @property
+    def runs(self) -> dict[str, str | None]:
+        """Column of the friction table -> the word that the runs taken have in it."""
+        return {"condition": self.condition, "side": self.side}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What of it a result was made from."""
+        bending = {} if self.bending == "stated" else {"bending": self.bending}
+        chosen = {name: word for name, word in self.runs.items() if word}
+        return {**self.draws.choices, **bending, **chosen}
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,9 +263,8 @@ def run(
     chosen `condition` and `side` of the belt are taken.
     """
     draws = Draws(bootstrap, seed, options.reporter, options.workers)
-    chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
-    choices = {**draws.choices, **({} if bending == "stated" else {"bending": bending}), **chosen}
-    build = Build(KIND, config, KEYS, inputs, out, options, choices)
+    choices = Choices(draws, bending, condition, side)
+    build = Build(KIND, config, KEYS, inputs, out, options, choices.settings)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -237,8 +274,7 @@ def run(
             f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
         name = str(friction.path)
-        outcome = _outcome(friction.columns, law, config.config, name, draws, bending, chosen)
-        built = build.write(outcome)
+        built = build.write(_outcome(friction.columns, law, config.config, name, choices))
     return summarise(built)
 
 
@@ -286,14 +322,11 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    known = checked_law(law)
+    known, choices = checked_law(law), Choices(Draws(bootstrap, seed), bending, condition, side)
     model = load_config(config)
     columns = table_columns(friction, "friction", NEEDED)
     press = press_law(known, model, law if isinstance(law, Outcome) else None)
-    chosen = {"condition": condition, "side": side}
-    found = _outcome(
-        columns, press, model, "friction table", Draws(bootstrap, seed), bending, chosen
-    )
+    found = _outcome(columns, press, model, "friction table", choices)
     return found.with_origin(model, friction, law)
 
 
@@ -302,66 +335,26 @@ def _outcome(
     press: PressLaw,
     config: Config,
     name: str,
-    draws: Draws,
-    bending: Bending,
-    chosen: Mapping[str, str | None],
+    choices: Choices,
 ) -> Outcome[Refinement]:
-    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
-    labels = tuple(str(columns["run"][i]) for i in used)
-    sources = shared_sources(campaign, config)
-    reference = reference_temperature(config, campaign)
-    fitted = None
-    if bending != "stated":
-        fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
-        if bending == "use":
-            campaign, sources = fitted.used(campaign, sources)
-    found = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
-    refined = found.refined
-    uncertainty = refined_uncertainty(found)
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    check = None
-    if draws.count:
-        linear = (found.sources, found.slopes)
-        nominal = prepare(found.campaign, refined, speeds, settings, linear)
-        drawings = drawn(nominal, draws)
-        check = check_of(nominal, drawings, uncertainty.factor, uncertainty.sources)
-    result = Refinement(
-        refined,
-        labels,
-        columns["arc_deg"][used],
-        uncertainty,
-        shown_effects(found),
-        found.contradictions(),
-        fitted,
-        check,
+    campaign, speeds, used, set_aside = prepared_campaign(
+        columns, press, config, name, choices.runs
     )
-    beside = friction_formulas(refined.surface, uncertainty.factor)
-    force, slip = campaign.measured.normal_force, campaign.measured.slip_speed
+    labels = tuple(str(columns["run"][i]) for i in used)
+    result = _refined(campaign, speeds, config, choices, labels, columns["arc_deg"][used])
+    check, surface = result.check, result.refined.surface
+    formulas = friction_formulas(surface, result.uncertainty.factor)
     return Outcome(
         kind=KIND,
         columns=_table(result, speeds[speed_labels(columns, used, speeds)]),
         result=result,
-        validity=dict(refined.surface.validity),
+        validity=dict(surface.validity),
         set_aside=set_aside,
         extra={
-            "method": METHOD,
             **stated_of(columns, used),
-            "degree": refined.surface.degree,
-            "n_points": len(labels),
-            "rms_arc_spread": result.arc_spread(refined.misfit_after),
-            "max_arc_spread": None,
-            "misfit": result.misfit_table(),
-            "arc_spread_before": result.arc_spread(refined.misfit_before),
-            "iterations": refined.iterations,
-            "noise_scale": refined.noise_scale,
-            "effective_parameters": refined.effective_parameters,
-            "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
-            "effects": _effect_rows(result.effects),
-            "reference_temperature_degC": reference,
-            "bending": _bending_figures(fitted, config),
-            **uncertainty.extra((float(force.min()), float(force.max()))),
-            **(check.extra(draws.seed) if check else {}),
-            **beside.extra,
+            **_figures(result, campaign, config),
+            **(check.extra(choices.draws.seed) if check else {}),
+            **formulas.extra,
         },
         notes=(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
@@ -373,15 +366,68 @@ def _outcome(
             ),
             *_explained_otherwise(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
-            *beside.notes,
+            *formulas.notes,
         ),
         warnings=(
             *result.disagreement(),
-            *_bending_lines(fitted, config),
+            *_bending_lines(result.bending, config),
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
     )
+
+
+def _refined(
+    campaign: Campaign,
+    speeds: np.ndarray,
+    config: Config,
+    choices: Choices,
+    labels: tuple[str, ...],
+    arcs_deg: np.ndarray,
+) -> Refinement:
+    """Refine the surface of a campaign as a call asks for it."""
+    draws, sources = choices.draws, shared_sources(campaign, config)
+    reference = reference_temperature(config, campaign)
+    fitted = None
+    if choices.bending != "stated":
+        fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
+        if choices.bending == "use":
+            campaign, sources = fitted.used(campaign, sources)
+    found = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
+    uncertainty, check = refined_uncertainty(found), None
+    if draws.count:
+        settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+        linear = (found.sources, found.slopes)
+        nominal = prepare(found.campaign, found.refined, speeds, settings, linear)
+        drawings = drawn(nominal, draws)
+        check = check_of(nominal, drawings, uncertainty.factor, uncertainty.sources)
+    effects, contradictions = shown_effects(found), found.contradictions()
+    return Refinement(
+        found.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted, check
+    )
+
+
+def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str, Any]:
+    """Figures of a refinement for its artifact."""
+    refined, measured = result.refined, campaign.measured
+    force, slip = measured.normal_force, measured.slip_speed
+    return {
+        "method": METHOD,
+        "degree": refined.surface.degree,
+        "n_points": len(result.runs),
+        "rms_arc_spread": result.arc_spread(refined.misfit_after),
+        "max_arc_spread": None,
+        "misfit": result.misfit_table(),
+        "arc_spread_before": result.arc_spread(refined.misfit_before),
+        "iterations": refined.iterations,
+        "noise_scale": refined.noise_scale,
+        "effective_parameters": refined.effective_parameters,
+        "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
+        "effects": _effect_rows(result.effects),
+        "reference_temperature_degC": reference_temperature(config, campaign),
+        "bending": _bending_figures(result.bending, config),
+        **result.uncertainty.extra((float(force.min()), float(force.max()))),
+    }
 
 
 def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
