@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+
+from beltid.artifacts.artifact import read_artifact, write_artifact
 
 Predict = Callable[[dict[str, Any]], Any]
 
@@ -102,3 +106,25 @@ def test_a_prediction_beyond_the_laws_is_warned_of(predict: Predict) -> None:
         "1 points cannot be transmitted with the friction that is known: 2",
     ):
         assert words in result.stderr, result.stderr
+
+
+def test_runs_without_a_prediction_count_against_it(bench: Path, beltid: Any) -> None:
+    """Of most runs the drive found no steady state: agreement of the rest is not enough."""
+    drive = read_artifact(bench / "drive.parquet", "drive")
+    runs = list(dict.fromkeys(drive.columns["run"].tolist()))
+    loads = np.abs(read_artifact(bench / "slip.parquet").columns["torque_N_m"])
+    kept = np.isin(drive.columns["run"], runs[int(loads.argmax())])
+    few = {name: values[kept] for name, values in drive.columns.items()}
+    write_artifact(bench / "few.parquet", "drive", few, drive.metadata)
+    whole = json.loads(beltid("compare-drive", "slip.parquet", "drive.parquet", "--json").stdout)
+    result = beltid("compare-drive", "slip.parquet", "few.parquet", "-o", "c.parquet", "--json")
+    assert result.exit_code == 4
+    product = json.loads(result.stdout)
+    asked = whole["facts"]["points_to_be_judged"]
+    assert asked > 2
+    assert product["facts"]["points_to_be_judged"] == asked
+    assert product["facts"]["points_judged"] == 1
+    assert f"{asked - 1} points have no prediction" in product["verdict"]
+    assert [row["status"] for row in product["table"]].count("predicted: no steady state") == (
+        len(whole["table"]) - 1
+    )

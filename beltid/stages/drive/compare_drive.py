@@ -18,6 +18,7 @@ from beltid.drive.agreement import (
     LossPoints,
     compare_losses,
 )
+from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.conditions import series_of
@@ -28,6 +29,7 @@ from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
 KEYS: Final = ("compare_drive",)
+NOT_PREDICTED: Final = "no steady state"
 OF_PREDICTION: Final = {
     "loss_predicted_rad_s": "speed_loss_rad_s",
     "u_input_rad_s": "speed_loss_u_rad_s",
@@ -60,15 +62,11 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 
 def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgreement]:
-    measured, rows = _matched(slip, drive)
-    predicted = {name: drive.columns[of][rows] for name, of in OF_PREDICTION.items()}
-    status = np.array(
-        [
-            _why_not(s, p)
-            for s, p in zip(measured["status"], drive.columns["status"][rows], strict=True)
-        ],
-        dtype=object,
-    )
+    measured, rows = slip.columns, _predicted_rows(slip, drive)
+    there = rows >= 0
+    predicted = {
+        name: np.where(there, drive.columns[of][rows], np.nan) for name, of in OF_PREDICTION.items()
+    }
     points = LossPoints(
         measured=measured["speed_loss_rad_s"],
         measured_u=_standard_error(measured),
@@ -83,30 +81,17 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
     )
     section = config.compare_drive
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
+    found = np.where(there, drive.columns["status"][rows], NOT_PREDICTED)
+    status = np.array([_why_not(*pair) for pair in zip(measured["status"], found, strict=True)])
     status = np.where((status == OK) & ~result.judged, "torque too small to be judged", status)
-    relative = np.divide(
-        result.difference,
-        points.measured,
-        out=np.full(points.measured.size, np.nan),
-        where=points.measured != 0.0,
-    )
+    settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     return Outcome(
         kind=KIND,
         columns={
-            **{
-                name: measured[name]
-                for name in ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
-            },
-            "loss_measured_rad_s": points.measured,
+            **{name: measured[name] for name in settings},
             **predicted,
-            "difference_rad_s": result.difference,
-            "relative_difference": relative,
-            "u_measured_rad_s": points.measured_u,
-            "u_validation_rad_s": result.u_validation,
-            "e_over_u": result.difference / result.u_validation,
-            "arc_share": points.arc_share,
-            "judged": result.judged,
-            "status": status,
+            **_differences(result),
+            "status": status.astype(object),
         },
         result=result,
         validity={"torque_N_m": span(points.torque[result.judged])},
@@ -129,8 +114,28 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
     )
 
 
-def _matched(slip: Artifact, drive: Artifact) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Measured runs that were predicted, and the row of the loaded pulley of each in the drive."""
+def _differences(result: LossAgreement) -> dict[str, np.ndarray]:
+    """Columns of what was compared and how far it agrees."""
+
+    def over(values: np.ndarray) -> np.ndarray:
+        unknown = np.full(values.size, np.nan)
+        return np.divide(result.difference, values, out=unknown, where=values != 0.0)
+
+    points = result.points
+    return {
+        "loss_measured_rad_s": points.measured,
+        "difference_rad_s": result.difference,
+        "relative_difference": over(points.measured),
+        "u_measured_rad_s": points.measured_u,
+        "u_validation_rad_s": result.u_validation,
+        "e_over_u": over(result.u_validation),
+        "arc_share": points.arc_share,
+        "judged": result.judged,
+    }
+
+
+def _predicted_rows(slip: Artifact, drive: Artifact) -> np.ndarray:
+    """Row of the loaded pulley in the drive for each measured run; -1 for one not predicted."""
     stated: DriveMetadata = drive.metadata
     loaded = stated.loaded_pulley
     if loaded is None:
@@ -140,11 +145,10 @@ def _matched(slip: Artifact, drive: Artifact) -> tuple[dict[str, np.ndarray], np
         )
     here = np.flatnonzero(drive.columns["pulley"] == loaded)
     row_of = dict(zip(drive.columns["run"][here].tolist(), here.tolist(), strict=True))
-    of_slip = [i for i, run in enumerate(slip.columns["run"].tolist()) if run in row_of]
-    if not of_slip:
+    rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
+    if (rows < 0).all():
         raise InputError(f"{drive.path}: has none of the runs of {slip.path}")
-    measured = {name: values[of_slip] for name, values in slip.columns.items()}
-    return measured, np.array([row_of[run] for run in measured["run"].tolist()])
+    return rows
 
 
 def _standard_error(measured: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -160,7 +164,7 @@ def _arc_shares(columns: Mapping[str, np.ndarray], runs: np.ndarray) -> np.ndarr
     largest: dict[str, float] = {}
     for run, share in zip(columns["run"].tolist(), shares.tolist(), strict=True):
         largest[run] = max(share, largest.get(run, 0.0))
-    return np.array([largest[run] for run in runs.tolist()])
+    return np.array([largest.get(run, np.nan) for run in runs.tolist()])
 
 
 def _why_not(measured: str, predicted: str) -> str:
@@ -169,7 +173,7 @@ def _why_not(measured: str, predicted: str) -> str:
         return f"{GROSS_SLIP} on the bench (predicted: {predicted})"
     if measured != OK:
         return measured
-    return OK if predicted in ("adhesion", "full slip") else f"predicted: {predicted}"
+    return OK if predicted in (ADHESION, FULL_SLIP) else f"predicted: {predicted}"
 
 
 def _statements(result: LossAgreement) -> tuple[str, ...]:
