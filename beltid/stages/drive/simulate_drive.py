@@ -47,6 +47,7 @@ from beltid.stages.uncertainties import (
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
     SHEAR_WITHOUT_BENDING,
+    DriveUncertainty,
     change_by_slower_friction,
     drive_uncertainty,
 )
@@ -162,10 +163,51 @@ def _outcome(
     points: Sequence[LabelledPoint],
     loaded: str | None = None,
 ) -> Outcome[tuple[Solved, ...]]:
-    drive = drive_of(config, surface, press.law)
-    simulator = Simulator(drive, config.drive.method)
+    drive, method = drive_of(config, surface, press.law), config.drive.method
     at_rest = Simulator(drive).at_rest
     alike = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
+    good, failed = _solved(Simulator(drive, method), points)
+    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
+    known = uncertain.members is not None or uncertain.factor is not None
+    ensemble = uncertain.ensemble() if known else ()
+    found, sources = _uncertainty(config, drive, good, press, ensemble)
+    by_string = [asked.run for (asked, _), yes in zip(good, found.by_string, strict=True) if yes]
+    columns = {**_columns(drive, good), "speed_loss_u_rad_s": found.combined.ravel()}
+    return Outcome(
+        kind=KIND,
+        columns=columns,
+        result=tuple(good),
+        validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
+        set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
+        extra={
+            "method": method,
+            "slow_friction": config.drive.slow_friction,
+            "n_failed": len(failed),
+            "loaded_pulley": loaded,
+            "uncertainty_by_string": by_string,
+            "slip_limits": _limits(drive, good),
+            "limits_over_tension": _limits_over_tension(drive, good),
+            "laid": _laid(drive, good),
+            "arcs": _arcs(good),
+            "budget": _budget(columns, sources, found.shared, found.surface),
+        },
+        notes=(
+            *_rigid_ribs(drive, method),
+            *_notes(columns, drive, known, method, by_string),
+        ),
+        warnings=(
+            *([] if "drive" in config.model_fields_set else [NOT_STATED]),
+            *alike,
+            *(f"point {asked.run}: {error}" for asked, error in failed),
+            *_outside(columns, surface),
+        ),
+    )
+
+
+def _solved(
+    simulator: Simulator, points: Sequence[LabelledPoint]
+) -> tuple[list[Solved], list[tuple[LabelledPoint, ConvergenceError]]]:
+    """The steady states that are found, and what went wrong with the other points."""
     good: list[Solved] = []
     failed: list[tuple[LabelledPoint, ConvergenceError]] = []
     for asked in points:
@@ -175,53 +217,29 @@ def _outcome(
             failed.append((asked, error))
     if not good:
         raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
-    if "drive" not in config.model_fields_set:
-        alike.insert(0, NOT_STATED)
-    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    known = uncertain.members is not None or uncertain.factor is not None
-    ensemble = uncertain.ensemble() if known else ()
+    return good, failed
+
+
+def _uncertainty(
+    config: Config,
+    drive: Drive,
+    good: Sequence[Solved],
+    press: PressLaw,
+    ensemble: Sequence[FrictionSurface],
+) -> tuple[DriveUncertainty, tuple[Source, ...]]:
+    """What is not known of the speed losses, and the sources of it."""
+    points, results = [asked.point for asked, _ in good], [result for _, result in good]
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    asked_points, results = [asked.point for asked, _ in good], [result for _, result in good]
-    open_ = drive_uncertainty(drive, asked_points, results, press, sources, ensemble)
-    columns = _columns(drive, good)
+    found = drive_uncertainty(drive, points, results, press, sources, ensemble)
     if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
-        losses = columns["speed_loss_rad_s"].reshape(len(good), -1)
-        open_ = open_.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
-    slower = change_by_slower_friction(drive, asked_points, results)
+        losses = np.array([result.in_order(result.loss.total) for result in results])
+        found = found.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
+    slower = change_by_slower_friction(drive, points, results)
     if slower.any():
         sources = (*sources, slower_source())
-        open_ = open_.with_source(slower)
-    by_string = [asked.run for (asked, _), yes in zip(good, open_.by_string, strict=True) if yes]
-    columns["speed_loss_u_rad_s"] = open_.combined.ravel()
-    return Outcome(
-        kind=KIND,
-        columns=columns,
-        result=tuple(good),
-        validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
-        set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
-        extra={
-            "method": config.drive.method,
-            "slow_friction": config.drive.slow_friction,
-            "n_failed": len(failed),
-            "loaded_pulley": loaded,
-            "uncertainty_by_string": by_string,
-            "slip_limits": _limits(drive, good),
-            "limits_over_tension": _limits_over_tension(drive, good),
-            "laid": _laid(drive, good),
-            "arcs": _arcs(good),
-            "budget": _budget(columns, sources, open_.shared, open_.surface),
-        },
-        notes=(
-            *_rigid_ribs(drive, config.drive.method),
-            *_notes(columns, drive, known, config.drive.method, by_string),
-        ),
-        warnings=(
-            *alike,
-            *(f"point {asked.run}: {error}" for asked, error in failed),
-            *_outside(columns, surface),
-        ),
-    )
+        found = found.with_source(slower)
+    return found, sources
 
 
 def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
