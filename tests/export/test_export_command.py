@@ -89,6 +89,9 @@ def test_a_law_file_is_exported_like_the_results_it_came_from(
     made = call("all", tmp_path / "a" / "six.beltlaw.json", "-o", tmp_path / "b")
     assert made.exit_code == 0, made.stderr
     assert contents(tmp_path / "b") == contents(tmp_path / "a")
+    other = call("csv", tmp_path / "a" / "six.beltlaw.json", "--surface", "published")
+    assert other.exit_code == 2
+    assert "holds the refined surface, not the published one" in other.stderr
 
 
 def test_a_second_call_writes_nothing_and_says_so(results: Path) -> None:
@@ -178,6 +181,7 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
         (("json",), "LAW is missing"),
         (("json", "nowhere"), "nowhere: there is no such folder or file"),
         (("json", "."), "stiffness.parquet: there is no such file"),
+        (("json", ".", "-o", "-"), "--out = -, must be a folder"),
     ],
 )
 def test_what_cannot_be_exported_is_told(

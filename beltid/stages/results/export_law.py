@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,9 +67,11 @@ def run(
         raise InputError(
             "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
         )
+    if out is not None and str(out) == "-":
+        raise InputError("--out = -, must be a folder: the law and what goes with it are files")
     chosen = _targets(target)
     law = (
-        load_law(source)
+        _law_of_file(source, surface)
         if source.is_file()
         else law_of_folder(source, config, surface, options.reporter)
     )
@@ -87,6 +89,17 @@ def run(
             warnings += [f"{one.name} left out: {line}" for line in error.problems]
     up_to_date = _write(folder, made.values(), source, options)
     return _summary(law, folder, made, tuple(warnings), up_to_date)
+
+
+def _law_of_file(source: Path, surface: str | None) -> ContactLaw:
+    """The law of a law file, which holds one surface."""
+    law = load_law(source)
+    if surface not in (None, law.friction.method):
+        raise InputError(
+            f"{source}: holds the {law.friction.method} surface, not the {surface} one; name the "
+            "folder of the results"
+        )
+    return law
 
 
 def schema_text() -> str:
@@ -162,19 +175,6 @@ def _summary(
         }
         for name, export in made.items()
     ]
-    details = {
-        "reductions": [
-            {
-                "target": name,
-                "reduction": what,
-                "rms_percent": 100.0 * deviation.rms,
-                "worst_percent": 100.0 * deviation.worst,
-                "where": deviation.where,
-            }
-            for name, export in made.items()
-            for what, deviation in export.reductions.items()
-        ]
-    }
     valid = law.validity
     return Summary(
         stage="export",
@@ -190,8 +190,24 @@ def _summary(
         table=rows,
         overview=overview if len(overview) > 1 else [],
         shown=("target", "file", "reduced", "worst_percent"),
-        details=details if any(details.values()) else {},
+        details=_reductions(made),
         warnings=warnings,
         up_to_date=up_to_date,
         origin=law.origin,
     )
+
+
+def _reductions(made: Mapping[str, Export]) -> dict[str, list[dict[str, Any]]]:
+    """What targets cannot hold, and how far what stands for it is from the law; empty if nothing."""
+    rows = [
+        {
+            "target": name,
+            "reduction": what,
+            "rms_percent": 100.0 * deviation.rms,
+            "worst_percent": 100.0 * deviation.worst,
+            "where": deviation.where,
+        }
+        for name, export in made.items()
+        for what, deviation in export.reductions.items()
+    ]
+    return {"reductions": rows} if rows else {}
