@@ -128,6 +128,18 @@ def test_a_stated_list_holds_above_what_was_measured() -> None:
     assert more == list(product((120.0, 40.0), (100.0, 200.0), (0.1, 0.2)))
 
 
+def test_runs_that_nobody_wrote_a_tension_down_for_are_simulated_at_stated_settings() -> None:
+    """As those of a table that states coefficients and forces alone."""
+    table = friction([(40, np.nan, 0.1), (80, np.nan, 0.2)])
+    with pytest.raises(InputError, match="no usable run has an arc, a tension at rest"):
+        settings({}, table)
+    lists = {"arcs_deg": [40], "initial_tensions_N": [90], "pulley_speeds_rad_s": [0.3, 0.1]}
+    assert settings(lists, table) == [(40, 90, 0.3), (40, 90, 0.1)]
+    planned, (note,) = rig_settings(OPEN, table)
+    assert planned == rig_settings(OPEN, None)[0]
+    assert "assumed" in note
+
+
 def test_both_lists_are_told_where_they_differ() -> None:
     measured = measured_settings(friction(list(product((45.0, 90.0), (100.0, 200.0), (0.1, 0.2)))))
     config = load_config({"rig": {"arcs_deg": [40, 68, 82], "initial_tensions_N": [100, 200.4]}})

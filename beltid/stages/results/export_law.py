@@ -198,7 +198,7 @@ def _summary(
 
 
 def _reductions(made: Mapping[str, Export]) -> dict[str, list[dict[str, Any]]]:
-    """What targets cannot hold, and how far what stands for it is from the law; empty if nothing."""
+    """What targets cannot hold, and how far its substitute is from the law; empty if nothing."""
     rows = [
         {
             "target": name,

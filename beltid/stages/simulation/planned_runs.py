@@ -102,6 +102,12 @@ def planned_runs(
         settings = [*_as_stated(lists, measured), *_not_measured(config, lists, measured)]
         places = [{value: i for i, value in enumerate(values)} for values in lists]
         settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
+    if not settings:
+        keys = ", ".join(f"rig.{key}" for key, _ in KEYS.values())
+        raise InputError(
+            f"no usable run has an arc, a tension at rest and a speed; state {keys}, the settings "
+            "to be simulated"
+        )
     problems: list[str] = []
     wanted = [
         _chosen(values, allowed, gap, option, problems)

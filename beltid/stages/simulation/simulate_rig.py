@@ -153,7 +153,7 @@ def run(
         surface = read_artifact(inputs["surface"], "surface")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(law_of(stiffness), model, stiffness)
-        stated = measured is None or differing
+        stated = differing or measured is None or not measured.size
         whose = "as the config states" if stated else "at the settings measured"
         options.reporter.report(f"{counted(len(runs), 'run')}, {settings.method}, {whose}")
         if compile_ahead(["rigsim"]):
