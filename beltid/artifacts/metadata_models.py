@@ -39,11 +39,14 @@ SHOWN: Final = 5
 SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
 """Parts of the metadata that the file holds beside each other; all others are its `extra`."""
 
+Origin = Literal["measured", "synthetic"]
+"""Where data come from."""
+
 T = TypeVar("T")
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: numpy scalars and arrays to plain ones, nan and infinity to null."""
+    """A value as JSON has it: numpy and models to plain values, nan and infinity to null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -56,6 +59,8 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, BaseModel):
+        return plain(value.model_dump())
     raise TypeError(f"{type(value).__name__} cannot be stored in the metadata of an artifact")
 
 
@@ -373,7 +378,7 @@ class Metadata(BaseModel):
     set_aside: Rows = ()
     settings: Settings = {}
     config: str | None = None
-    origin: Literal["measured", "synthetic"] | None = None
+    origin: Origin | None = None
     method: str = ""
     notes: Listed[str] = ()
     warnings: Listed[str] = ()

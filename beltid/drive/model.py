@@ -201,8 +201,8 @@ class DrivePoint:
     omega : float
         Speed of the driver [rad/s]; negative if the belt runs against the order of the pulleys.
     T_0 : float
-        Belt tension at rest [N]; of the slack span in motion with a given slack force; nan where
-        the mean position of a tensioner sets it.
+        Belt tension at rest [N]; with a given slack force the effective force P of that span in
+        motion, less than its tension by m v²; nan where the mean position of a tensioner sets it.
     torque : tuple of float
         Torque taken off at each pulley [N m], braking > 0; what stands at the driver is not used.
     power : tuple of float

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
 
+from beltid.artifacts.metadata_models import Origin
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -19,7 +20,6 @@ SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
 RIB_PITCH_M: Final = {"H": 1.60e-3, "J": 2.34e-3, "K": 3.56e-3, "L": 4.70e-3, "M": 9.40e-3}
 """Rib pitch of the profiles PH to PM, ISO 9982."""
 
-Origin = Literal["measured", "synthetic"]
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Range = tuple[NonNegativeFloat, NonNegativeFloat]
 Matrix = tuple[tuple[float, ...], ...]
@@ -66,7 +66,7 @@ class NormalPart(Part):
     k_quadratic_se_N_m3: NonNegativeFloat | None = Field(
         default=None, description="standard error [N/m³]"
     )
-    covariance: Matrix | None = Field(
+    covariance: tuple[tuple[float, float], tuple[float, float]] | None = Field(
         default=None,
         description="covariance of (k_linear, k_quadratic) [N²/m⁴, N²/m⁵; N²/m⁵, N²/m⁶]",
     )

@@ -82,7 +82,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         raise ArtifactError(validation_problems(error, name)) from None
     except InputError as error:
         raise ArtifactError(error.at(name)) from None
-    _check_patches(law, surface.tables().C, name)
+    _check_shapes(law, surface.tables().C, name)
     return law
 
 
@@ -124,10 +124,15 @@ def _finite(text: str) -> float:
     return number
 
 
-def _check_patches(law: ContactLaw, expected: np.ndarray, name: str) -> None:
-    """Nodes and patches tell the same surface, or neither can be trusted."""
+def _check_shapes(law: ContactLaw, expected: np.ndarray, name: str) -> None:
+    """Nodes and patches tell the same surface, or neither can be trusted; each mu has its mu_u."""
+    part = law.friction
+    if part.mu_u is not None and [*map(len, part.mu_u)] != [*map(len, part.mu)]:
+        raise ArtifactError(
+            f"{name}: friction.mu_u: must have a row per force and a column per speed, as mu has"
+        )
     try:
-        given = np.array(law.friction.patches, dtype=float)
+        given = np.array(part.patches, dtype=float)
     except ValueError:
         given = np.zeros(0)
     if given.shape != expected.shape or not np.allclose(given, expected, rtol=1e-7, atol=1e-9):

@@ -92,6 +92,13 @@ class FrictionTable:
         """What a file simplifies that holds this table."""
         return {"straight lines between nodes": self.deviation}
 
+    def with_nodes(self, fewest: int) -> FrictionTable:
+        """The same with at least so many nodes on each axis; those beyond hold the nearest mu."""
+        f, v = (_held_on(axis, fewest) for axis in (self.normal_force_N_m, self.slip_speed_m_s))
+        missing = f.size - self.normal_force_N_m.size, v.size - self.slip_speed_m_s.size
+        mu = np.pad(self.mu, ((0, missing[0]), (0, missing[1])), mode="edge")
+        return FrictionTable(f, v, mu, self.deviation)
+
 
 def reference_point(
     law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None
@@ -135,10 +142,11 @@ def linear_normal_deviation(law: ContactLaw, point: ReferencePoint) -> Deviation
 
     Over the penetrations at which friction was measured.
     """
-    f, _ = sample_points(law.surface)
-    delta = law.normal_law.penetration(f[:, 0])
+    f = sample_points(law.surface)[0][:, 0]
+    f = f[f > 0.0]  # without contact both laws are zero
+    delta = law.normal_law.penetration(f)
     ratio = linear_stiffness(law, point) * delta / law.normal_law.force(delta)
-    return _deviation(ratio, lambda i: f"at {f[i[0], 0]:.4g} N/m")
+    return _deviation(ratio, lambda i: f"at {f[i[0]]:.4g} N/m")
 
 
 def constant_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
@@ -232,6 +240,12 @@ def _finer(nodes: Array, parts: int) -> Array:
     x = np.log1p(nodes / reference)
     cuts = [reference * np.expm1(a + (b - a) * np.arange(1, parts) / parts) for a, b in pairwise(x)]
     return np.sort(np.concatenate([nodes, *cuts]))
+
+
+def _held_on(nodes: Array, fewest: int) -> Array:
+    """Nodes with as many more beyond the last one as are missing, each twice the one before."""
+    missing = np.arange(1, fewest - nodes.size + 1)
+    return np.concatenate([nodes, (nodes[-1] or 1.0) * 2.0**missing])
 
 
 def _bilinear_deviation(surface: FrictionSurface, f: Array, v: Array, mu: Array) -> Deviation:

@@ -35,7 +35,8 @@ def mbdyn(law: ContactLaw, choices: Choices) -> Export:
         law,
         "MBDyn",
         [
-            f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open. '
+            f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open, '
+            "along its last line beyond the table. "
             f"{between_penetrations(law)} Friction is in module-{name}.cc.",
             "Use: multiply the line force by the length of belt of a contact point, such as "
             f'scalar function: "F", mul, "length", "{name}_line_force"; with "length" a const '
@@ -51,13 +52,11 @@ def mbdyn(law: ContactLaw, choices: Choices) -> Export:
 def adams(law: ContactLaw, choices: Choices) -> Export:
     """Splines of Adams, as solver statements (.adm) and as commands of Adams View (.cmd)."""
     name, units = identifier(law.belt.name), choices.units
-    table = friction_table(law.surface)
+    table = friction_table(law.surface).with_nodes(FEWEST_POINTS)
     delta = penetration_nodes(law)
     x = delta * units.metre, _force(law, delta) * units.newton_per_metre
-    forces = table.normal_force_N_m * units.newton_per_metre
-    v, mu = _long_enough(table.slip_speed_m_s * units.metre, table.mu)
-    f, mu_t = _long_enough(forces, mu.T)
-    mu = mu_t.T
+    f, v = table.normal_force_N_m * units.newton_per_metre, table.slip_speed_m_s * units.metre
+    mu = table.mu
     lines = preamble(
         law,
         "Adams",
@@ -149,18 +148,9 @@ def _g(value: float) -> str:
     return f"{value:.9g}"
 
 
-def _long_enough(nodes: Array, rows: Array) -> tuple[Array, Array]:
-    """At least four nodes along the last axis; those beyond hold the nearest value."""
-    missing = FEWEST_POINTS - nodes.size
-    if missing <= 0:
-        return nodes, rows
-    beyond = (nodes[-1] or 1.0) * 2.0 ** np.arange(1, missing + 1)
-    return np.r_[nodes, beyond], np.hstack([rows, np.repeat(rows[:, -1:], missing, axis=1)])
-
-
 def _mbdyn_function(name: str, x: Array, y: Array) -> str:
     pairs = ",\n".join(f"\t{_g(a)}, {_g(b)}" for a, b in zip(x, y, strict=True))
-    return f'scalar function: "{name}", multilinear, do not extrapolate,\n{pairs};\n'
+    return f'scalar function: "{name}", multilinear,\n{pairs};\n'
 
 
 def _adm_spline(number: int, x: Array, rows: Sequence[Array]) -> str:

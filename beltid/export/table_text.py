@@ -20,6 +20,8 @@ from beltid.export.reduction import (
 
 Array = NDArray[np.float64]
 
+FEWEST_OF_MATLAB = 2
+"""Fewest points of an axis that griddedInterpolant takes."""
 MAT_TEXT_BYTES = 116
 """Length of the free text at the beginning of a MAT-file of version 5."""
 
@@ -41,9 +43,10 @@ def modelica(law: ContactLaw, choices: Choices) -> Export:
             "row.",
             "Use: Modelica.Blocks.Tables.CombiTable1Ds and CombiTable2Ds with tableOnFile=true, "
             f'fileName="{name}_modelica.txt", tableName="line_force" or "mu", '
-            "smoothness=LinearSegments, extrapolation=HoldLastPoint. Give u1 = max(0, penetration) "
-            "to the first, abs(speed) as u2 to the second; multiply the line force by the length "
-            "of belt of a contact point.",
+            "smoothness=LinearSegments; extrapolation=LastTwoPoints for the first, that a deeper "
+            "contact goes on to stiffen, HoldLastPoint for the second. Give max(0, penetration) to "
+            "the first, abs(speed) as u2 to the second; multiply the line force by the length of "
+            "belt of a contact point.",
             between_nodes(law, table),
         ],
     )
@@ -61,7 +64,7 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
     from scipy.io import savemat
 
     name = identifier(law.belt.name)
-    table = friction_table(law.surface)
+    table = friction_table(law.surface).with_nodes(FEWEST_OF_MATLAB)
     surface, part = law.surface, law.friction
     delta = penetration_nodes(law)
     lines = preamble(
@@ -165,12 +168,14 @@ def _normal_csv(law: ContactLaw) -> str:
 def _nodes_csv(law: ContactLaw) -> str:
     part = law.friction
     rows = ["normal_force_N_m,slip_speed_m_s,mu,mu_u,mu_se,range"]
-    low, high = law.validity.measured_force_N_m or (0.0, np.inf)
+    measured = law.validity.measured_force_N_m
     for i, force in enumerate(part.normal_force_N_m):
         for j, speed in enumerate(part.slip_speed_m_s):
             uncertainties = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
             cells = (force, speed, part.mu[i][j], *uncertainties)
-            known = "measured" if low <= force <= high else "inferred"
+            known = ""  # nobody stated which forces were measured
+            if measured is not None:
+                known = "measured" if measured[0] <= force <= measured[1] else "inferred"
             rows.append(",".join([*("" if cell is None else repr(cell) for cell in cells), known]))
     return "\n".join(rows) + "\n"
 

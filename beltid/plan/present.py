@@ -10,12 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from beltid.laws.friction_surface import FrictionSurface
-from beltid.plan.prior import USUAL_ARCS, MeasuredSurface
+from beltid.plan.prior import USUAL_ARCS
 from beltid.refine.effects import ARC
+from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (
     Source,
@@ -24,39 +21,18 @@ from beltid.uncertainty.sources import (
     effect_sources,
 )
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
-class KnownSurface:
+class KnownSurface(SurfaceUncertainty):
     """A surface that runs have shown, with what is stored of its uncertainty.
 
     Attributes
     ----------
-    surface : FrictionSurface
-        The surface, nodes (nf,), speeds (nv,).
-    factor : ndarray, shape (nf, nv, K + r)
-        Factor of the covariance of ln mu at its nodes, the shared sources first.
-    arcs_deg : tuple of float
-        Its arc settings, as the sources count them [deg].
-    sources : tuple of Source
-        Its shared errors.
     noise_scale : float
         How many times their standard errors its runs scatter [-].
     """
 
-    surface: FrictionSurface
-    factor: Array
-    arcs_deg: tuple[float, ...]
-    sources: tuple[Source, ...]
-    noise_scale: float
-
-    def measured(self, n_errors: int) -> MeasuredSurface:
-        """The surface with columns for as many errors; those that it does not know are zero."""
-        k = len(self.sources)
-        new = np.zeros((*self.factor.shape[:2], n_errors - k))
-        changes = np.concatenate([self.factor[..., :k], new], axis=-1)
-        return MeasuredSurface(self.surface, changes, self.factor[..., k:])
+    noise_scale: float = 1.0
 
     def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
         """Names of the sources whose size was another one when the surface was made."""

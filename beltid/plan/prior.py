@@ -15,8 +15,6 @@ the nodes they are Gaussian with the mean -P_nn^-1 P_no p_o and the covariance P
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +23,7 @@ from beltid.plan.design import Knowledge
 from beltid.refine.curves import Curves
 from beltid.refine.effects import ARC, BEFORE
 from beltid.refine.evidence import Smoothness
+from beltid.uncertainty.budget import SurfaceUncertainty
 
 Array = NDArray[np.float64]
 
@@ -72,25 +71,6 @@ def prior_precision(curves: Curves, smoothness: Smoothness = USUAL) -> Array:
     return np.asarray(rough + levels + slopes.T @ slopes / FORCE_SLOPE_WIDTH**2)
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredSurface:
-    """A surface that was measured, with the covariance of its nodes.
-
-    Attributes
-    ----------
-    surface : FrictionSurface
-        The surface, nodes (nf,), speeds (nv,).
-    changes : ndarray, shape (nf, nv, K)
-        Change of ln mu at the nodes by one standard uncertainty of each shared error.
-    scatter : ndarray, shape (nf, nv, r)
-        Factor of the covariance by the scatter of the runs.
-    """
-
-    surface: FrictionSurface
-    changes: Array
-    scatter: Array
-
-
 def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
     """Knots in ln f from a lowest to a highest force [N/m].
 
@@ -123,7 +103,7 @@ def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
 
 def knowledge_at(
     curves: Curves,
-    measured: MeasuredSurface | None,
+    measured: SurfaceUncertainty | None,
     n_errors: int,
     smoothness: Smoothness = USUAL,
 ) -> Knowledge:
@@ -133,10 +113,10 @@ def knowledge_at(
     ----------
     curves : Curves
         Knots and speeds of the plan; the nodes of the measured surface are among them.
-    measured : MeasuredSurface or None
+    measured : SurfaceUncertainty or None
         What was measured; None before any run.
     n_errors : int
-        Shared errors, as many as the measured surface has changes.
+        Shared errors, those of the measured surface first; the others change nothing on it.
     smoothness : Smoothness
         Weights of the roughness where nothing was measured.
     """
@@ -155,7 +135,9 @@ def knowledge_at(
         unknown[np.ix_(new, new)] = np.linalg.inv(own)
     factor = follows @ _speed_by_speed(measured.scatter)
     scatter = np.asarray(factor @ factor.T + unknown, dtype=float)
-    return Knowledge(scatter, follows @ _speed_by_speed(measured.changes))
+    changes = np.zeros((size, n_errors))
+    changes[:, : measured.changes.shape[-1]] = follows @ _speed_by_speed(measured.changes)
+    return Knowledge(scatter, changes)
 
 
 def _speed_by_speed(nodes: Array) -> Array:

@@ -12,6 +12,7 @@ from beltid.drive.profile import arc_profiles
 from beltid.drive.results import DriveResult
 from beltid.errors import InputError
 from beltid.plan.design import Knowledge
+from beltid.plan.prior import SAME_SPEED
 from beltid.refine.curves import Curves
 
 Array = NDArray[np.float64]
@@ -71,11 +72,12 @@ def surface_target(
 ) -> Target:
     """Uniform in ln f and ln v over a range of forces [N/m] and speeds [m/s].
 
-    The speeds are those of the curves within the range, each with the half of its gaps to the next.
+    The speeds are those of the curves within the range, each with the half of its gaps to the next;
+    one at an end of the range was not measured at that very speed.
     """
-    v = np.exp(curves.log_speed)
-    inside = (v >= speed[0] * (1.0 - 1.0e-9)) & (v <= speed[1] * (1.0 + 1.0e-9))
-    v = v[inside]
+    low, high = np.log(speed)
+    inside = (curves.log_speed >= low - SAME_SPEED) & (curves.log_speed <= high + SAME_SPEED)
+    v = np.exp(curves.log_speed[inside])
     f = np.geomspace(*force, PLACES)
     gaps = np.diff(np.log(v))
     share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)

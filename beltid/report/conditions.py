@@ -93,11 +93,12 @@ def is_setting(values: np.ndarray) -> bool:
 
 
 def classes_of(values: np.ndarray, most: int) -> list[np.ndarray]:
-    """Rows of the runs at each setting, or in classes of as many runs where settings are many."""
+    """Rows of the runs at each setting, or in classes of as many settings where they are many."""
     settings = settings_of(values)
     if len(settings) <= most:
         return settings
-    return np.array_split(np.concatenate(settings), most)
+    parts = np.array_split(np.arange(len(settings)), most)
+    return [np.concatenate([settings[k] for k in part]) for part in parts]
 
 
 def class_name(values: np.ndarray, unit: str = "") -> str:

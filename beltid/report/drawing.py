@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, Literal, cast
@@ -75,8 +76,14 @@ NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
+WIDE: Final = 5.0
+"""Highest over lowest value of a logarithmic axis, at least."""
 MOST_NAMED: Final = 12
 """Lines that a legend names."""
+LOW_LEGEND: Final = 0.9
+"""Height of a legend that the usual height of a figure holds [in]."""
+LONGEST_NAME: Final = 48
+"""Letters of a name in a line of a legend: as many as the usual width holds."""
 RESOLUTION: Final = 150  # of a PNG, dots per inch
 
 
@@ -120,18 +127,22 @@ def shades(count: int) -> list[tuple[float, float, float, float]]:
 
 
 def group(index: int) -> dict[str, Any]:
-    """Colour, marker and line of a group, all different."""
+    """Colour, marker and line of a group; no two of 49 groups have the same colour and marker."""
     return {
         "color": GROUPS[index % len(GROUPS)],
-        "marker": MARKERS[index % len(MARKERS)],
+        "marker": MARKERS[(index + index // len(GROUPS)) % len(MARKERS)],
         "linestyle": LINES[index % len(LINES)],
     }
 
 
-def logarithmic(
-    axes: Axes, along: Literal["x", "y"], values: np.ndarray, least_ratio: float = 5.0
-) -> None:
-    """Make an axis logarithmic with plain numbers if its values span more than a ratio.
+def is_wide(values: np.ndarray) -> bool:
+    """Whether values span a factor of five and more: then their axis is logarithmic."""
+    known = values[np.isfinite(values)]
+    return bool(known.size and 0.0 < WIDE * known.min() <= known.max())
+
+
+def logarithmic(axes: Axes, along: Literal["x", "y"], values: np.ndarray) -> None:
+    """Make an axis logarithmic with plain numbers if its values span a wide range.
 
     Its label, if it has one already, says so.
 
@@ -143,14 +154,12 @@ def logarithmic(
         Which of its axes.
     values : ndarray
         What it shows.
-    least_ratio : float
-        Highest over lowest value from which on.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    known = values[np.isfinite(values)]
-    if known.size == 0 or known.min() <= 0.0 or known.max() < least_ratio * known.min():
+    if not is_wide(values):
         return
+    known = values[np.isfinite(values)]
     getattr(axes, f"set_{along}scale")("log")
     axis = getattr(axes, f"{along}axis")
     if label := axis.get_label_text():
@@ -179,14 +188,22 @@ def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
         more = len(found) - MOST_NAMED + 1
         found = dict(list(found.items())[: MOST_NAMED - 1])
         found[f"and {more} more"] = Line2D([], [], linestyle="none")
-    if found:
-        fig.legend(
-            list(found.values()),
-            list(found),
-            loc="outside lower center",
-            ncols=columns,
-            frameon=False,
+    names = [broken(name, LONGEST_NAME) for name in found]
+    for ncols in range(columns, 0, -1) if found else ():
+        made = fig.legend(
+            list(found.values()), names, loc="outside lower center", ncols=ncols, frameon=False
         )
+        extent = made.get_window_extent()
+        if ncols == 1 or extent.width <= fig.bbox.width:
+            # a long legend takes nothing from the axes
+            fig.set_figheight(fig.get_figheight() + max(extent.height / fig.dpi - LOW_LEGEND, 0.0))
+            break
+        made.remove()
+
+
+def broken(name: str, longest: int) -> str:
+    """A name in lines of so many letters at most."""
+    return "\n".join(textwrap.wrap(name, longest)) or name
 
 
 def mark_synthetic(fig: Figure) -> None:

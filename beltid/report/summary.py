@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-Origin = Literal["measured", "synthetic"]
-"""Where data come from."""
+from beltid.artifacts.metadata_models import Origin, plain
 
 
 def combined_origin(origins: Collection[str | None]) -> Origin | None:
@@ -93,26 +91,11 @@ class Summary:
             "exit_status": self.exit_status,
             "verdict": self.verdict or None,
             "origin": self.origin,
-            "facts": json_value(self.facts),
-            "table": json_value(self.table),
-            "details": json_value({**self.beside, **self.details}),
+            "facts": plain(self.facts),
+            "table": plain(self.table),
+            "details": plain({**self.beside, **self.details}),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             **({"snippet": self.snippet} if self.snippet else {}),
             **({"parts": [part.as_json() for part in self.parts]} if self.parts else {}),
         }
-
-
-def json_value(value: Any) -> Any:
-    """A value as JSON has it: numpy to plain, nan and infinity to null, paths to text."""
-    if isinstance(value, dict):
-        return {str(key): json_value(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_value(item) for item in value]
-    if hasattr(value, "tolist"):  # numpy scalars and arrays, without importing numpy
-        return json_value(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, (str, int)) or value is None:
-        return value
-    return str(value)

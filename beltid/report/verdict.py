@@ -133,7 +133,7 @@ ENOUGH: Final = {
 """Settings of the rig, and how many of each the word "proven" asks for: a surface over force and
 speed needs three of each to show its shape, and two arcs to show that it is one surface."""
 SAME: Final = 0.05
-"""Relative distance within which two values are one setting."""
+"""Relative distance within which two values tell no more than one."""
 
 
 def _missing_evidence(results: BeltResults) -> list[str]:
@@ -164,11 +164,19 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     if friction is not None:
         good = friction["status"] == "ok"
         for setting, (column, enough) in ENOUGH.items():
-            values = np.sort(np.asarray(friction[column][good], dtype=float))
-            n = 1 + int(np.count_nonzero(np.diff(values) > SAME * values[1:]))
+            n = _apart(np.abs(friction[column][good]))
             if n < enough:
                 missing.append(f"{n} {setting}{'s' if n > 1 else ''}, {enough} needed")
     return missing
+
+
+def _apart(values: np.ndarray) -> int:
+    """The most values of which no two are the same: settings, or places of a random design."""
+    count, last = 0, 0.0
+    for value in np.sort(values).tolist():
+        if not count or value > (1.0 + SAME) * last:
+            count, last = count + 1, value
+    return count
 
 
 def _normal_contact(results: BeltResults) -> Card | None:

@@ -36,10 +36,10 @@ from beltid.artifacts.artifact import (
     stated_kind,
 )
 from beltid.artifacts.file_bytes import source_sha256, write_bytes
-from beltid.artifacts.metadata_models import Metadata, plain
+from beltid.artifacts.metadata_models import Metadata, Origin, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError, Problem
-from beltid.report.summary import Origin, Summary, combined_origin
+from beltid.report.summary import Summary, combined_origin
 from beltid.stages.outcome import Outcome
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
 

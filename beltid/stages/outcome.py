@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from beltid.report.summary import Origin, combined_origin
+from beltid.artifacts.metadata_models import Origin
+from beltid.report.summary import combined_origin
 from beltid.tables import schemas
 from beltid.tables.values import outside
 

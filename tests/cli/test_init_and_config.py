@@ -194,6 +194,7 @@ def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
     assert rows["belt.name"] == {"key": "belt.name", "value": "mine", "from": "my.yaml:1"}
     assert rows["rig.arcs_deg"]["from"] == "my.yaml:4"
     assert rows["rig.supports"]["from"] == "default"
+    assert rows["drive.pulleys"]["value"][0]["name"] == "driver"  # not the text of an object
     table = beltid("config", "show", "-c", "my.yaml", "--origin").stdout
     assert "my.yaml:4" in table
 

@@ -182,6 +182,22 @@ def falling_surface() -> FrictionSurface:
     return FrictionSurface([10.0, 30000.0], v, [1.0 - 0.12 * np.log(v / 5e-3) ** 2] * 2)
 
 
+@pytest.mark.parametrize(("omega", "rhoA"), [(1e-3, 0.1), (200.0, 0.2)])
+def test_a_given_slack_force_carries_what_euler_says_at_any_speed(
+    omega: float, rhoA: float
+) -> None:
+    """P_t = P_s exp(mu pi): the momentum of the belt tightens both spans and carries no torque."""
+    belt, friction = replace(BELT_5PK, rhoA=rhoA), FrictionSurface.constant(0.4)
+    drive = two_pulleys(belt=belt, surface=friction, law=None, installation="slack_force")
+    limit = slip_limit(Simulator(drive), DrivePoint(omega, 100.0, (0.0, 5.0)))
+    expected = 100.0 * (np.exp(0.4 * np.pi) - 1.0) * 0.05
+    assert 5.0 * limit.adhesion == pytest.approx(expected, rel=4e-5)
+    (idle,) = simulate(drive, [DrivePoint(omega, 100.0, (0.0, 0.0))])
+    # the mass per length is that of the belt without stretch
+    momentum = rhoA * (omega * 0.05) ** 2 / (1.0 + idle.tensions[1][0] / 1e5)
+    assert idle.tensions[1] == pytest.approx([100.0 + momentum] * 2, rel=1e-9)
+
+
 def test_friction_that_falls_with_speed_has_two_states_and_then_none() -> None:
     drive = two_pulleys(surface=falling_surface(), installation="slack_force", law=None)
     simulator = Simulator(drive)

@@ -130,6 +130,8 @@ def test_the_law_file_that_is_read_is_never_replaced(law: ContactLaw, tmp_path: 
 def test_units_and_reference_point_reach_the_files(results: Path) -> None:
     call("adams", results, "--units", "mm")
     assert "Units: mm, N, s." in (results / "export" / "belt_six.adm").read_text()
+    done = call("recurdyn", results, "--units", "mm")
+    assert "--units mm: files for recurdyn are in SI" in done.stderr
     call("exudyn", results, "--normal-force", 5000, "--speed", 0.02)
     assert "NORMAL_FORCE = 5000.0" in (results / "export" / "belt_six_exudyn.py").read_text()
 

@@ -180,6 +180,8 @@ def test_all_that_is_wrong_is_told_at_once(law: ContactLaw) -> None:
         ("belt", "name", "a\nb"),
         ("normal", "k_linear_N_m2", "7e7"),
         ("belt", "ribs", 0),
+        ("normal", "covariance", [[1.0, 2.0, 3.0]]),
+        ("friction", "mu_u", [[0.01]]),
     ],
 )
 def test_values_that_a_law_cannot_have_are_refused(

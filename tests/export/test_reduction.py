@@ -54,6 +54,16 @@ def test_linear_normal_law_is_the_secant(law: ContactLaw) -> None:
     assert deviation.where == "at 400 N/m"
 
 
+def test_a_surface_that_begins_without_force_has_a_deviation(law: ContactLaw) -> None:
+    surface = beltid.FrictionSurface([0.0, 400.0, 8000.0], [0.01], [[1.0], [0.9], [0.8]])
+    made = law.model_copy(update={"friction": friction_part(surface, "published")})
+    point = reduction.reference_point(made, 4990.0)
+    deviation = reduction.linear_normal_deviation(made, point)
+    # towards no force the law is k_linear delta
+    limit = reduction.linear_stiffness(made, point) / law.normal.k_linear_N_m2 - 1.0
+    assert deviation.worst == pytest.approx(limit, rel=0.02)
+
+
 def test_table_is_as_close_as_it_says(law: ContactLaw) -> None:
     table = reduction.friction_table(law.surface)
     assert table.deviation.worst <= 1e-3

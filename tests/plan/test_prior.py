@@ -8,7 +8,6 @@ import pytest
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.prior import (
     LEVEL_WIDTH,
-    MeasuredSurface,
     knots_for,
     knowledge_at,
     prior_precision,
@@ -16,6 +15,7 @@ from beltid.plan.prior import (
     usual_surface,
 )
 from beltid.refine.curves import Curves
+from beltid.uncertainty.budget import SurfaceUncertainty
 
 FORCES = np.linspace(np.log(400.0), np.log(12000.0), 8)
 SPEEDS = np.log([0.0025, 0.01, 0.04])
@@ -37,28 +37,33 @@ def test_the_prior_holds_a_surface_of_any_usual_level_and_no_finer_than_its_roug
     assert 0.15 * np.log(4.0) < np.sqrt(left) < 0.15 * np.log(4.0) + 0.1 * np.log(4.0) ** 1.5
 
 
-def measured_surface() -> MeasuredSurface:
+def measured_surface() -> SurfaceUncertainty:
     rng = np.random.default_rng(2)
     surface = usual_surface(FORCES, SPEEDS)
-    return MeasuredSurface(surface, rng.normal(size=(8, 3, 2)), 0.01 * rng.normal(size=(8, 3, 24)))
+    return shown(surface, rng.normal(size=(8, 3, 2)), 0.01 * rng.normal(size=(8, 3, 24)))
+
+
+def shown(surface: FrictionSurface, changes: np.ndarray, scatter: np.ndarray) -> SurfaceUncertainty:
+    return SurfaceUncertainty(surface, (), changes, scatter, np.zeros(0))
 
 
 def test_the_nodes_of_a_measured_surface_keep_their_covariance():
     of = measured_surface()
     # knots and a speed beside those measured
     curves = Curves(np.append(FORCES, FORCES[-1] + 0.5), np.log([0.001, *np.exp(SPEEDS)]))
-    known = knowledge_at(curves, of, 2)
+    known = knowledge_at(curves, of, 3)  # an error more, which new runs alone have
     nodes = np.add.outer(9 * np.arange(1, 4), np.arange(8)).ravel()
     factor = of.scatter.transpose(1, 0, 2).reshape(24, -1)
     kept = known.scatter[np.ix_(nodes, nodes)]
     np.testing.assert_allclose(kept, factor @ factor.T, atol=1e-14)
-    np.testing.assert_allclose(known.changes[nodes], of.changes.transpose(1, 0, 2).reshape(24, 2))
+    changes = np.column_stack([of.changes.transpose(1, 0, 2).reshape(24, 2), np.zeros(24)])
+    np.testing.assert_allclose(known.changes[nodes], changes)
 
 
 def test_beside_the_nodes_the_surface_is_that_of_a_joint_gaussian():
     # nodes known without error: what is left of the others is their conditional covariance
     curves = Curves(np.append(FORCES, FORCES[-1] + 0.5), np.log([0.001, *np.exp(SPEEDS)]))
-    exact = MeasuredSurface(usual_surface(FORCES, SPEEDS), np.zeros((8, 3, 0)), np.zeros((8, 3, 1)))
+    exact = shown(usual_surface(FORCES, SPEEDS), np.zeros((8, 3, 0)), np.zeros((8, 3, 1)))
     known = knowledge_at(curves, exact, 0).scatter
     joint = np.linalg.inv(prior_precision(curves))
     old = np.add.outer(9 * np.arange(1, 4), np.arange(8)).ravel()
@@ -67,7 +72,7 @@ def test_beside_the_nodes_the_surface_is_that_of_a_joint_gaussian():
     left = joint[np.ix_(new, new)] - across @ np.linalg.solve(joint[np.ix_(old, old)], across.T)
     np.testing.assert_allclose(known[np.ix_(new, new)], left, rtol=1e-5, atol=1e-9)
     # an error that lifts all nodes lifts what follows from them
-    lifted = MeasuredSurface(exact.surface, np.ones((8, 3, 1)), exact.scatter)
+    lifted = shown(exact.surface, np.ones((8, 3, 1)), exact.scatter)
     changes = knowledge_at(curves, lifted, 1).changes
     assert np.all((changes > 0.6) & (changes < 1.1))
 

@@ -14,13 +14,14 @@ from report_belt_data import (
     friction,
     results,
     sheets,
+    stating,
     stiffness,
     surface,
     without,
 )
 
 from beltid.report.belt_page import belt_page
-from beltid.report.drawing import figure, inline_svg, legend_below, saved
+from beltid.report.drawing import figure, group, inline_svg, legend_below, saved
 from beltid.report.figures import arc, belts, budget, press, proof, runs, single, slip
 from beltid.report.figures import friction as friction_figures
 from beltid.report.figures import surface as surface_figures
@@ -227,6 +228,38 @@ def test_a_random_design_is_drawn_in_a_few_classes(runs_at: str) -> None:
     assert {line.get_linestyle() for line in axes.get_lines()} <= {"None"}  # nothing to join
 
 
+def test_no_setting_is_shared_out_to_two_classes() -> None:
+    speeds = np.tile(np.geomspace(1e-3, 0.1, 12), 7)
+    fig = friction_figures.over_force(
+        np.full(84, 82.0), speeds, np.repeat(np.arange(7) + 2e3, 12), speeds, None
+    )
+    names = [text.get_text() for text in fig.legends[0].get_texts()]
+    ends = [end for name in names for end in name.split(" to ")]
+    assert len(names) == 8
+    assert len(ends) == len(set(ends)) == 12
+
+
+def test_a_legend_of_long_names_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
+    fig = figure()
+    axes = fig.subplots()
+    for k in range(9):
+        label = f"a belt with a name of many more words than it needs to be told apart {k}"
+        axes.plot([0.0, 1.0], [k, k], label=label)
+    legend_below(fig, [axes])
+    saved(fig, "png")
+    (legend,) = fig.legends
+    extent = legend.get_window_extent()
+    assert extent.x0 >= 0.0
+    assert extent.x1 <= fig.bbox.width
+    assert "".join(legend.get_texts()[8].get_text().split()).endswith("toldapart8")
+    assert axes.get_window_extent().height > 2.0 * fig.dpi
+
+
+def test_ten_groups_differ_without_their_lines() -> None:
+    looks = [group(k) for k in range(10)]
+    assert len({(look["color"], look["marker"]) for look in looks}) == 10
+
+
 def test_a_legend_of_many_lines_names_the_first_ones() -> None:
     fig = figure()
     axes = fig.subplots()
@@ -251,6 +284,10 @@ def test_map_holds_the_surface_the_points_and_the_range() -> None:
     assert mu[-1, -1] == pytest.approx(table["mu"][-1])
     assert f[0] == pytest.approx(2000.0)
     assert v[-1] == pytest.approx(0.0105)
+    table = surface()
+    slow = {name: values[table["slip_speed_m_s"] == 0.0025] for name, values in table.items()}
+    one = surface_figures.as_map(replace(sheet, columns=slow), None)
+    assert set(line(axes_of(one)[0], "range of validity")[:, 1]) == {2.5}  # nothing beside it
 
 
 def test_measured_against_simulated_are_the_means_over_arcs() -> None:
@@ -262,6 +299,10 @@ def test_measured_against_simulated_are_the_means_over_arcs() -> None:
     drawn = [x for x in axes.get_lines() if x.get_marker() == "o" and x.get_xdata().size]
     simulated = np.concatenate([x.get_ydata() for x in drawn])
     assert sorted(simulated) == pytest.approx(sorted(row["mu_simulated"] for row in rows))
+    backwards = [{**row, "pulley_speed_rad_s": -row["pulley_speed_rad_s"]} for row in rows]
+    reverse = stating(whole.sheets["compare"], averaged=backwards)
+    names = axes_of(proof.averaged(reverse, whole))[0].get_legend_handles_labels()[1]
+    assert names == axes.get_legend_handles_labels()[1]
 
 
 def test_differences_are_relative_and_in_percent() -> None:
@@ -296,6 +337,14 @@ def test_belts_are_compared_at_a_force_and_a_speed_that_all_have() -> None:
         lines = {x.get_label(): x for x in axes_of(picture)[0].get_lines()}
         assert {"one", "two"} <= set(lines)
     assert "f = 4000 N/m" in over_speed.title  # the geometric middle of 2000 and 8000
+    assert "outside" not in over_force.caption + over_speed.caption
+    columns = two[1].best_surface.columns
+    fast = replace(
+        two[1].best_surface,
+        columns={**columns, "slip_speed_m_s": 100.0 * columns["slip_speed_m_s"]},
+    )
+    apart = [two[0], replace(two[1], sheets={**two[1].sheets, "surface_refined": fast})]
+    assert "lies outside the range of one, two" in belts.friction(apart)[0].caption
     widths = sorted(p.get_width() for p in axes_of(belts.agreement(two))[0].patches)
     assert widths == pytest.approx([0.1, 0.1, 3.0, 3.0])
 

@@ -257,6 +257,16 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     verdict = verdict_of(replace(whole, sheets={**unpredicted, "compare_hold_out": failed}))
     assert verdict.state == "bad"
     assert verdict.headline.startswith("Identified, but out of tolerance: friction of an arc")
+    # speeds of a random design lie close together, and reversed runs are no further settings
+    rng = np.random.default_rng(3)
+    for drawn, told in (
+        (rng.uniform(0.002, 0.02, 500), ""),
+        (-rng.uniform(0.0020, 0.00205, 500), "1 speed, 3 needed"),
+    ):
+        many = {name: np.resize(values, 500) for name, values in columns.items()}
+        design = replace(friction, columns={**many, "slip_speed_m_s": drawn})
+        headline = verdict_of(replace(whole, sheets={**whole.sheets, "friction": design})).headline
+        assert ("1 speed" in headline) == bool(told), headline
     single = {name: values[:1] for name, values in columns.items()}
     sheets_of_one = {**belt.sheets, "friction": replace(friction, columns=single)}
     verdict = verdict_of(replace(belt, sheets=sheets_of_one))

@@ -111,7 +111,9 @@ def export(
     ] = None,
     units: Annotated[
         UnitsChoice,
-        typer.Option(help="Units of the files for adams, recurdyn and abaqus: SI, or mm, N, MPa."),
+        typer.Option(
+            help="Units of the files for adams and abaqus: SI, or mm, N, MPa. Others are in SI."
+        ),
     ] = UnitsChoice.SI,
     listed: Annotated[
         bool,
@@ -129,7 +131,7 @@ def export(
 
     \b
     Example: beltid export exudyn runs/5pk
-             beltid export recurdyn runs/5pk --normal-force 5000 --units mm
+             beltid export adams runs/5pk --units mm
              beltid export all runs/5pk -o laws/5pk
              beltid export --list
     """  # noqa: D301

@@ -17,6 +17,7 @@ from beltid.report.drawing import (
     PENETRATION,
     PRESSED,
     SPEED,
+    broken,
     group,
     legend_below,
     logarithmic,
@@ -93,11 +94,17 @@ def _cut(
         logarithmic(axes, "x", np.concatenate(shown))
         legend_below(fig, [axes])
     words = "normal force" if over == "force" else "sliding speed"
+    axis = "slip_speed_m_s" if over == "force" else "normal_force_N_m"
+    ranges = [(name, sheet.surface.validity[axis]) for name, sheet in known]
+    beyond = [name for name, (low, high) in ranges if not low <= value <= high]
+    nearest = (
+        f" {told} lies outside the range of {', '.join(beyond)}, where the nearest value is taken."
+    )
     return Picture(
         f"belts-{over}",
         f"Friction over {words}, at {letter} = {told}",
         f"The refined surface of each belt (else the published one) over its own range of "
-        f"{words}, with twice its uncertainty as a band.",
+        f"{words}, with twice its uncertainty as a band.{nearest if beyond else ''}",
         fig,
     )
 
@@ -206,7 +213,7 @@ def agreement(belts: Sequence[BeltResults]) -> Picture:
                 label=f"{of} surface",
             )
             axes.bar_label(bars, [f"{v:.2f}" if np.isfinite(v) else "" for v in values], padding=3)
-        axes.set_yticks(at, [b.belt for b in known])
+        axes.set_yticks(at, [broken(b.belt, 22) for b in known])
         axes.invert_yaxis()
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)

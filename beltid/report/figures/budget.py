@@ -11,6 +11,7 @@ from beltid.errors import counted, percent
 from beltid.report.drawing import (
     GROUPS,
     INK,
+    broken,
     legend_below,
     new_axes,
 )
@@ -75,7 +76,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
             bar = axes.barh(len(shown), _contribution(total), 0.7, color=INK, label=COMBINED)
             axes.bar_label(bar, [percent(_contribution(total))], padding=3)
             names.append(COMBINED)
-        axes.set_yticks(range(len(names)), names)
+        axes.set_yticks(range(len(names)), [broken(name, 28) for name in names])
         axes.invert_yaxis()
         axes.margins(x=0.16)
         axes.grid(axis="y", visible=False)

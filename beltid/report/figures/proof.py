@@ -81,6 +81,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         )
     )
     spread = _scatter(sheet, tension, omega)
+    omega = np.abs(omega)  # of either sense of rotation
     by_speed = classes_of(omega, MOST_SPEEDS)
     with new_axes(4.6) as (fig, axes):
         for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MILLI
+from beltid.report.cells import MILLI, between
 from beltid.report.conditions import class_name
 from beltid.report.drawing import (
     INK,
@@ -18,6 +18,7 @@ from beltid.report.drawing import (
     SIMULATED,
     SPEED,
     figure,
+    is_wide,
     logarithmic,
     new_axes,
     style,
@@ -112,23 +113,24 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
                 hatches=["////"],
             )
             axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
-        box_f, box_v = f[[0, -1, -1, 0, 0]], v[[0, 0, -1, -1, 0]] * MILLI
+        nodes_f, nodes_v = surface.normal_force_N_m, surface.slip_speed_m_s
+        box_f, box_v = nodes_f[[0, -1, -1, 0, 0]], nodes_v[[0, 0, -1, -1, 0]] * MILLI
         axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
         axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
         logarithmic(axes, "x", np.concatenate(shown_f))
         logarithmic(axes, "y", np.concatenate(shown_v) * MILLI)
+        axes.use_sticky_edges = False  # room for the box and for points on it
         axes.margins(0.04)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
         fig.legend(loc="outside lower center", ncols=2, frameon=False)
-    f0, f1 = surface.normal_force_N_m[[0, -1]]
+    forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
     speeds = class_name(MILLI * surface.slip_speed_m_s)
     return Picture(
         f"map-{sheet.name}",
         f"The {SURFACES[sheet.name]} surface as a map",
-        f"Contours of µ from {f0:.0f} to {f1:.0f} N/m, {speeds} mm/s (box); beyond it the nearest "
-        "value is taken, nothing is "
-        f"extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
+        f"Contours of µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is "
+        f"taken, nothing is extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
         fig,
         "Fig. 13 (b)",
     )
@@ -185,9 +187,11 @@ def in_space(sheet: Sheet) -> Picture:
 
 
 def _drawn(sheet: Sheet) -> Figure:
+    from matplotlib.ticker import MaxNLocator
+
     surface = sheet.surface
     f, v, mu = grid_of(surface, 25, 21)
-    log_f, log_v = bool(f[0] > 0.0), bool(v[0] > 0.0)
+    log_f, log_v = is_wide(f), is_wide(v)
 
     def along(values: np.ndarray, logs: bool) -> np.ndarray:
         return np.log10(values) if logs else values
@@ -195,7 +199,7 @@ def _drawn(sheet: Sheet) -> Figure:
     with style():
         fig = figure(height=4.6)
         fig.set_layout_engine("none")
-        axes: Any = fig.add_axes((0.06, 0.02, 0.88, 1.0), projection="3d")
+        axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
         x, y = np.meshgrid(along(f, log_f), along(v * MILLI, log_v), indexing="ij")
         axes.plot_surface(
             x, y, mu, cmap=ORDERED, lw=0.25, edgecolor="#00000055", rcount=25, ccount=21
@@ -204,10 +208,12 @@ def _drawn(sheet: Sheet) -> Figure:
             if logs:
                 shown = ticks(values)
                 axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
-        axes.set_xlabel(LINE_FORCE + LOGARITHMIC * log_f, labelpad=6)
-        axes.set_ylabel(SPEED + LOGARITHMIC * log_v, labelpad=6)
+            else:
+                axis.set_major_locator(MaxNLocator(5))
+        axes.set_xlabel(LINE_FORCE + LOGARITHMIC * log_f, labelpad=9)
+        axes.set_ylabel(SPEED + LOGARITHMIC * log_v, labelpad=9)
         axes.zaxis.set_rotate_label(False)
-        axes.set_zlabel("µ [-]", labelpad=2, rotation=90)
+        axes.set_zlabel("µ [-]", labelpad=8, rotation=90)
         axes.view_init(elev=25, azim=-130)
         axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return fig
@@ -218,8 +224,7 @@ def ticks(values: np.ndarray) -> np.ndarray:
     decades = 10.0 ** np.arange(-6, 9)
     steps = (1.0, 2.0, 5.0) if values[-1] < 100.0 * values[0] else (1.0,)
     ticks = np.sort(np.outer(decades, steps).ravel())
-    inside = ticks[(ticks >= values[0]) & (ticks <= values[-1])]
-    return inside if inside.size else values[[0, -1]]
+    return ticks[(ticks >= values[0]) & (ticks <= values[-1])]
 
 
 def surface_plot(results: BeltResults) -> dict[str, Any] | None:
@@ -274,11 +279,10 @@ def _trace(sheet: Sheet, shown: bool, limits: tuple[float, float]) -> dict[str, 
 
 
 def _axis(title: str, values: list[float]) -> dict[str, Any]:
-    low, high = min(values), max(values)
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
-    if 0.0 < 3.0 * low < high:
+    if is_wide(np.array(values)):
         axis["title"]["text"] += LOGARITHMIC
-        shown = ticks(np.array([low, high])).tolist()
+        shown = ticks(np.sort(values)).tolist()
         names = [f"{tick:g}" for tick in shown]
         axis |= {"type": "log", "tickvals": shown, "ticktext": names}
     return axis

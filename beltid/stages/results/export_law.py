@@ -79,6 +79,8 @@ def run(
     point = reference_point(law, normal_force_N_m, slip_speed_m_s)
     made: dict[str, Export] = {}
     warnings: list[str] = []
+    if units != SI.name and not any(one.in_units for one in chosen):
+        warnings.append(f"--units {units}: files for {target} are in SI")
     for one in chosen:
         choices = Choices(point, SYSTEMS[units] if one.in_units else SI)
         try:

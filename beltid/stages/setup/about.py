@@ -13,10 +13,11 @@ from typing import Any, Final
 from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import source_sha256
+from beltid.artifacts.metadata_models import plain
 from beltid.config import ConfigSource, config_text, load_cases
 from beltid.config.loading import DEFAULT, ENVIRONMENT_VARIABLE, effective_values
 from beltid.errors import ConfigError
-from beltid.report.summary import Summary, json_value
+from beltid.report.summary import Summary
 from beltid.stages.setup.named_recordings import WITHOUT, lacking, wrong_recordings
 from beltid.stages.tables import load_law
 
@@ -84,11 +85,10 @@ def file_info(path: Path) -> Summary:
             "made from": [{"input": name, "sha256": sha} for name, sha in metadata.inputs.items()],
             "set aside": list(metadata.set_aside),
             "settings": [
-                {"setting": key, "value": json_value(value)}
-                for key, value in metadata.settings.items()
+                {"setting": key, "value": plain(value)} for key, value in metadata.settings.items()
             ],
             "further": [
-                {"name": key, "value": json_value(value)}
+                {"name": key, "value": plain(value)}
                 for key, value in metadata.figures.items()
                 if key not in known
             ],
@@ -141,7 +141,7 @@ def shown_config(source: ConfigSource) -> str:
 def config_origins(source: ConfigSource) -> Summary:
     """Every value that holds, and the file and line that state it."""
     rows = [
-        {"key": entry.key, "value": json_value(entry.value), "from": entry.origin}
+        {"key": entry.key, "value": plain(entry.value), "from": entry.origin}
         for entry in effective_values(source)
     ]
     stated = [row for row in rows if row["from"] != DEFAULT]

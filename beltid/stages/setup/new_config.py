@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.file_bytes import write_text
+from beltid.artifacts.metadata_models import plain
 from beltid.bench.files.sources import exists
 from beltid.bench.inspection import inspect_recording
 from beltid.config import Config, load_config
@@ -19,7 +20,7 @@ from beltid.config.loading import DEFAULT, ConfigSource, effective_values
 from beltid.config.template import SECTIONS, template_text
 from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import SAME_SETTING
-from beltid.report.summary import Summary, json_value
+from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.planned_runs import snap_to_settings
@@ -75,7 +76,7 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     summary = _summary(path, config, frozenset(values), frozenset(found))
     if not found:
         return summary
-    words = "; ".join(f"{key}: {json_value(value)}" for key, value in found.items())
+    words = "; ".join(f"{key}: {plain(value)}" for key, value in found.items())
     return replace(summary, notes=(f"the recording of the rig says {words}",))
 
 
@@ -163,7 +164,7 @@ def _summary(
         return "recording" if key in recorded else "stated" if key in stated else DEFAULT
 
     rows = [
-        {"key": entry.key, "value": json_value(entry.value), "origin": origin(entry.key)}
+        {"key": entry.key, "value": plain(entry.value), "origin": origin(entry.key)}
         for entry in effective_values(ConfigSource(config, ""))
         if entry.key.partition(".")[0] in SECTIONS
     ]

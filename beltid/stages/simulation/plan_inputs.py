@@ -17,7 +17,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
 from beltid.plan.present import KnownSurface, sources_of_plan
-from beltid.plan.prior import MeasuredSurface
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
 from beltid.stages.simulation.planned_runs import (
@@ -92,7 +91,7 @@ class Present:
 
     Attributes
     ----------
-    surface : MeasuredSurface or None
+    surface : KnownSurface or None
         The surface; None before any run.
     arcs_deg : tuple of float
         Its arc settings [deg].
@@ -108,7 +107,7 @@ class Present:
         What was assumed.
     """
 
-    surface: MeasuredSurface | None
+    surface: KnownSurface | None
     arcs_deg: tuple[float, ...]
     sources: tuple[Source, ...]
     press: PressLaw
@@ -152,9 +151,8 @@ def present_knowledge(
             f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
             "tensions; --from friction.parquet takes that of its runs"
         )
-    surface = None if known is None else known.measured(len(sources))
-    arcs = () if known is None else known.arcs_deg
-    return Present(surface, arcs, sources, press, noise, columns, tuple(notes))
+    arcs = () if known is None else tuple(known.arcs_deg)
+    return Present(known, arcs, sources, press, noise, columns, tuple(notes))
 
 
 def known_of_artifact(artifact: Artifact) -> KnownSurface:
@@ -182,10 +180,12 @@ def _known(
 ) -> KnownSurface:
     if not isinstance(surface, UncertainSurface) or surface.factor is None:
         raise InputError(f"{name}: has no covariance; build it again")
+    sources = sources_of(stored["sources"])
     return KnownSurface(
         surface=surface,
-        factor=surface.factor,
-        arcs_deg=tuple(float(arc) for arc in stored["arcs_deg"]),
-        sources=sources_of(stored["sources"]),
+        sources=sources,
+        changes=surface.factor[..., : len(sources)],
+        scatter=surface.factor[..., len(sources) :],
+        arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
         noise_scale=noise_scale or 1.0,
     )
