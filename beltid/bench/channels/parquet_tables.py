@@ -37,7 +37,9 @@ def candidates_of(part: ParquetTable, context: MappingContext) -> list[Candidate
     of_time.append(context.options.names.get("time_s", "time_s"))
     written = {name: written_as(cells) for name, cells in first_texts(part, of_time).items()}
     fields = {field.name: field for field in there}
-    units = {n: (f.metadata or {}).get(b"unit", b"").decode() for n, f in fields.items()}
+    units = {
+        n: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for n, f in fields.items()
+    }
     units |= {n: "s" for n in of_time if n in fields and pa.types.is_duration(fields[n].type)}
     names = dict.fromkeys([*there.names, *part.folders])
     return [Candidate(n, units.get(n, ""), n, written=written.get(n, "")) for n in names if n]

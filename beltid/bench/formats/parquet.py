@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -39,7 +40,8 @@ class ParquetTable:
     file : pyarrow.parquet.ParquetFile
         Its columns.
     folders : dict of str to str
-        Columns that the names of its folders hold, such as ``arc_deg=82``, and their value.
+        Columns that the names of its folders hold, such as ``arc_deg=82``, and their value; what
+        is no plain letter in it may be written as ``%20``.
     """
 
     source: Source
@@ -51,7 +53,7 @@ class ParquetTable:
         """Open a file; see `open_parquet`."""
         parts = (part.partition("=") for part in source.inside.parts[:-1])
         file = open_parquet(source.data or source.path, source.name, InputError)
-        return cls(source, file, {key: value for key, mark, value in parts if mark})
+        return cls(source, file, {unquote(k): unquote(value) for k, mark, value in parts if mark})
 
     @property
     def name(self) -> str:
