@@ -258,7 +258,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
 
 def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
     """Parquet file and the metadata of its seal, both checked as far as the footer allows."""
-    file = open_parquet(data, schemas.TEXT_COLUMNS, str(path), ArtifactError)
+    file = open_parquet(data, str(path), ArtifactError)
     stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:
         if SEAL_KEY in stored:

@@ -6,7 +6,7 @@ What a file claims is checked before anything is read.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -30,9 +30,7 @@ LARGEST: Final = 1e100
 """Size of a number of an artifact: its square and its cube can be computed."""
 
 
-def open_parquet(
-    source: bytes | Path, labels: Sequence[str], name: str, error_type: type[InputError]
-) -> Any:
+def open_parquet(source: bytes | Path, name: str, error_type: type[InputError]) -> Any:
     """A Parquet file, its claims checked.
 
     Texts are kept as a dictionary, so that a long one in every row takes the memory of one.
@@ -41,8 +39,6 @@ def open_parquet(
     ----------
     source : bytes or Path
         The bytes of the file, or the file: one that is read in blocks may hold any number of rows.
-    labels : sequence of str
-        Names of columns of texts.
     name : str
         Name of the file in messages.
     error_type : type
@@ -56,10 +52,11 @@ def open_parquet(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    def opened(texts: list[str]) -> Any:
+    def opened(texts: list[str], footer: Any = None) -> Any:
         data = pa.BufferReader(source) if isinstance(source, bytes) else source
         return pq.ParquetFile(
             data,
+            metadata=footer,
             page_checksum_verification=True,
             read_dictionary=texts,
             memory_map=False,
@@ -74,15 +71,12 @@ def open_parquet(
         if isinstance(source, bytes):
             _refuse_claims(about, len(source), name, error_type)
         texts = [
-            text
-            for text in dict.fromkeys(labels)
-            if there.names.count(text) == 1
-            and (
-                pa.types.is_string(there.field(text).type)
-                or pa.types.is_large_string(there.field(text).type)
-            )
+            field.name
+            for field in there
+            if there.names.count(field.name) == 1
+            and (pa.types.is_string(field.type) or pa.types.is_large_string(field.type))
         ]
-        return opened(texts) if texts else file
+        return opened(texts, about) if texts else file
     except InputError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything

@@ -148,4 +148,4 @@ def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> Big
     mappings, clock, blocks = stream_parquet(sources, context)
     _refuse_missing_settings(mappings, context, sources[0].name)
     told = notes_of(mappings, context.table, ())
-    return BigRecording(path, blocks, context.table, mappings, clock, told, ", row ")
+    return BigRecording(path, ahead(blocks, 1), context.table, mappings, clock, told, ", row ")

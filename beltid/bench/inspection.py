@@ -306,8 +306,8 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
     from beltid.bench.channels.parquet_tables import candidates_of
     from beltid.bench.formats import parquet
 
-    first, file = sources[0], parquet.open_source(sources[0], ())
-    there, n = file.schema_arrow, file.metadata.num_rows
+    first = parquet.ParquetTable.of(sources[0])
+    there, n = first.schema, first.file.metadata.num_rows
     numeric = [
         name
         for name in there.names
@@ -315,14 +315,16 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
     ]
     candidates = candidates_of(first, MappingContext(ANY_TABLE, options))
     views = {c.name: ChannelView(c, 0 if c.name in numeric else n) for c in candidates}
-    for batch in parquet.batches_of(file, numeric, first.name):
+    for batch in parquet.batches_of(first, numeric):
         for name, values in zip(batch.schema.names, batch.columns, strict=True):
             views[name] = views[name].with_numbers(numbers_of(values))
-    for name, value in parquet.columns_of_folders(first).items():
+    for name, value in first.folders.items():
         number = float(value) if is_number(value) else np.nan
         views[name] = replace(views[name], low=number, high=number, first=number)
     return [
-        FileView(source.name, "Parquet", "", tuple(views.values()) if source is first else ())
+        FileView(
+            source.name, "Parquet", "", tuple(views.values()) if source is first.source else ()
+        )
         for source in sources
     ]
 

@@ -97,11 +97,11 @@ def _of_channels(file: BenchFile) -> Iterator[str]:
 def _of_parquet(source: Source) -> Iterator[str]:
     import pyarrow as pa
 
-    from beltid.bench.formats.parquet import batches_of, open_source
+    from beltid.bench.formats.parquet import ParquetTable, batches_of
 
-    file = open_source(source, ())
-    names = [f.name for f in file.schema_arrow if holds_dates(f.type)]
-    for batch in batches_of(file, names, source.name):
+    part = ParquetTable.of(source)
+    names = [f.name for f in part.schema if holds_dates(f.type)]
+    for batch in batches_of(part, names):
         firsts = (column.slice(0, 1).cast(pa.string()).to_pylist() for column in batch.columns)
         yield from _of_cells(zip(names, ([c for c in f if c] for f in firsts), strict=True))
         return

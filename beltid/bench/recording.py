@@ -299,13 +299,13 @@ def _from_parquet(
     """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
     from beltid.bench.channels.parquet_tables import read_parquet
-    from beltid.bench.formats.parquet import open_source
+    from beltid.bench.formats.parquet import ParquetTable
 
     sources = [source.loaded() for source in sources]
-    about = open_source(sources[0], ()).schema_arrow.metadata or {}
-    if len(sources) > 1 or SEAL_KEY not in about:
+    tables = [ParquetTable.of(source) for source in sources]
+    if len(tables) > 1 or SEAL_KEY not in (tables[0].schema.metadata or {}):
         context = MappingContext(options.table(kind), options)
-        raw_tables = read_parquet(sources, path, context)
+        raw_tables = read_parquet(tables, path, context)
         if not raw_tables:
             context.problems.told_once([source.name for source in sources])
             context.problems.raise_if_any()

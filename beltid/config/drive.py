@@ -29,7 +29,9 @@ class TensionerSection(Section):
     """A sprung arm that carries one of the pulleys; where that one stands is the mean position."""
 
     pulley: Annotated[str, Text(40)]
-    pivot_m: Annotated[tuple[Metres, Metres], ListOf("two coordinates", "[-0.18, 0.10]", 2)]
+    pivot_m: Annotated[
+        tuple[Metres, Metres], ListOf("two coordinates", "[-0.18, 0.10]", 2, repeats=True)
+    ]
     arm_m: Annotated[float, Number(0.001, 10, "m")]
     free_angle_deg: Annotated[float, Number(-360, 360, "°")]
     preload_N_m: Annotated[float, Number(0, 1e4, "N m")]
@@ -67,7 +69,7 @@ class OperatingPointsSection(Section):
 
     driver_speed_rad_s: Annotated[
         tuple[Annotated[float, Number(-1e4, 1e4, "rad/s")], ...],
-        ListOf("speeds", "[22, 62.8]", 100_000),
+        ListOf("speeds", "[22, 62.8]", 100_000, repeats=True),
     ] = (62.8,)
     torque_N_m: ByName = Field(default_factory=dict)
     power_W: ByName = Field(default_factory=dict)

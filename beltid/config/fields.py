@@ -267,7 +267,7 @@ class UnitOf(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ListOf(Checked):
-    """A list of different values that is not empty.
+    """A list that is not empty.
 
     Parameters
     ----------
@@ -277,12 +277,15 @@ class ListOf(Checked):
         Such a list, for the message.
     longest, fewest : int
         Largest and smallest number of items.
+    repeats : bool
+        Whether a number may be given more than once.
     """
 
     what: str
     example: str
     longest: int = 200
     fewest: int = 1
+    repeats: bool = False
 
     def check(self, value: Any) -> tuple[Any, ...]:
         """Return the items; complain about what is not a list, or an empty or endless one."""
@@ -301,10 +304,11 @@ class ListOf(Checked):
 
     def _items(self, value: Any, validate: core_schema.ValidatorFunctionWrapHandler) -> Any:
         items = self.check(value)
+        first: dict[Any, int] = {}
         problems = [
             InitErrorDetails(type=complain("given once only"), loc=(i,), input=item)
             for i, item in enumerate(items)
-            if isinstance(item, (int, float)) and item in items[:i]
+            if isinstance(item, (int, float)) and first.setdefault(item, i) < i and not self.repeats
         ]
         try:
             valid = validate(items)

@@ -226,7 +226,7 @@ def _found(path: Path, how: str) -> ConfigSource:
 
 def _candidates(recording: Path) -> Iterator[Path]:
     recording = Path(os.path.abspath(recording))
-    stem = recording.name.split(".")[0] if recording.suffix == ".gz" else recording.stem
+    stem = Path(recording.name.removesuffix(".gz")).stem
     for folder in recording.parents:
         if stem:
             yield folder / f"{stem}.yaml"

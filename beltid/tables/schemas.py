@@ -483,17 +483,6 @@ SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *SAID_OF_RUNS
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 
 
-TEXT_COLUMNS: Final = tuple(
-    dict.fromkeys(
-        column.name
-        for kind in ARTIFACTS
-        for column in TABLES[kind].columns
-        if column.dtype == "string"
-    )
-)
-"""Columns of artifacts that hold texts."""
-
-
 def table(kind: str) -> Table:
     """The table of a kind.
 

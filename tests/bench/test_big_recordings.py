@@ -39,8 +39,26 @@ def same_as_read_at_once(path: Path, config: object = None) -> None:
         for name, values in run.columns.items():
             assert np.array_equal(values, at_once[name][n : n + size], equal_nan=True), name
         assert set(at_once["run"][n : n + size]) == {run.label}
+        for name, word in run.said.items():
+            assert set(at_once[name][n : n + size]) == {word}, name
         n += size
     assert n == len(at_once["run"])
+
+
+def rig_of(runs: list[str], n: int = 40) -> dict[str, np.ndarray]:
+    """Columns of a recording of the friction rig, synthetic."""
+    time_s = np.tile(0.05 * np.arange(n), len(runs))
+    turns = time_s > 1.0
+    return {
+        "run": np.repeat(runs, n),
+        "time_s": time_s,
+        "tension_tight_N": 100.0 + 20.0 * turns,
+        "tension_slack_N": 100.0 - 20.0 * turns,
+        "pulley_speed_rad_s": 0.2 * turns,
+        "temperature_degC": np.full(time_s.size, 22.0),
+        "arc_deg": np.full(time_s.size, 82.0),
+        "initial_tension_N": np.full(time_s.size, 100.0),
+    }
 
 
 @pytest.fixture
@@ -71,6 +89,16 @@ def test_rows_in_windows_manners_with_a_comma(small_chunks: None, tmp_path: Path
     path = tmp_path / "rig.csv"
     path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(rows).encode())
     same_as_read_at_once(path)
+
+
+def test_what_rows_say_of_a_run_whatever_its_capitals(tmp_path: Path) -> None:
+    head, *rows = some_rows()
+    path = tmp_path / "rig.csv"
+    said = [f"{row},Wet,RIB,Steel" for row in rows]
+    path.write_text("\n".join([f"{head},condition,side,pulley_material", *said]) + "\n")
+    same_as_read_at_once(path)
+    words = {"condition": "wet", "side": "rib", "pulley_material": "Steel"}
+    assert all(run.said == words for run in open_big(path))
 
 
 def test_rows_that_only_the_exact_reader_takes(small_chunks: None, tmp_path: Path) -> None:
@@ -393,6 +421,40 @@ def test_a_folder_named_by_no_number_is_refused(tmp_path: Path, value: str) -> N
     folder = parts(tmp_path, f"arc_deg={value}/a.parquet", {"arc_deg": None})
     with pytest.raises(InputError, match=f"its folder is called arc_deg={value}, must be a number"):
         list(open_big(folder))
+
+
+def test_folders_named_as_pyarrow_writes_them(tmp_path: Path) -> None:
+    """It writes every byte but letters, digits and ``_.-~`` as % and two digits."""
+    import pyarrow.dataset as ds
+
+    frame = pa.table(rig_of(["heiß, 1", "50 %"]))
+    by_run = ds.partitioning(pa.schema([("run", pa.string())]), flavor="hive")
+    ds.write_dataset(frame, tmp_path / "rig", format="parquet", partitioning=by_run)
+    assert [run.label for run in open_big(tmp_path / "rig")] == ["50 %", "heiß, 1"]
+    same_as_read_at_once(tmp_path / "rig")
+
+
+def test_a_unit_in_other_bytes_than_utf_8_is_told(tmp_path: Path) -> None:
+    columns = pa.table(rig_of(["1"]))
+    about = pa.field("temperature_degC", pa.float64(), metadata={b"unit": "°C".encode("latin-1")})
+    at = columns.schema.get_field_index("temperature_degC")
+    path = tmp_path / "rig.parquet"
+    pq.write_table(columns.set_column(at, about, columns.column(at)), path)
+    with pytest.raises(InputError, match=r"temperature_degC is in \ufffdC, must be one of degC"):
+        read_recording(path, "rig")
+
+
+def test_a_parquet_file_is_opened_once_for_its_names_and_once_for_its_texts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, footers = tmp_path / "rig.parquet", []
+    pq.write_table(pa.table(rig_of(["1", "2"])), path)
+    opened = pq.ParquetFile
+    monkeypatch.setattr(
+        pq, "ParquetFile", lambda *a, **k: footers.append(k["metadata"]) or opened(*a, **k)
+    )
+    assert len(list(open_big(path))) == 2
+    assert [footer is None for footer in footers] == [True, False]  # the footer is read once
 
 
 def test_a_recording_without_samples_is_refused(tmp_path: Path) -> None:

@@ -433,6 +433,10 @@ def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
 def test_whole_numbers_label_runs_without_a_point():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=3).assign(run=[1.0, 1.0, 2.0])
     assert columns_of(frame, "rig")["run"].tolist() == ["1", "1", "2"]
+    numbered = {name: str(k) for k, name in enumerate(frame.columns)}
+    frame.columns = range(frame.shape[1])  # as a table without a header is read
+    known = load_config({"columns": {"rig": numbered}})
+    assert columns_of(frame, "rig", known)["run"].tolist() == ["1", "1", "2"]
 
 
 @pytest.mark.parametrize(

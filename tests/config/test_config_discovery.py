@@ -49,6 +49,12 @@ def test_the_order_of_places(place, monkeypatch):
     assert "--config" in find_config(recording, named).origin
 
 
+def test_the_config_of_a_packed_recording_is_called_as_that_of_a_plain_one(place):
+    beside = ribs(place / "5pk.v2.yaml", 14)
+    assert find_config(place / "5pk.v2.csv").path == beside
+    assert find_config(place / "5pk.v2.csv.gz").path == beside
+
+
 def test_the_built_in_rig_says_so():
     found = find_config()
     assert found.path is None

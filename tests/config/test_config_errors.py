@@ -56,6 +56,16 @@ rig:
     assert found[8].endswith("rig.span_lenght_m is not a known key, did you mean span_length_m?")
 
 
+def test_lists_in_step_and_coordinates_may_repeat_a_number():
+    """A drive is asked for several torques at one speed; a pivot may stand on a diagonal."""
+    arm = {"pulley": "t", "arm_m": 0.1, "free_angle_deg": 0, "preload_N_m": 1, "rate_N_m_deg": 1}
+    points = {"driver_speed_rad_s": [22, 22, 62.8], "torque_N_m": {"driven": [4, 8, 4]}}
+    drive = {"operating_points": points, "tensioner": {**arm, "pivot_m": [0.1, 0.1]}}
+    config = load_config({"drive": drive})
+    assert config.drive.operating_points.driver_speed_rad_s == (22.0, 22.0, 62.8)
+    assert config.drive.tensioner.pivot_m == (0.1, 0.1)
+
+
 def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
     found = problems(tmp_path, "belt: {ribs: 0}\nbelt: 3\ndrive:\n  pulleys: [{name: a}]\n")
     assert found == [

@@ -23,7 +23,7 @@ from beltid.bench.big_recording import open_big
 from beltid.bench.files.sources import Source, parquet_files
 from beltid.bench.formats import dialect
 from beltid.bench.formats.csv_table import Wanted
-from beltid.bench.formats.parquet import parquet_blocks
+from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
@@ -83,8 +83,9 @@ def test_a_long_label_far_down_is_refused_before_the_first_block(tmp_path):
     columns["run"] = pa.array(["R1"] * (n - 1) + ["x" * 1001])
     path = tmp_path / "rig.parquet"
     pq.write_table(pa.table(columns), path, row_group_size=2000)
+    part = ParquetTable.of(Source(str(path), path, path))
     with pytest.raises(InputError, match="labels of 1001 bytes, must be at most 1000"):
-        next(parquet_blocks(Source(str(path), path, path), WANTED, schemas.table("rig")))
+        next(parquet_blocks(part, WANTED, schemas.table("rig")))
 
 
 @pytest.mark.parametrize(

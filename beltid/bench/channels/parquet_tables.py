@@ -20,12 +20,7 @@ from beltid.bench.channels.vocabulary import means_date, roles_meant
 from beltid.bench.files.sources import Source
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted
-from beltid.bench.formats.parquet import (
-    columns_of_folders,
-    first_texts,
-    open_source,
-    parquet_blocks,
-)
+from beltid.bench.formats.parquet import ParquetTable, first_texts, parquet_blocks
 from beltid.bench.formats.rows import Rows, Texts, together
 from beltid.errors import InputError
 from beltid.tables.units import Conversion
@@ -33,42 +28,48 @@ from beltid.tables.units import Conversion
 Mappings = dict[str, ChannelMapping]
 
 
-def candidates_of(source: Source, context: MappingContext) -> list[Candidate]:
+def candidates_of(part: ParquetTable, context: MappingContext) -> list[Candidate]:
     """Columns of a Parquet file and of the names of its folders, as candidates for ours."""
     import pyarrow as pa
 
-    there = open_source(source, ()).schema_arrow
+    there = part.schema
     of_time = [n for n in there.names if means_date(n) or "time_s" in roles_meant(n, context.kind)]
     of_time.append(context.options.names.get("time_s", "time_s"))
-    written = {name: written_as(cells) for name, cells in first_texts(source, of_time).items()}
+    written = {name: written_as(cells) for name, cells in first_texts(part, of_time).items()}
     fields = {field.name: field for field in there}
-    units = {n: (f.metadata or {}).get(b"unit", b"").decode() for n, f in fields.items()}
+    units = {
+        n: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for n, f in fields.items()
+    }
     units |= {n: "s" for n in of_time if n in fields and pa.types.is_duration(fields[n].type)}
-    names = dict.fromkeys([*there.names, *columns_of_folders(source)])
+    names = dict.fromkeys([*there.names, *part.folders])
     return [Candidate(n, units.get(n, ""), n, written=written.get(n, "")) for n in names if n]
 
 
-def map_columns(source: Source, context: MappingContext, told: Collection[str] = ()) -> Mappings:
+def map_columns(
+    part: ParquetTable, context: MappingContext, told: Collection[str] = ()
+) -> Mappings:
     """Find our columns in a Parquet file.
 
     Parameters
     ----------
-    source : Source
+    part : ParquetTable
         The file.
     context : MappingContext
         What is needed of it; takes what is wrong.
     told : collection of str
         Columns that need not stand in the file.
     """
-    context, wrong = replace(context, place=source.name), context.problems.count
-    candidates = candidates_of(source, context)
+    context, wrong = replace(context, place=part.name), context.problems.count
+    candidates = candidates_of(part, context)
     mappings = map_channels(candidates, context)
     if context.problems.count == wrong:
         check_header([c.name for c in candidates], context, mappings, told)
     return mappings
 
 
-def read_parquet(sources: Sequence[Source], path: Path, context: MappingContext) -> list[RawTable]:
+def read_parquet(
+    tables: Sequence[ParquetTable], path: Path, context: MappingContext
+) -> list[RawTable]:
     """Read the columns of a table from Parquet files.
 
     Files whose rows are labelled are parts of one table, unless the names of the files or a table
@@ -76,8 +77,8 @@ def read_parquet(sources: Sequence[Source], path: Path, context: MappingContext)
 
     Parameters
     ----------
-    sources : sequence of Source
-        The files, in memory.
+    tables : sequence of ParquetTable
+        The files.
     path : Path
         What was named.
     context : MappingContext
@@ -85,7 +86,7 @@ def read_parquet(sources: Sequence[Source], path: Path, context: MappingContext)
     """
     runs, label = context.options.runs, context.table.label
     told = told_elsewhere(runs, (), context.table)
-    found = [(source, map_columns(source, context, told)) for source in sources]
+    found = [(part, map_columns(part, context, told)) for part in tables]
     if context.problems.count:
         return []
     named = runs.pattern is not None or runs.table is not None
@@ -93,13 +94,15 @@ def read_parquet(sources: Sequence[Source], path: Path, context: MappingContext)
     return [_raw(part, str(path) if len(part) > 1 else part[0][0].name, context) for part in parts]
 
 
-def _raw(found: Sequence[tuple[Source, Mappings]], name: str, context: MappingContext) -> RawTable:
+def _raw(
+    found: Sequence[tuple[ParquetTable, Mappings]], name: str, context: MappingContext
+) -> RawTable:
     """The raw table that some files are together."""
     table, problems, row, parts = context.table, context.problems, 1, []
     first: dict[str, Wanted] = {}
-    for source, mappings in found:
-        wanted = _wanted(source, mappings, first, context)
-        for rows in parquet_blocks(source, wanted, table, row):
+    for part, mappings in found:
+        wanted = _wanted(part, mappings, first, context)
+        for rows in parquet_blocks(part, wanted, table, row):
             row += len(rows)
             problems.take(rows.problems)
             columns = rows.columns()
@@ -120,10 +123,11 @@ def _raw(found: Sequence[tuple[Source, Mappings]], name: str, context: MappingCo
         role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in found))
         for role, m in mappings.items()
     }
+    inside = found[0][0].source.inside
     return RawTable(
         name,
-        (found[0][0].inside.name, found[0][0].inside.stem),
-        found[0][0].inside.stem,
+        (inside.name, inside.stem),
+        inside.stem,
         {role: values for role, values in columns.items() if any(role in m for _, m in found)},
         stated,
         notes=notes,
@@ -133,7 +137,7 @@ def _raw(found: Sequence[tuple[Source, Mappings]], name: str, context: MappingCo
 
 
 def _wanted(
-    source: Source, mappings: Mappings, first: dict[str, Wanted], context: MappingContext
+    part: ParquetTable, mappings: Mappings, first: dict[str, Wanted], context: MappingContext
 ) -> dict[str, Wanted]:
     """How columns of a file are read; the clock of the first file reads the times of all."""
     wanted = wanted_of(mappings, context)
@@ -144,9 +148,9 @@ def _wanted(
         return wanted
     if time.clock is None or known.clock is None:
         holds = "no clock times, as" if time.clock is None else "clock times, unlike"
-        raise InputError(f"{source.name}: column {time.index} holds {holds} the first file does")
+        raise InputError(f"{part.name}: column {time.index} holds {holds} the first file does")
     if known.date is not None and time.date is None:
-        text = f"{source.name}: column {known.date} of dates is missing, the first file has it"
+        text = f"{part.name}: column {known.date} of dates is missing, the first file has it"
         raise InputError(text)
     return wanted | {"time_s": replace(time, clock=known.clock)}
 
@@ -161,22 +165,24 @@ def stream_parquet(
     InputError
         If columns of the first file are missing; those of others when their rows are asked for.
     """
-    mappings = map_columns(sources[0], context)
+    head = ParquetTable.of(sources[0])
+    mappings = map_columns(head, context)
     context.problems.raise_if_any()
     first: dict[str, Wanted] = {}
-    _wanted(sources[0], mappings, first, context)
+    _wanted(head, mappings, first, context)
 
     def blocks() -> Iterator[Rows]:
         row = 1
         for source in sources:
-            found = mappings if source is sources[0] else map_columns(source, context)
+            part = head if source is sources[0] else ParquetTable.of(source)
+            found = mappings if part is head else map_columns(part, context)
             context.problems.raise_if_any()
             for role, mapping in found.items():
                 if mapping.conversion != getattr(mappings.get(role), "conversion", Conversion(1.0)):
-                    text = f"{source.name}: {mapping.shown} has another unit than in the first file"
+                    text = f"{part.name}: {mapping.shown} has another unit than in the first file"
                     raise InputError(text)
-            wanted = _wanted(source, found, first, context)
-            for rows in parquet_blocks(source, wanted, context.table, row):
+            wanted = _wanted(part, found, first, context)
+            for rows in parquet_blocks(part, wanted, context.table, row):
                 yield rows
                 row += len(rows)
 

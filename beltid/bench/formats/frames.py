@@ -50,7 +50,7 @@ def columns_of_frame(
     for column in table.columns:
         theirs = names.get(column.name, column.name)
         if theirs in have:
-            values = _column(frame, theirs)
+            values = _column(frame, have[theirs])
             if column.unit == "s":
                 values = _seconds(values)
             times = _clock_times(values) if clock and column.name == "time_s" else None
@@ -61,7 +61,7 @@ def columns_of_frame(
             columns[column.name], wrong = clock.read(times, dates)
             clock.report_wrong(wrong, times, lambda i: (f"{name}, row {i + 1}", i + 1), problems)
         elif column.required:
-            problems.add(missing_column(theirs, have, name))
+            problems.add(missing_column(theirs, list(have), name))
     lengths = {len(values) for values in columns.values()}
     if lengths == {0}:
         raise InputError(f"{name}: holds no samples")
@@ -78,8 +78,8 @@ def missing_column(wanted: str, have: Sequence[str], name: str) -> Problem:
     return Problem(f"{name}: column {wanted} is missing{guess}; found are {found}", "columns")
 
 
-def names_of(frame: Any, name: str) -> list[str]:
-    """Names of the columns of a table in memory; InputError if it is none."""
+def names_of(frame: Any, name: str) -> dict[str, Any]:
+    """Names of the columns of a table in memory -> its own for them; InputError if it is none."""
     if isinstance(frame, Mapping):
         found = list(frame)
     elif hasattr(frame, "column_names"):
@@ -91,10 +91,10 @@ def names_of(frame: Any, name: str) -> list[str]:
             f"{name}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
             "of columns"
         )
-    return [str(column) for column in found]
+    return {str(column): column for column in found}
 
 
-def _column(frame: Any, theirs: str) -> Any:
+def _column(frame: Any, theirs: Any) -> Any:
     column = frame[theirs]
     if hasattr(column, "to_pylist") and not hasattr(column, "iloc"):  # an Arrow column
         if hasattr(column.type, "value_type") and hasattr(column.type, "index_type"):

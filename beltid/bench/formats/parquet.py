@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -27,26 +29,52 @@ FIRST_ROWS: Final = 200
 """Rows that show what the texts of a column are."""
 
 
-def open_source(source: Source, texts: Sequence[str]) -> Any:
-    """A Parquet file, its claims checked where its bytes are in memory; see `open_parquet`."""
-    return open_parquet(source.data or source.path, texts, source.name, InputError)
+@dataclass(frozen=True, slots=True)
+class ParquetTable:
+    """A Parquet file that is open.
 
+    Attributes
+    ----------
+    source : Source
+        The file.
+    file : pyarrow.parquet.ParquetFile
+        Its columns.
+    folders : dict of str to str
+        Columns that the names of its folders hold, such as ``arc_deg=82``, and their value; what
+        is no plain letter in it may be written as ``%20``.
+    """
 
-def columns_of_folders(source: Source) -> dict[str, str]:
-    """Columns that the names of the folders of a file hold, and their value."""
-    parts = (part.partition("=") for part in source.inside.parts[:-1])
-    return {key: value for key, mark, value in parts if mark}
+    source: Source
+    file: Any
+    folders: dict[str, str]
+
+    @classmethod
+    def of(cls, source: Source) -> ParquetTable:
+        """Open a file; see `open_parquet`."""
+        parts = (part.partition("=") for part in source.inside.parts[:-1])
+        file = open_parquet(source.data or source.path, source.name, InputError)
+        return cls(source, file, {unquote(k): unquote(value) for k, mark, value in parts if mark})
+
+    @property
+    def name(self) -> str:
+        """Name of the file, for messages."""
+        return self.source.name
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Names and types of the columns of the file."""
+        return self.file.schema_arrow
 
 
 def parquet_blocks(
-    source: Source, wanted: Mapping[str, Wanted], table: Table, first_row: int = 1
+    part: ParquetTable, wanted: Mapping[str, Wanted], table: Table, first_row: int = 1
 ) -> Iterator[Rows]:
     """Blocks of rows of a Parquet file.
 
     Parameters
     ----------
-    source : Source
-        The file. Names of folders such as ``arc_deg=82`` hold a column of all the files in them.
+    part : ParquetTable
+        The file.
     wanted : mapping of str to Wanted
         Our columns -> where they stand in the file or the names of its folders.
     table : Table
@@ -59,28 +87,25 @@ def parquet_blocks(
     InputError
         If the file is damaged, or a column is of another type.
     """
-    folders = columns_of_folders(source)
-    _refuse_columns(source, wanted, folders)
+    _refuse_columns(part, wanted)
+    in_file = set(part.schema.names)
+    read = [name for w in wanted.values() for name in (w.index, w.date) if name in in_file]
     texts = [w.index for w in wanted.values() if w.is_text or w.clock]
     texts += [w.date for w in wanted.values() if w.date is not None]
-    file = open_source(source, texts)
-    in_file = set(file.schema_arrow.names)
-    read = [name for w in wanted.values() for name in (w.index, w.date) if name in in_file]
-    for text in texts:
-        _refuse_long_labels(file, text if text in in_file else None, source.name)
-    for batch in batches_of(file, read, source.name):
+    _refuse_long_texts(part, [text for text in texts if text in in_file])
+    for batch in batches_of(part, read):
         try:
-            rows = _rows(batch, wanted, folders, table, first_row, source.name)
+            rows = _rows(batch, part, wanted, table, first_row)
         except Exception as error:  # a number that no float64 holds
-            raise InputError(f"{source.name}: {damaged(error)}", code="damaged") from None
+            raise InputError(f"{part.name}: {damaged(error)}", code="damaged") from None
         yield rows
         first_row += batch.num_rows
 
 
 def batches_of(
-    file: Any, columns: Sequence[str], name: str, rows: int | None = None
+    part: ParquetTable, columns: Sequence[str], rows: int | None = None
 ) -> Iterator[pa.RecordBatch]:
-    """Columns of an opened Parquet file in blocks, each of them sound.
+    """Columns of a Parquet file in blocks, each of them sound.
 
     Raises
     ------
@@ -88,29 +113,25 @@ def batches_of(
         If the file is damaged.
     """
     try:
-        for batch in file.iter_batches(batch_size=rows or ROWS, columns=columns):
+        for batch in part.file.iter_batches(batch_size=rows or ROWS, columns=columns):
             batch.validate(full=True)
             yield batch
     except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{name}: {damaged(error)}", code="damaged") from None
+        raise InputError(f"{part.name}: {damaged(error)}", code="damaged") from None
 
 
-def first_texts(source: Source, names: Sequence[str]) -> dict[str, list[str]]:
+def first_texts(part: ParquetTable, names: Sequence[str]) -> dict[str, list[str]]:
     """The first values of columns that hold no numbers, as texts."""
     import pyarrow as pa
 
-    there = open_source(source, ()).schema_arrow
+    there = part.schema
     names = [
         name
         for name in dict.fromkeys(names)
         if there.names.count(name) == 1 and not holds_numbers(there.field(name))
     ]
-    if not names:
-        return {}
-    file = open_source(source, names)
-    for name in names:
-        _refuse_long_labels(file, name, source.name)
-    for batch in batches_of(file, names, source.name, FIRST_ROWS):
+    _refuse_long_texts(part, names)
+    for batch in batches_of(part, names, FIRST_ROWS) if names else ():
         try:
             texts = [column.cast(pa.string()).to_pylist() for column in batch.columns]
         except pa.ArrowException:  # nested values
@@ -135,13 +156,11 @@ def holds_numbers(field: pa.Field) -> bool:
     )
 
 
-def _refuse_columns(
-    source: Source, wanted: Mapping[str, Wanted], folders: Mapping[str, str]
-) -> None:
+def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
     """Refuse columns that are given twice, nested, or of types that are not those of ours."""
     import pyarrow as pa
 
-    there, name = open_source(source, ()).schema_arrow, source.name
+    there, folders, name = part.schema, part.folders, part.name
     problems = []
     for role, w in wanted.items():
         count = there.names.count(w.index)
@@ -165,49 +184,44 @@ def _refuse_columns(
         is_time = role == "time_s" or not pa.types.is_duration(kind)
         if not (holds_numbers(field) and is_time) and not (text and w.is_text):
             allowed = "texts or whole numbers" if w.is_text else "numbers"
-            problems.append(f"{name}: column {w.index} holds {field.type}, must hold {allowed}")
+            problems.append(f"{name}: column {w.index} holds {kind}, must hold {allowed}")
     if problems:
         raise InputError(problems)
 
 
-def _refuse_long_labels(file: Any, label: str | None, name: str) -> None:
-    """Refuse labels that would fill the memory if every row of a block had one."""
+def _refuse_long_texts(part: ParquetTable, names: Sequence[str]) -> None:
+    """Refuse texts that would fill the memory if every row of a block had one."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    if label is None:
-        return
-    try:
-        for batch in file.iter_batches(batch_size=LABELS, columns=[label]):
-            labels = batch.column(0)
-            words = labels.dictionary if pa.types.is_dictionary(labels.type) else labels
-            if not (pa.types.is_string(words.type) or pa.types.is_large_string(words.type)):
-                return
+    for name in names:
+        kind = part.schema.field(name).type
+        kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+        if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+            continue
+        for batch in batches_of(part, [name], LABELS):
+            texts = batch.column(0)
+            words = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
             longest = pc.max(pc.binary_length(words)).as_py() or 0
             if longest > LONGEST_LABEL:
                 raise InputError(
-                    f"{name}: labels of {longest} bytes, must be at most {LONGEST_LABEL}"
+                    f"{part.name}: labels of {longest} bytes, must be at most {LONGEST_LABEL}"
                 )
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{name}: {damaged(error)}", code="damaged") from None
 
 
 def _rows(
     batch: pa.RecordBatch,
+    part: ParquetTable,
     wanted: Mapping[str, Wanted],
-    folders: Mapping[str, str],
     table: Table,
     row: int,
-    name: str,
 ) -> Rows:
     numbers: dict[str, np.ndarray] = {}
     texts: dict[str, Texts] = {}
     problems = Problems()
     for role, w in wanted.items():
-        if w.index in folders:
-            told = folders[w.index]
+        if w.index in part.folders:
+            told = part.folders[w.index]
             if w.is_text:
                 texts[role] = Texts.of([told] * batch.num_rows)
             else:
@@ -219,7 +233,9 @@ def _rows(
         elif w.clock is not None:
             dates = None if w.date is None else batch.column(w.date)
             numbers[role], wrong = w.clock.read(values, dates)
-            w.clock.report_wrong(wrong, values, lambda i: (f"{name}, row {row + i}", i), problems)
+            w.clock.report_wrong(
+                wrong, values, lambda i: (f"{part.name}, row {row + i}", row + i), problems
+            )
         else:
             numbers[role] = numbers_of(values)
     for column in table.columns:

@@ -95,12 +95,7 @@ def numbers_of(values: Any) -> np.ndarray:
         return np.asarray(values.to_numpy(zero_copy_only=False) / np.timedelta64(1, "s"))
     if not pa.types.is_float64(values.type):
         values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
-    return writable(values.to_numpy(zero_copy_only=False))
-
-
-def writable(values: np.ndarray) -> np.ndarray:
-    """An array that may be written to: itself, or a copy of what belongs to Arrow."""
-    return values if values.flags.writeable else values.copy()
+    return np.asarray(values.to_numpy(zero_copy_only=False))
 
 
 def word_of(value: Any) -> str | None:
@@ -119,7 +114,7 @@ class Rows:
     Attributes
     ----------
     numbers : dict of str to ndarray
-        float64 columns, nan where a number is missing.
+        float64 columns, nan where a number is missing; they may belong to Arrow.
     texts : dict of str to Texts
         Columns of texts.
     lines : ndarray or int
@@ -149,8 +144,9 @@ class Rows:
         return self.lines
 
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns as arrays."""
-        return {**self.numbers, **{name: texts.objects() for name, texts in self.texts.items()}}
+        """All columns as arrays that may be written to."""
+        own = {n: x if x.flags.writeable else x.copy() for n, x in self.numbers.items()}
+        return {**own, **{name: texts.objects() for name, texts in self.texts.items()}}
 
     def filled(self) -> Rows:
         """The rows in which any cell holds something."""

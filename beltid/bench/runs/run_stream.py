@@ -218,7 +218,11 @@ class BigRecording:
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
         if run.label is not None:
-            yield RunColumns(run.label, columns, run.said(self.table.label))
+            said = {
+                name: word.lower() if self.table.column(name).choices else word
+                for name, word in run.said(self.table.label).items()
+            }
+            yield RunColumns(run.label, columns, said)
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
         """Whether anything in a run asks for the checks that tell what and where."""
