@@ -194,6 +194,23 @@ def test_a_drift_is_not_taken_for_a_temperature(slope, drifts):
     assert ("beyond the drift" in result.temperature.statement) == (slope == 0.0)
 
 
+@pytest.mark.parametrize("shape", ["relative", "root"])
+@pytest.mark.parametrize("way", [0.02, 0.08, 0.2])
+@pytest.mark.parametrize("valley", [0.0, 0.3])
+def test_friction_that_turns_round_over_some_way_does_not_bend_the_law(shape, way, valley):
+    """Sliders: the loop has its width only beyond that way from a turn."""
+    bench = Bench(hysteresis=shape, turn_way=way, cycles=3, valley=valley, dt=0.4)
+    result = fit_stiffness(bench.record(1), SETTINGS)
+    off, z = errors(result, bench.force)
+    # a width in proportion to the force is the parabola that is assumed, its root is not
+    assert off < (0.015 if shape == "relative" else 0.05)
+    assert z < 1.96
+    assert said(result, "turn", alarming=False)
+    # the parabola of rigdata, which closes at the turns without any bend
+    still = fit_stiffness(Bench(dt=0.3).record(1), SETTINGS)
+    assert not said(still, "turn")
+
+
 @pytest.mark.parametrize("share", [0.5, 0.8])
 def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     bench = Bench(cycles=2)

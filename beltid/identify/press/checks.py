@@ -14,6 +14,7 @@ loading only          the loop that was not recorded                    :data:`L
 seating               force carried before the law's contact point      law that begins there
 starts in contact     no travel to take the zero of the cell from       an unknown of the fit
 drift                 a force that does not return to its zero          what the drift does
+turn                  branches that part gradually at a turn    another width of the loop
 sole virgin cycle     virgin rubber is stiffer                          measured, or 5 %
 hold                  what relaxes slower than the test                 twice the loss, or 5 %
 speeds                loss by rate                                      a decade of speed
@@ -314,6 +315,30 @@ def _drift(case: Case) -> list[Finding]:
     return [Finding("drift", share, text if share >= WORTH_SAYING else "", (change,))]
 
 
+def _turn(case: Case) -> list[Finding]:
+    """Near a turn of the crosshead the middle of the branches rests on the width of their loop."""
+    turn = np.concatenate([curve.turn_N_m for curve in case.curves])
+    if not turn.any():
+        return []
+    law, data = case.law, case.law.data
+    change = law.sensitivity[:, : turn.size] @ (turn / data.F_N_m) * law.units
+    reach = max(
+        np.count_nonzero(c.turn_N_m) * float(c.position_m[1] - c.position_m[0]) for c in case.curves
+    )
+    text = (
+        f"the branches part gradually where the crosshead turns: over {reach * 1e6:.2g} µm their "
+        "middle rests on the width of the loop farther away; it is in the standard errors"
+    )
+    return [
+        Finding(
+            "turn",
+            float(np.max(np.abs(turn))) / float(np.max(data.f)) / data.F_N_m,
+            text,
+            (change,),
+        )
+    ]
+
+
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
     """A sole cycle may be that of virgin rubber; tests of several cycles show what that does."""
     share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
@@ -402,6 +427,7 @@ CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (
     _seating,
     _starts_in_contact,
     _drift,
+    _turn,
     _sole_virgin_cycle,
     _hold,
     _speeds,
