@@ -225,6 +225,20 @@ def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     assert any("the load cell is at the end of its range" in note for note in result.notes)
 
 
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [("displacement_mm", 1e3), ("displacement_mm", 1e-3), ("force_N", 1e3), ("force_N", 1e-3)],
+)
+def test_travel_or_force_in_another_unit_is_said(column, factor):
+    bench = Bench(temperatures=(22.0,), dt=0.3)
+    columns = bench.record(1)
+    assert not said(fit_stiffness(columns, SETTINGS), "size")
+    wrong = fit_stiffness({**columns, column: factor * columns[column]}, SETTINGS)
+    assert said(wrong, "size")
+    (warning,) = (w for w in wrong.pooled.warnings if "expected are" in w)
+    assert f"is {column} in another unit" in warning
+
+
 def test_cycles_at_different_speeds_are_said():
     parts = []
     for k, test in enumerate(("A", "B")):

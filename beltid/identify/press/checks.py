@@ -8,6 +8,7 @@ number itself, which enters the combined uncertainty only.
 ====================  ================================================  ==========================
 Check                 What it looks for                                 Size of the error
 ====================  ================================================  ==========================
+size                  travel and force of no ribbed belt                none: a unit is wrong
 coefficient at zero   a coefficient that would be negative              that of the free one
 lack of fit           a toe, another law                                probability times misfit
 loading only          the loop that was not recorded                    :data:`LOOPS`
@@ -19,6 +20,7 @@ sole virgin cycle     virgin rubber is stiffer                          measured
 hold                  what relaxes slower than the test                 twice the loss, or 5 %
 speeds                loss by rate                                      a decade of speed
 scatter of the tests  tests that differ by more than their noise        inflated covariance
+sole tests            temperature or another segment of the belt?       half the difference
 ====================  ================================================  ==========================
 """
 
@@ -65,6 +67,8 @@ VIRGIN: Final = 0.05
 SLOW: Final = 0.05
 """Standard uncertainty of the force from a relaxation that is slower than the test: it leaves no
 loop. Filled rubber relaxes by some five percent in a decade of time."""
+DEPTH_M: Final = (2.0e-6, 5.0e-3)  # least and most that the ribs of a belt give way
+LINE_FORCE_N_M: Final = (1.0e2, 1.0e6)
 WORTH_SAYING: Final = 5.0e-3  # share of the force above which an effect is spoken of
 
 
@@ -115,6 +119,25 @@ def _not_seen(check: str, share: float, text: str) -> Finding:
     """What the recording cannot show."""
     said = f"{text} (in the combined uncertainty, not in the standard errors)"
     return Finding(check, share, said if share >= WORTH_SAYING else "", unseen=True)
+
+
+def _size(case: Case) -> list[Finding]:
+    """Travel or force of no ribbed belt: the recording is in another unit."""
+    found = (
+        ("displacement_mm", "penetrates", case.law.y * case.law.data.span_m, DEPTH_M, "m"),
+        ("force_N", "is pressed", case.law.data.f * case.law.data.F_N_m, LINE_FORCE_N_M, "N/m"),
+    )
+    return [
+        Finding(
+            "size",
+            top,
+            f"the belt {does} by {top:.2g} {unit}, expected are {low:g} to {high:g} {unit}: is "
+            f"{name} in another unit, or press.segment_length_cm wrong?",
+            alarming=True,
+        )
+        for name, does, values, (low, high), unit in found
+        if not low <= (top := float(np.max(values))) <= high
+    ]
 
 
 def _coefficient_at_zero(case: Case) -> list[Finding]:
@@ -420,7 +443,17 @@ def _scatter_of_the_tests(case: Case) -> list[Finding]:
     return [Finding("scatter of the tests", times, f"{text} accordingly")]
 
 
+def sole_tests(largest_difference: float) -> Finding:
+    """Laws at several temperatures of one test each, whose forces differ by this share."""
+    text = (
+        "one test at each temperature: segments of the belt that differ look the same as a "
+        "temperature that matters; press two at one temperature"
+    )
+    return _not_seen("sole tests", 0.5 * largest_difference, text)
+
+
 CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (
+    _size,
     _coefficient_at_zero,
     _lack_of_fit,
     _loading_only,
