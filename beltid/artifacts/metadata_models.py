@@ -411,7 +411,7 @@ class StiffnessMetadata(Metadata):
 
 
 class SlipMetadata(Metadata):
-    """Of the sliding speeds in service [m/s]; `pulley_ratio` is driven over driver speed."""
+    """Of the sliding speeds in service [m/s]; `pulley_ratio` is driver over driven speed."""
 
     max_slip_speed_m_s: Number | None = None
     max_slip_run: str | None = None

@@ -34,6 +34,7 @@ HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
     "sine": lambda s, f, top: 0.06 * top * np.sin(np.pi * s),
     "skew": lambda s, f, top: 0.4 * top * s * (1.0 - s) ** 3,
     "relative": lambda s, f, top: 0.12 * f,
+    "root": lambda s, f, top: 0.12 * np.sqrt(f * top),
     "fading": lambda s, f, top: 0.15 * f * (1.0 - s),
 }
 
@@ -58,6 +59,7 @@ class Bench:
     zero: float = 0.0
     compliance: float = 0.0
     cycles: int = 1
+    turn_way: float = 0.0  # over which friction turns round after a turn, share of the top
     virgin: float = 0.0
     dwell: float = 0.0
     relaxes_to: float = -1.0
@@ -114,6 +116,12 @@ class Bench:
             n = up.size + hold.size + down.size + rest.size
             stiffer += [np.full(n, self.virgin * (cycle == 0))]
         delta, branch = np.concatenate(path), np.concatenate(side)
+        if self.turn_way:  # a slider: +1 or -1 once it has gone half of that way
+            sliding = -1.0
+            for i, step in enumerate(
+                np.diff(delta, prepend=delta[0]) / (0.5 * self.turn_way * top)
+            ):
+                branch[i] = sliding = min(max(sliding + step, -1.0), 1.0)
         law = self.force(delta) * self.length
         gap = HYSTERESIS[self.hysteresis](
             np.clip(delta / top, 0.0, 1.0), law, self.force(top) * self.length

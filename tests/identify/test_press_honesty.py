@@ -194,6 +194,23 @@ def test_a_drift_is_not_taken_for_a_temperature(slope, drifts):
     assert ("beyond the drift" in result.temperature.statement) == (slope == 0.0)
 
 
+@pytest.mark.parametrize("shape", ["relative", "root"])
+@pytest.mark.parametrize("way", [0.02, 0.08, 0.2])
+@pytest.mark.parametrize("valley", [0.0, 0.3])
+def test_friction_that_turns_round_over_some_way_does_not_bend_the_law(shape, way, valley):
+    """Sliders: the loop has its width only beyond that way from a turn."""
+    bench = Bench(hysteresis=shape, turn_way=way, cycles=3, valley=valley, dt=0.4)
+    result = fit_stiffness(bench.record(1), SETTINGS)
+    off, z = errors(result, bench.force)
+    # a width in proportion to the force is the parabola that is assumed, its root is not
+    assert off < (0.015 if shape == "relative" else 0.05)
+    assert z < 1.96
+    assert said(result, "turn", alarming=False)
+    # the parabola of rigdata, which closes at the turns without any bend
+    still = fit_stiffness(Bench(dt=0.3).record(1), SETTINGS)
+    assert not said(still, "turn")
+
+
 @pytest.mark.parametrize("share", [0.5, 0.8])
 def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     bench = Bench(cycles=2)
@@ -206,6 +223,20 @@ def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     assert z < 2.5
     assert result.pooled.max_force_N_m == pytest.approx(limit / 0.04, rel=0.01)
     assert any("the load cell is at the end of its range" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [("displacement_mm", 1e3), ("displacement_mm", 1e-3), ("force_N", 1e3), ("force_N", 1e-3)],
+)
+def test_travel_or_force_in_another_unit_is_said(column, factor):
+    bench = Bench(temperatures=(22.0,), dt=0.3)
+    columns = bench.record(1)
+    assert not said(fit_stiffness(columns, SETTINGS), "size")
+    wrong = fit_stiffness({**columns, column: factor * columns[column]}, SETTINGS)
+    assert said(wrong, "size")
+    (warning,) = (w for w in wrong.pooled.warnings if "expected are" in w)
+    assert f"is {column} in another unit" in warning
 
 
 def test_cycles_at_different_speeds_are_said():

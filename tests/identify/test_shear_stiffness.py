@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.sparse.linalg import spsolve
 from shear_rig import Curve, Setting, ShearRig, curves_of, recording
 
@@ -106,6 +107,29 @@ def test_the_ends_of_the_contact_are_those_of_a_beam_on_a_bed(T: float) -> None:
     whole = (shortened(T + 1.0) - shortened(T - 1.0)) / 2.0
     end = 0.5 * (whole - arc / (R**2 * k))
     assert end == pytest.approx(float(belt.end_compliance[0]), rel=0.05)
+
+
+@pytest.mark.parametrize("fault", ["take-up", "lag", "none"])
+def test_a_build_up_that_steepens_is_not_used(curves: dict[Setting, Curve], fault: str) -> None:
+    """A coupling with 30 µm of play at the pulley's surface; cells with a filter of 5 ms."""
+    if fault == "take-up":
+        curves = {
+            setting: (np.append(0.0, travel + 3e-5), np.append(0.0, difference))
+            for setting, (travel, difference) in curves.items()
+        }
+    columns = recording(curves, np.random.default_rng(1))
+    if fault == "lag":
+        keeps = math.exp(-1e-3 / 5e-3)  # at 1 kHz
+        for name in ("tension_tight_N", "tension_slack_N"):
+            for run in np.unique(columns["run"]):
+                rows, begin = columns["run"] == run, columns[name][columns["run"] == run][0]
+                slow = lfilter([1.0 - keeps], [1.0, -keeps], columns[name][rows] - begin)
+                columns[name][rows] = begin + slow
+    statuses = {run.status for run in build_ups(columns)}
+    if fault == "none":
+        assert statuses == {"ok"}
+    else:
+        assert all("the tensions part faster and faster" in status for status in statuses)
 
 
 @pytest.mark.parametrize(("k_s", "arc_deg", "T"), [(K_S, 82.0, 411.0), (3e8, 40.0, 270.0)])

@@ -17,6 +17,7 @@ from beltid.identify.slip.slip import fit_slip, pooled_means, speed_series
 ROOT = Path(__file__).parents[2]
 BELTS = ("4pk", "5pk", "6pk")
 TORQUES = np.arange(0.0, 17.0)
+TRUE = np.tile(0.01 * TORQUES * 0.05, 2)  # sliding speeds of `drive` at two speeds
 
 
 def table(path: Path) -> np.ndarray:
@@ -101,6 +102,64 @@ def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
     assert min(p.slip_speed_se_m_s for p in result.points) > 62.0 * 0.05 * result.ratio_se
 
 
+@pytest.mark.parametrize("ratio", [1.0, 1.00003])
+def test_pulleys_that_hardly_differ_are_in_the_errors(ratio):
+    """Three standard errors of the ratio from one run without torque."""
+    z = []
+    for seed in range(20):
+        points = fit_slip(drive(ratio=ratio, seed=seed), 0.05).points
+        z += [(p.slip_speed_m_s - 5e-4 * p.torque_N_m) / p.slip_speed_se_m_s for p in points]
+    assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.2
+
+
+def test_speeds_in_coarse_steps_have_the_error_of_rounding():
+    columns = drive()
+    for name in ("driver_speed_rad_s", "driven_speed_rad_s"):
+        columns[name] = 0.1 * np.round(10.0 * columns[name])
+    points = fit_slip(columns, 0.05).points
+    se = np.array([p.slip_speed_se_m_s for p in points])
+    error = np.array([p.slip_speed_m_s for p in points]) - TRUE[:17]
+    assert np.mean(np.abs(error) < 1.96 * se) > 0.9
+    # both speeds, and the ratio that they give: step / sqrt(12) each, hardly any noise
+    assert np.max(se) < 2.1 * 0.05 * 0.1 / math.sqrt(12.0)
+
+
+@pytest.mark.parametrize("way", [np.linspace(0.0, 1.0, 10), np.zeros(10)])
+def test_a_drive_that_comes_up_to_its_speed_and_stops_is_no_operating_point(way):
+    columns = drive(n=40)
+    for begin in range(0, columns["run"].size, 40):
+        for rows in (slice(begin, begin + 10), slice(begin + 39, begin + 29, -1)):
+            for name in ("torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s"):
+                columns[name][rows] *= way
+    result = fit_slip(columns, 0.05)
+    assert [p.slip_speed_m_s for p in result.points] == pytest.approx(TRUE[:17], abs=2e-4)
+    assert {p.n_samples for p in result.points} <= {20, 21, 22}
+    assert "before the driver is up to its speed left out: S00, S01" in result.notes[0]
+
+
+def test_a_torque_that_is_swept_within_a_run_is_said():
+    columns = drive(n=40)
+    assert not fit_slip(columns, 0.05).notes
+    columns["run"] = np.full(columns["run"].shape, "sweep")
+    (point,) = fit_slip(columns, 0.05).points
+    assert point.slip_speed_m_s == pytest.approx(0.01 * 8.0 * 0.05, rel=0.05)
+    (note,) = (n for n in fit_slip(columns, 0.05).notes if "torque changes" in n)
+    # first and last of eight equal parts: 40, 40 and 5 samples of 0, 1, 2 and 16, 15, 14 N m
+    assert "within sweep (0.59 to 15.4 N m)" in note
+
+
+def test_pulleys_that_are_swapped_are_refused():
+    columns = drive()
+    driver, driven = columns["driver_speed_rad_s"], columns["driven_speed_rad_s"]
+    with pytest.raises(InputError, match="run S16: the driven pulley gains on the driver"):
+        fit_slip(columns | {"driver_speed_rad_s": driven, "driven_speed_rad_s": driver}, 0.05)
+
+
+def test_unequal_pulleys_without_a_run_without_torque_are_named_where_all_runs_fail():
+    with pytest.raises(InputError, match="no run without torque: the pulleys are taken as equal"):
+        fit_slip(drive([2.0, 4.0, 6.0], ratio=2.0), 0.05)
+
+
 def test_without_a_run_without_torque_the_size_of_unequal_pulleys_is_said():
     (note,) = (n for n in fit_slip(drive([2.0, 4.0, 6.0]), 0.05).notes if "without torque" in n)
     assert note.endswith(
@@ -132,6 +191,7 @@ def test_gaps_spikes_and_useless_runs_are_kept_apart():
     columns = drive()
     columns["driven_speed_rad_s"][np.flatnonzero(columns["run"] == "S08")[3]] = 0.0
     columns["driver_speed_rad_s"][np.flatnonzero(columns["run"] == "S09")[:5]] = np.nan
+    columns["driver_speed_rad_s"][np.flatnonzero(columns["run"] == "S09")[7]] *= 100.0
     columns["driven_speed_rad_s"][np.flatnonzero(columns["run"] == "S10")[2:]] = np.nan
     gains = columns["run"] == "S12"
     columns["driven_speed_rad_s"][gains] += 1.0
@@ -173,7 +233,6 @@ def test_wrong_inputs_name_every_problem():
 
 
 LOUD = {"speeds": (22.0, 62.8), "noise": 3e-3, "driver_noise": 3e-3}
-TRUE = np.tile(0.01 * TORQUES * 0.05, 2)
 
 
 @pytest.mark.parametrize("n", [3, pytest.param(10, marks=pytest.mark.long)])

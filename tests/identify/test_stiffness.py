@@ -113,6 +113,24 @@ def test_scatter_between_tests_is_the_yardstick_for_temperatures():
     assert scatter.size > 3.0
 
 
+def test_with_one_test_at_each_temperature_a_segment_may_differ_as_well():
+    bench = Bench(dt=0.3)
+    columns = bench.record(7)
+    scales = dict(zip(np.unique(columns["test"]), (0.97, 1.02, 1.0, 1.03), strict=True))
+    columns["force_N"] *= np.array([scales[label] for label in columns["test"]])
+    result = fit_stiffness(columns, settings(bench))
+    assert result.temperature.matters  # as far as these tests can tell
+    assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) > 0.029
+    (found,) = (f for f in result.pooled.findings if f.check == "sole tests")
+    assert found.size == pytest.approx(0.03, rel=0.05)  # half of 6 %
+    assert found.unseen
+    assert found.text in result.notes
+    again = Bench(dt=0.3, temperature_slope=-0.002, tests_per_temperature=2)
+    pairs = fit_stiffness(again.record(7), settings(again))
+    assert pairs.temperature.matters
+    assert not any(f.check == "sole tests" for f in pairs.pooled.findings)
+
+
 def test_without_temperatures_there_is_one_pooled_law():
     bench = Bench()
     columns = bench.record(10)

@@ -8,16 +8,19 @@ number itself, which enters the combined uncertainty only.
 ====================  ================================================  ==========================
 Check                 What it looks for                                 Size of the error
 ====================  ================================================  ==========================
+size                  travel and force of no ribbed belt                none: a unit is wrong
 coefficient at zero   a coefficient that would be negative              that of the free one
 lack of fit           a toe, another law                                probability times misfit
 loading only          the loop that was not recorded                    :data:`LOOPS`
 seating               force carried before the law's contact point      law that begins there
 starts in contact     no travel to take the zero of the cell from       an unknown of the fit
 drift                 a force that does not return to its zero          what the drift does
+turn                  branches that part gradually at a turn    another width of the loop
 sole virgin cycle     virgin rubber is stiffer                          measured, or 5 %
 hold                  what relaxes slower than the test                 twice the loss, or 5 %
 speeds                loss by rate                                      a decade of speed
 scatter of the tests  tests that differ by more than their noise        inflated covariance
+sole tests            temperature or another segment of the belt?       half the difference
 ====================  ================================================  ==========================
 """
 
@@ -64,6 +67,8 @@ VIRGIN: Final = 0.05
 SLOW: Final = 0.05
 """Standard uncertainty of the force from a relaxation that is slower than the test: it leaves no
 loop. Filled rubber relaxes by some five percent in a decade of time."""
+DEPTH_M: Final = (2.0e-6, 5.0e-3)  # least and most that the ribs of a belt give way
+LINE_FORCE_N_M: Final = (1.0e2, 1.0e6)
 WORTH_SAYING: Final = 5.0e-3  # share of the force above which an effect is spoken of
 
 
@@ -114,6 +119,25 @@ def _not_seen(check: str, share: float, text: str) -> Finding:
     """What the recording cannot show."""
     said = f"{text} (in the combined uncertainty, not in the standard errors)"
     return Finding(check, share, said if share >= WORTH_SAYING else "", unseen=True)
+
+
+def _size(case: Case) -> list[Finding]:
+    """Travel or force of no ribbed belt: the recording is in another unit."""
+    found = (
+        ("displacement_mm", "penetrates", case.law.y * case.law.data.span_m, DEPTH_M, "m"),
+        ("force_N", "is pressed", case.law.data.f * case.law.data.F_N_m, LINE_FORCE_N_M, "N/m"),
+    )
+    return [
+        Finding(
+            "size",
+            top,
+            f"the belt {does} by {top:.2g} {unit}, expected are {low:g} to {high:g} {unit}: is "
+            f"{name} in another unit, or press.segment_length_cm wrong?",
+            alarming=True,
+        )
+        for name, does, values, (low, high), unit in found
+        if not low <= (top := float(np.max(values))) <= high
+    ]
 
 
 def _coefficient_at_zero(case: Case) -> list[Finding]:
@@ -314,6 +338,30 @@ def _drift(case: Case) -> list[Finding]:
     return [Finding("drift", share, text if share >= WORTH_SAYING else "", (change,))]
 
 
+def _turn(case: Case) -> list[Finding]:
+    """Near a turn of the crosshead the middle of the branches rests on the width of their loop."""
+    turn = np.concatenate([curve.turn_N_m for curve in case.curves])
+    if not turn.any():
+        return []
+    law, data = case.law, case.law.data
+    change = law.sensitivity[:, : turn.size] @ (turn / data.F_N_m) * law.units
+    reach = max(
+        np.count_nonzero(c.turn_N_m) * float(c.position_m[1] - c.position_m[0]) for c in case.curves
+    )
+    text = (
+        f"the branches part gradually where the crosshead turns: over {reach * 1e6:.2g} µm their "
+        "middle rests on the width of the loop farther away; it is in the standard errors"
+    )
+    return [
+        Finding(
+            "turn",
+            float(np.max(np.abs(turn))) / float(np.max(data.f)) / data.F_N_m,
+            text,
+            (change,),
+        )
+    ]
+
+
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
     """A sole cycle may be that of virgin rubber; tests of several cycles show what that does."""
     share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
@@ -395,13 +443,24 @@ def _scatter_of_the_tests(case: Case) -> list[Finding]:
     return [Finding("scatter of the tests", times, f"{text} accordingly")]
 
 
+def sole_tests(largest_difference: float) -> Finding:
+    """Laws at several temperatures of one test each, whose forces differ by this share."""
+    text = (
+        "one test at each temperature: segments of the belt that differ look the same as a "
+        "temperature that matters; press two at one temperature"
+    )
+    return _not_seen("sole tests", 0.5 * largest_difference, text)
+
+
 CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (
+    _size,
     _coefficient_at_zero,
     _lack_of_fit,
     _loading_only,
     _seating,
     _starts_in_contact,
     _drift,
+    _turn,
     _sole_virgin_cycle,
     _hold,
     _speeds,

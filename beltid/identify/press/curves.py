@@ -3,7 +3,9 @@
 The belt's hysteresis lifts the loading branch and lowers the unloading branch. The elastic law of
 Eq. (3) is the curve half-way between them *at equal penetration*. Both branches are brought to
 common positions first: whichever of them the crosshead passes more slowly has more samples, but
-not more weight.
+not more weight. Where the crosshead turns, the branch after the turn begins on the one before it
+(friction within the rubber and lost motion of the machine turn round over some way): there the
+curve is the branch before the turn less the width that the loop has farther away from it.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
 from beltid.identify.estimators.least_squares import solve_linear
+from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.recording import (
     PressCycle,
     PressTest,
@@ -35,6 +38,8 @@ by one and the belt may stick to the plate or stay compressed."""
 RATE_SPAN = 2.0
 """Cycles whose speeds differ by this factor tell how force and loss depend on the rate."""
 MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
+TURN_SHARE = 0.3  # most of the nodes that a turn of the crosshead may reach to
+FEWEST_NODES = 12  # that tell how far a turn reaches
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +61,7 @@ class PressCurve:
     temperature_degC: float  # nan if unknown
     position_m: Array  # common positions, machine compliance taken off, shape (m,)
     middle_N_m: Array  # half-way between the branches, shape (m,)
+    turn_N_m: Array  # what another width of the loop would add to it near a turn, else 0, (m,)
     branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; without a hold
     fit_range_m: tuple[float, float]
     touch_m: float  # position from which the loading branch carries force
@@ -191,6 +197,11 @@ def press_curve(
         )
     edges = np.linspace(low, high, int(np.clip(min(counts) // 4, 6, 120)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
+    nodes, middle = 0.5 * (edges[1:] + edges[:-1]), levels[0]
+    turn = np.zeros(nodes.size)
+    if cycle.complete:
+        in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
+        middle, turn = _middle(nodes, *levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
     half_way = 0.5 * (cycle.loading.start + cycle.unloading.stop)
@@ -199,8 +210,9 @@ def press_curve(
         cycle=cycle.number,
         n_cycles=max(len(cycles), 1),
         temperature_degC=test.temperature_degC,
-        position_m=0.5 * (edges[1:] + edges[:-1]),
-        middle_N_m=np.mean(levels, axis=0),
+        position_m=nodes,
+        middle_N_m=middle,
+        turn_N_m=turn,
         branches=branches,
         fit_range_m=(low, high),
         touch_m=_contact_begin(branches[0], threshold),
@@ -287,6 +299,50 @@ def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
     filled = count > 0
     rest = np.interp(nodes, nodes[filled], total[filled] / count[filled])
     return at_nodes @ fit.parameters + rest
+
+
+def _middle(
+    x: Array, loading: Array, unloading: Array, *, turns_in_contact: bool
+) -> tuple[Array, Array]:
+    """Force half-way between the branches [N/m], and what another width near the turns would add.
+
+    How far a turn reaches is what leaves least about a cubic polynomial, if that is worth the two
+    unknowns (BIC); where it reaches to, half the width is the parabola in x of the other nodes. The
+    other width is the one next to these nodes, in proportion to the force. The loading branch
+    begins with a turn only if the belt was not released before, `turns_in_contact`.
+    """
+    n, plain = x.size, 0.5 * (loading + unloading)
+    if n < FEWEST_NODES:
+        return plain, np.zeros(n)
+    scaled = (x - x[0]) / (x[-1] - x[0])
+    smooth, powers = np.linalg.qr(np.vander(scaled, 4))[0], np.vander(scaled, 3)
+    half_width = 0.5 * (loading - unloading)
+
+    def tried(low: int, top: int) -> tuple[Array, Array]:
+        """Middle and what it leaves about the polynomial, if the turns reach over these nodes."""
+        rest = slice(low, n - top)
+        parabola = powers @ np.linalg.lstsq(powers[rest], half_width[rest], rcond=None)[0]
+        parts = unloading[:low] + parabola[:low], plain[rest], (loading - parabola)[n - top :]
+        middle = np.concatenate(parts)
+        return middle, middle - smooth @ (smooth.T @ middle)
+
+    reach = range(int(TURN_SHARE * n) + 1)
+    trials = {(a, b): tried(a, b) for a in reach[: None if turns_in_contact else 1] for b in reach}
+    (low, top), (middle, left) = min(trials.items(), key=lambda t: float(t[1][1] @ t[1][1]))
+    m = n / integrated_autocorrelation_time(left)
+    floor = n * (1e-10 * float(np.max(plain))) ** 2  # of rounding
+    before, after = (max(float(r @ r), floor) for r in (trials[0, 0][1], left))
+    if m * np.log(before / after) <= 2.0 * ((low > 0) + (top > 0)) * np.log(m):
+        return plain, np.zeros(n)
+    share = half_width / plain
+    nearest = (
+        float(np.mean(share[low : 2 * low + 2])),
+        float(np.mean(share[-2 * top - 2 : n - top])),
+    )
+    other = middle.copy()
+    other[:low] = unloading[:low] / (1.0 - nearest[0])
+    other[n - top :] = loading[n - top :] / (1.0 + nearest[1])
+    return middle, other - middle
 
 
 def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:

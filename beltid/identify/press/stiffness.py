@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import FitError, NumericsError
-from beltid.identify.press.checks import CHECKS, Case, Finding
+from beltid.identify.press.checks import CHECKS, Case, Finding, sole_tests
 from beltid.identify.press.curves import PressCurve, read_recording
 from beltid.identify.press.dissipation import loss_ratio
 from beltid.identify.press.fit import fit_quadratic
@@ -136,9 +136,13 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
             problems += [f"press at {t:g} °C: {problem}" for problem in error.problems]
     if problems:
         raise _refused(problems, curves)
-    effect = temperature_effect(list(groups.values()), list(groups), *_largest_difference(laws))
+    difference, beyond_drift = _largest_difference(laws)
+    effect = temperature_effect(list(groups.values()), list(groups), difference, beyond_drift)
     if effect.matters:
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
+        if all(len(law.tests) == 1 for law in laws):
+            alone = sole_tests(difference)
+            pooled = replace(pooled, findings=(*pooled.findings, alone))
     else:
         try:
             pooled = _estimate(curves, None, settings)

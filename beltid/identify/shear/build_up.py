@@ -31,6 +31,10 @@ SHARE = 0.3
 """Share of the plateau difference up to which the build-up is used [-]."""
 FEWEST = 8
 """Fewest samples of the build-up that make a slope."""
+LEAST_NOISE = 1.0e-3
+"""Deviations from a line below this share of the difference are none."""
+STEEPENS = 4.0
+"""Standard errors of its curvature beyond which a build-up grows steeper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +124,13 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             status=f"{n} samples before {100 * SHARE:g} % of the plateau difference, must be "
             f">= {FEWEST}: sample at {needed:g} Hz or more, or turn the pulley more slowly",
         )
-    slope, slope_se = _slope(_travel(channels, t[:n], R), difference[:n], rest, channels.steps)
+    x = _travel(channels, t[:n], R)
+    slope, slope_se, steepening = _slope(x, difference[:n], rest, channels.steps)
     if not slope > 0.0:
         return replace(found, status=f"the tensions do not part: slope {slope:.3g} N/m")
+    if steepening > STEEPENS:  # slip flattens it
+        why = "the tensions part faster and faster: take-up of the bench, or load cells that lag"
+        return replace(found, status=why)
     return replace(found, slope_N_m=slope, slope_se_N_m=slope_se)
 
 
@@ -141,11 +149,12 @@ def _travel(channels: Channels, t: Array, R: float) -> Array:
 
 def _slope(
     x: Array, difference: Array, rest: Rest, steps: tuple[float, float]
-) -> tuple[float, float]:
-    """Slope of a line through the samples, and its standard error.
+) -> tuple[float, float, float]:
+    """Slope of a line through the samples, its standard error; curvature over its standard error.
 
     The intercept is free, as the start of the rotation lies anywhere between two samples. The noise
-    is that about the line and that at rest together: few samples hardly know their own.
+    is that about the line and that at rest together: few samples hardly know their own. The noise
+    of the curvature is that at rest, if it is known.
     """
     away = x - x.mean()
     squares = float(away @ away)
@@ -154,4 +163,9 @@ def _slope(
     freedom = np.array([x.size - 2.0, max(rest.n_samples - 2.0, 0.0)])
     variances = np.array([float(residual @ residual) / freedom[0], 2.0 * rest.noise_N**2])
     variance = float(freedom @ variances / freedom.sum()) + float(np.square(steps).sum()) / 12.0
-    return slope, math.sqrt(variance / squares)
+    bend = away**2 - np.mean(away**2)
+    bend -= (float(bend @ away) / squares) * away
+    noise = variances[1] if freedom[1] > 0.0 else variances[0]
+    noise += float(np.square(steps).sum()) / 12.0 + (LEAST_NOISE * float(np.ptp(difference))) ** 2
+    curvature = float(bend @ difference) / math.sqrt(float(bend @ bend) * noise)
+    return slope, math.sqrt(variance / squares), curvature

@@ -48,8 +48,8 @@ class SlipResult:
     """All operating points of a speed-loss recording."""
 
     points: tuple[SlipPoint, ...]  # in the order of the recording
-    ratio: float  # driver over driven speed without torque; 1 and 0 if taken as equal
-    ratio_se: float
+    ratio: float  # driver over driven speed without torque, 1 if that is not known
+    ratio_se: float  # standard uncertainty; 0 if no run is without torque
     max_slip_speed_m_s: float  # largest sliding speed in service, short of gross slip
     max_slip_run: str  # the run that shows it
     notes: tuple[str, ...]  # what the user should know

@@ -5,8 +5,9 @@ the belt can carry this is creep, proportional to the torque; then it slips gros
 explodes. The largest loss short of that gives the largest sliding speed ``v = omega_loss R`` that
 the friction rig has to cover. The loss is that of the driver: ``driver_speed - ratio *
 driven_speed``, with the ratio of the pulleys from the runs without torque, where there is no loss;
-if it does not differ from 1 beyond its error, or no such run exists, 1 is used. A drive that turns
-backwards is evaluated as the mirrored one; its speed and torque keep the signs of the recording.
+if no such run exists, the pulleys are taken as equal. The time in which the drive comes up to its
+speed or stops is left out. A drive that turns backwards is evaluated as
+the mirrored one; its speed and torque keep the signs of the recording.
 
 Runs are short, and all of a series have the same sensors: their noise is pooled. A run that
 scatters far beyond its series (it shakes) keeps its own variance and correlation.
@@ -23,6 +24,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, ndtr, stdtrit
 
 from beltid.errors import InputError
+from beltid.identify.estimators.signal import (
+    converter_rounding,
+    converter_steps,
+    difference_sigma,
+    noise_before_rounding,
+)
 from beltid.identify.estimators.statistics import (
     MeanWithError,
     integrated_autocorrelation_time,
@@ -50,11 +57,14 @@ Runs = Mapping[str, Mapping[str, Array]]
 DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
 SPEEDS = (DRIVER, DRIVEN)
 COLUMNS = ("initial_tension_N", "torque_N_m", *SPEEDS)
+GAINS = "the driven pulley gains on the driver"
 MIN_SAMPLES = 3  # fewest usable samples of a run
 NO_LOAD_SHARE = 0.01  # a torque below this share of the largest is none
 SHAKES = 1.0e-4  # probability of a scatter that is no longer that of the series
 FEWEST_RUNS = 3  # a series of fewer runs is pooled with all others
 SERIES_WIDTH = 0.02  # runs whose speeds agree to this share are one series
+AT_SPEED = 0.98  # share of its speed from which on a driver has come up to it
+UNSTEADY = 0.2  # a torque that changes within a run by this share of its largest is said
 STANDS = 0.05
 """A driven pulley slower than this share of the driver says nothing about its direction."""
 
@@ -76,7 +86,9 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         If columns are missing, the radius is not positive, or no point can be used.
     """
     recorded = _runs(speedloss, pulley_radius_m)
-    runs, notes = _forward_runs(recorded)
+    recorded, notes = _at_speed(recorded)
+    runs, turned = _forward_runs(recorded)
+    notes += [*turned, *_unsteady(runs)]
     series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
     ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series)
     notes += ratio_notes
@@ -85,7 +97,8 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         for run in runs.values():
             run["torque_N_m"] = -run["torque_N_m"]
         notes.append("the torque of a driving pulley is recorded as negative: its sign turned")
-    points = [_point(r, runs[r], losses[r], ratio_se, pulley_radius_m) for r in runs]
+    rounding = _rounding(runs, ratio)
+    points = [_point(r, runs[r], losses[r], rounding[r], ratio_se, pulley_radius_m) for r in runs]
     points = [
         replace(  # signs of the recording
             p,
@@ -95,8 +108,10 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         for p in mark_gross_slip(points)
     ]
     service = [p for p in points if p.status == OK]
-    if not service:
-        raise InputError([f"run {p.run}: {p.status}" for p in points])
+    clear = [p for p in service if abs(p.speed_loss_rad_s) > SIGNIFICANT * p.speed_loss_se_rad_s]
+    if not service or (not clear and any(p.status == GAINS for p in points)):
+        aside = [f"run {p.run}: {p.status}" for p in points if p.status != OK]
+        raise InputError([*aside, *ratio_notes])
     largest = max(service, key=lambda p: abs(p.slip_speed_m_s))
     for status in dict.fromkeys(p.status for p in points if p.status != OK):
         runs_so = ", ".join(p.run for p in points if p.status == status)
@@ -126,6 +141,57 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str
         label: {name: values[labels == label] for name, values in columns.items()}
         for label in dict.fromkeys(labels.tolist())
     }
+
+
+def _at_speed(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
+    """Runs without the samples before the driver has come up to its speed, and after it stops."""
+    kept, shortened = {}, []
+    for label, run in runs.items():
+        speed = np.abs(run[DRIVER])
+        known = np.isfinite(speed)
+        part = slice(None)
+        if known.any():
+            # blind to spikes; a fourth of the samples at speed are enough
+            turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
+            at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
+            part = slice(at_speed[0], at_speed[-1] + 1)
+        kept[label] = {name: values[part] for name, values in run.items()}
+        if np.count_nonzero(known[part]) < np.count_nonzero(known):
+            shortened.append(label)
+    if not shortened:
+        return kept, []
+    return kept, [f"samples before the driver is up to its speed left out: {', '.join(shortened)}"]
+
+
+def _unsteady(runs: Runs) -> list[str]:
+    """A note on runs whose torque is swept: their mean is no operating point."""
+    torques = {r: run["torque_N_m"][np.isfinite(run["torque_N_m"])] for r, run in runs.items()}
+    largest = max((float(np.median(np.abs(t))) for t in torques.values() if t.size), default=0.0)
+    found = []
+    for label, torque in torques.items():
+        if torque.size < 8 * MIN_SAMPLES:
+            continue
+        means = [float(np.mean(part)) for part in np.array_split(torque, 8)]
+        noise = difference_sigma(torque) / math.sqrt(torque.size / 8)
+        if np.ptp(means) > max(UNSTEADY * largest, 8.0 * noise):
+            found.append(f"{label} ({min(means):.3g} to {max(means):.3g} N m)")
+    if not found:
+        return []
+    return [f"the torque changes within {', '.join(found)}: their means count; part them by torque"]
+
+
+def _rounding(runs: Runs, ratio: float) -> dict[str, float]:
+    """Error of the loss of every run by the rounding of coarse speeds [rad/s]."""
+    known = {
+        label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
+    }
+    steps = converter_steps(*(np.concatenate(parts) for parts in zip(*known.values(), strict=True)))
+    found = {}
+    for label, speeds in known.items():
+        noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
+        driver, driven = converter_rounding(noise, steps)
+        found[label] = math.hypot(driver, ratio * driven)
+    return found
 
 
 def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
@@ -179,7 +245,8 @@ def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, f
     ratios = [
         found[label]
         for label, t in torque.items()
-        if abs(t.mean) <= max(NO_LOAD_SHARE * largest, 2.0 * t.se if t.se > 0 else 0.0)
+        if abs(t.mean)
+        <= max(NO_LOAD_SHARE * largest, min(2.0 * t.se, UNSTEADY * largest) if t.se > 0 else 0.0)
         and found[label].n_eff > 0.0
         and found[label].se > 0.0
     ]
@@ -194,17 +261,21 @@ def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, f
     weights = np.array([r.se**-2 for r in ratios])
     ratio = float(weights @ np.array([r.mean for r in ratios]) / weights.sum())
     se = float(weights.sum() ** -0.5)
-    if abs(ratio - 1.0) <= SIGNIFICANT * se:
-        return 1.0, 0.0, []
-    return ratio, se, [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
+    notes = [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
+    return ratio, se, notes if abs(ratio - 1.0) > SIGNIFICANT * se else []
 
 
 def _point(
-    label: str, run: Mapping[str, Array], loss: MeanWithError, ratio_se: float, radius: float
+    label: str,
+    run: Mapping[str, Array],
+    loss: MeanWithError,
+    rounding: float,
+    ratio_se: float,
+    radius: float,
 ) -> SlipPoint:
     tension, torque, speed, driven_speed = (robust_mean_with_se(run[n]).mean for n in COLUMNS)
     n = int(np.count_nonzero(np.isfinite(run[DRIVER]) & np.isfinite(run[DRIVEN])))
-    se = math.hypot(loss.se, ratio_se * driven_speed)
+    se = math.hypot(loss.se, rounding, ratio_se * driven_speed)
     status = OK
     if n < MIN_SAMPLES:
         status = f"fewer than {MIN_SAMPLES} usable samples"
@@ -214,7 +285,7 @@ def _point(
         status = "the pulleys turn in opposite directions"
     # a negative torque turns the roles of the pulleys round: a generator drives
     elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * loss.se:
-        status = "the driven pulley gains on the driver"
+        status = GAINS
     v, v_se = (float(sliding_speed(w, radius)) for w in (loss.mean, se))
     return SlipPoint(label, speed, tension, torque, loss.mean, se, v, v_se, n, status)
 
