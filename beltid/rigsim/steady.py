@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from beltid.rigsim.contact.points import SLIDE, Points, new_points
 from beltid.rigsim.model import LARGEST_STRAIN, RigModel, Workspace
 from beltid.rigsim.step import (
     Drive,
-    Recorder,
+    Kinematics,
     Schedule,
     march,
     new_kinematics,
@@ -80,31 +81,40 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
+class _Outcome(NamedTuple):
+    """How the search for an equilibrium ended."""
+
+    found: bool
+    iterations: int
+    stretch: float
+    residual: float
+    outside: int
+
+
 def _equilibrium(
-    model: RigModel, points: Points, work: Workspace, q: Array, drive: Drive
-) -> tuple[bool, Recorder]:
-    """Find an equilibrium, from ``q`` on, which it overwrites; whether there is one, and how."""
+    model: RigModel, points: Points, work: Workspace, state: Kinematics, drive: Drive
+) -> _Outcome:
+    """Find an equilibrium from ``state`` on, which becomes it."""
     record = new_recorder(1)
     schedule = Schedule(np.array([math.inf]), np.array([model.point.omega]))
-    state = new_kinematics(q)
     done = march(model.system, points, state, schedule, drive, work, record, 0, 1)
-    q[:] = state.q
-    return done == 1, record
+    ended = record.view(np.ndarray)  # the fields of a recarray are slow
+    return _Outcome(done == 1, *(ended[name].item() for name in _Outcome._fields[1:]))
 
 
 def _state(
-    model: RigModel, q: Array, record: Recorder, points: Points, work: Workspace, spent: int
+    model: RigModel, points: Points, work: Workspace, q: Array, outcome: _Outcome, spent: int
 ) -> StaticState:
     force = work.reactions.force
     _refuse_nonsense(model, points, force)
     return StaticState(
         q=q,
-        stretch=float(record.stretch[0]),
+        stretch=outcome.stretch,
         force=force,
         points=points,
         iterations=spent,
-        residual=float(record.residual[0]),
-        outside=int(record.outside[0]),
+        residual=outcome.residual,
+        outside=outcome.outside,
         work=work,
     )
 
@@ -123,17 +133,17 @@ def lay_on(model: RigModel) -> StaticState:
     points, work = new_points(system.belt, SLIDE), model.workspace()
     spent, residual = 0, math.inf
     for detour in DETOURS:
-        q = model.path_coordinates()
+        state = new_kinematics(model.path_coordinates())
         stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
         for factor in detour:
             drive = Drive(stretch, factor * point.T_0, 0.0, 1.0, 0.0, True)
-            found, record = _equilibrium(model, points, work, q, drive)
-            spent += int(record.iterations[0])
-            stretch, residual = float(record.stretch[0]), float(record.residual[0])
-            if not found:
+            outcome = _equilibrium(model, points, work, state, drive)
+            stretch, residual = outcome.stretch, outcome.residual
+            spent += outcome.iterations
+            if not outcome.found:
                 break
             if factor == 1.0:
-                return _state(model, q, record, points, work, spent)
+                return _state(model, points, work, state.q, outcome, spent)
     raise _failure("laying the belt on", point, spent, residual)
 
 
@@ -151,26 +161,26 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
     points, work = new_points(system.belt, SLIDE), model.workspace()
     spent, residual = 0, math.inf
     for stages in STAGES:
-        q = laid.q.copy()
+        state = new_kinematics(laid.q)
         for k in range(1, stages + 1):
             drive = Drive(laid.stretch, point.T_0, 0.0, 1.0, k / stages)
-            found, record = _equilibrium(model, points, work, q, drive)
-            spent += int(record.iterations[0])
-            residual = float(record.residual[0])
-            if not found:
+            outcome = _equilibrium(model, points, work, state, drive)
+            residual = outcome.residual
+            spent += outcome.iterations
+            if not outcome.found:
                 break
             if k == stages:
-                return _state(model, q, record, points, work, spent)
+                return _state(model, points, work, state.q, outcome, spent)
     raise _failure("the sliding belt", point, spent, residual)
 
 
 def _refuse_nonsense(model: RigModel, points: Points, force: Array) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
     R = model.path.R
-    touches = points.F_N > 0.0
-    if not touches.any():
+    innermost = float(points.rho[points.F_N > 0.0].min(initial=math.inf))
+    if math.isinf(innermost):
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
-    depth = R - float(points.rho[touches].min())
+    depth = R - innermost
     if depth > DEEPEST * R:
         raise NumericsError(
             f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "

@@ -80,7 +80,8 @@ class Kinematics(NamedTuple):
 
 def new_kinematics(q: Array) -> Kinematics:
     """The belt at rest, with the coordinates ``q`` (n,)."""
-    return Kinematics(q.copy(), np.zeros_like(q), np.zeros_like(q), np.zeros_like(q))
+    q_dot, trial, dq = np.zeros((3, q.size))
+    return Kinematics(q.copy(), q_dot, trial, dq)
 
 
 class Schedule(NamedTuple):
@@ -466,20 +467,23 @@ def step_forward(
 
 
 STEP = np.dtype(
-    [
-        ("force", np.float64, (4,)),
-        ("iterations", np.int64),
-        ("changes", np.int64),
-        ("halvings", np.int64),
-        ("outside", np.int64),
-        ("sticking", np.float64),
-        ("touching", np.float64),
-        ("residual", np.float64),
-        ("slip", np.float64),
-        ("cone", np.float64),
-        ("stretch", np.float64),
-        ("omega", np.float64),
-    ]
+    (
+        np.record,
+        [
+            ("force", np.float64, (4,)),
+            ("iterations", np.int64),
+            ("changes", np.int64),
+            ("halvings", np.int64),
+            ("outside", np.int64),
+            ("sticking", np.float64),
+            ("touching", np.float64),
+            ("residual", np.float64),
+            ("slip", np.float64),
+            ("cone", np.float64),
+            ("stretch", np.float64),
+            ("omega", np.float64),
+        ],
+    )
 )
 """What a run records of a step.
 

@@ -14,7 +14,6 @@ Kelvin–Voigt material, Eq. (9), N = EA (eps + c/E eps_dot) and M = EI (kappa +
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -28,65 +27,57 @@ Array = NDArray[np.float64]
 GAUSS_POINTS = 3
 
 
-@functools.cache
-def _unit_shapes(xi: tuple[float, ...]) -> tuple[Array, Array, Array]:
-    """Shape functions of an element of length 1 and their derivatives, each (m, 4)."""
-    x = np.array(xi)
-    x2 = x * x * (3.0 - 2.0 * x)
-    N = np.stack([1.0 - x2, x * (1.0 - x) ** 2, x2, x * x * (x - 1.0)], axis=-1)
-    x2_s = 6.0 * x * (1.0 - x)
-    N_s = np.stack([-x2_s, 1.0 + x * (3.0 * x - 4.0), x2_s, x * (3.0 * x - 2.0)], axis=-1)
-    x2_ss = 6.0 * (1.0 - 2.0 * x)
-    N_ss = np.stack([-x2_ss, 6.0 * x - 4.0, x2_ss, 6.0 * x - 2.0], axis=-1)
-    return N, N_s, N_ss
+CARRIES = np.array([0, 1, 0, 1])
+"""Lengths of the element that the shape functions for (r_i, r'_i, r_j, r'_j) carry."""
 
 
-def _lengths(h: Array) -> Array:
-    """Lengths that the shape functions carry: 1 those of r, that of the element those of r'."""
-    lengths = np.ones((h.size, 4))
-    lengths[:, 1] = lengths[:, 3] = h
-    return lengths
+def length_powers(h: Array) -> Array:
+    """Powers -2 to 3 of the lengths of the elements ``h`` (n_e,) [m], shape (n_e, 6)."""
+    return np.asarray(h[:, None] ** np.arange(-2.0, 4.0))
 
 
-def shapes(xi: Array, h: Array) -> Array:
-    """Shape functions of elements, cubic Hermite polynomials.
+def unit_shapes(xi: Array) -> Array:
+    """Shape functions of an element of length 1 and their derivatives: cubic Hermite polynomials.
 
     Parameters
     ----------
     xi : ndarray, shape (m,)
         Local coordinates in [0, 1].
-    h : ndarray, shape (n_e,)
-        Reference lengths of the elements [m].
+
+    Returns
+    -------
+    ndarray, shape (3, 2, m, 4)
+        Values, first and second derivatives for (r_i, r'_i, r_j, r'_j); of each those of r, which
+        carry no length, and those of r', which carry one, with zeros in the places of the others.
+    """
+    x, x2 = xi, xi * xi * (3.0 - 2.0 * xi)
+    N = np.stack([1.0 - x2, x * (1.0 - x) ** 2, x2, x * x * (x - 1.0)], axis=-1)
+    x2_s = 6.0 * x * (1.0 - x)
+    N_s = np.stack([-x2_s, 1.0 + x * (3.0 * x - 4.0), x2_s, x * (3.0 * x - 2.0)], axis=-1)
+    x2_ss = 6.0 * (1.0 - 2.0 * x)
+    N_ss = np.stack([-x2_ss, 6.0 * x - 4.0, x2_ss, 6.0 * x - 2.0], axis=-1)
+    return np.stack([[np.where(k == CARRIES, D, 0.0) for k in (0, 1)] for D in (N, N_s, N_ss)])
+
+
+def shapes(unit: Array, powers: Array, order: int) -> Array:
+    """Shape functions of elements, or their derivatives in s.
+
+    Parameters
+    ----------
+    unit : ndarray, shape (3, 2, m, 4)
+        Those of an element of length 1, :func:`unit_shapes`.
+    powers : ndarray, shape (n_e, 6)
+        Powers of the lengths of the elements, :func:`length_powers`.
+    order : int
+        Order of the derivative, 0 to 2.
 
     Returns
     -------
     ndarray, shape (n_e, m, 4)
-        Values for (r_i, r'_i, r_j, r'_j); those of r' carry a length [m].
+        For (r_i, r'_i, r_j, r'_j) in [m**-order], those of r' in [m**(1 - order)].
     """
-    unit = _unit_shapes(tuple(xi.tolist()))[0]
-    x, L = xi, h[:, None]
-    N = np.empty((h.size, xi.size, 4))
-    N[..., 0], N[..., 1] = unit[:, 0], L * x * (1.0 - x) * (1.0 - x)
-    N[..., 2], N[..., 3] = unit[:, 2], L * x * x * (x - 1.0)
-    return N
-
-
-def shape_slopes(xi: Array, h: Array) -> Array:
-    """First derivatives of :func:`shapes` in s, shape (n_e, m, 4) [1/m], those of r' [-]."""
-    return np.asarray(_unit_shapes(tuple(xi.tolist()))[1] / _lengths_per_slope(h))
-
-
-def shape_curvatures(xi: Array, h: Array) -> Array:
-    """Second derivatives of :func:`shapes` in s, shape (n_e, m, 4) [1/m²], those of r' [1/m]."""
-    unit = _unit_shapes(tuple(xi.tolist()))[2]
-    return np.asarray(unit / (h[:, None, None] * _lengths_per_slope(h)))
-
-
-def _lengths_per_slope(h: Array) -> Array:
-    """Lengths of the elements over those of the shape functions, shape (n_e, 1, 4)."""
-    per_slope = np.ones((h.size, 1, 4))
-    per_slope[:, 0, 0] = per_slope[:, 0, 2] = h
-    return per_slope
+    tables: Array = powers[:, 2 - order : 4 - order] @ unit[order].reshape(2, -1)
+    return tables.reshape(len(powers), -1, 4)
 
 
 _UNIT_MASS = np.array(
@@ -97,13 +88,15 @@ _UNIT_MASS = np.array(
         [-13.0, -3.0, -22.0, 4.0],
     ]
 )
+_MASSES = np.stack(
+    [np.where(CARRIES[:, None] + CARRIES == k, _UNIT_MASS, 0.0).ravel() for k in (0, 1, 2)]
+)
 
 
-def mass_matrix(h: Array, rhoA: float) -> Array:
+def mass_matrix(powers: Array, rhoA: float) -> Array:
     """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
-    lengths = _lengths(h)
-    powers = h[:, None, None] * (lengths[:, :, None] * lengths[:, None])
-    return rhoA * powers / 420.0 * _UNIT_MASS
+    masses: Array = rhoA / 420.0 * powers[:, 3:] @ _MASSES
+    return masses.reshape(-1, 4, 4)
 
 
 @leaf

@@ -5,6 +5,7 @@ Coordinates are ordered node by node (x, y, x', y'). Residuals are internal minu
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +15,12 @@ from beltid.params import Belt
 from beltid.rigsim.banded import HALF
 from beltid.rigsim.beam.ancf import (
     GAUSS_POINTS,
+    length_powers,
     mass_matrix,
     section,
-    shape_curvatures,
-    shape_slopes,
     shapes,
     strains,
+    unit_shapes,
 )
 from beltid.rigsim.compiled import leaf, shared_leaf
 from beltid.rigsim.compiled_laws import section_force
@@ -28,7 +29,13 @@ Array = NDArray[np.float64]
 
 
 _x, _w = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-_GAUSS_POINTS, _GAUSS_WEIGHTS = 0.5 * (_x + 1.0), 0.5 * _w  # on [0, 1]
+_AT_GAUSS_POINTS, _GAUSS_WEIGHTS = unit_shapes(0.5 * (_x + 1.0)), 0.5 * _w  # on [0, 1]
+
+
+@functools.cache
+def _at_middles(parts: int) -> Array:
+    """Shape functions of a unit element in the middles of equal parts."""
+    return unit_shapes((np.arange(parts) + 0.5) / parts)
 
 
 class BeltArrays(NamedTuple):
@@ -74,16 +81,16 @@ class BeltArrays(NamedTuple):
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
     """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
     h = nodes[1:] - nodes[:-1]
-    middles = (np.arange(points_per_element) + 0.5) / points_per_element
+    powers, at_middles = length_powers(h), _at_middles(points_per_element)
     return BeltArrays(
         h=h,
-        B_s=shape_slopes(_GAUSS_POINTS, h),
-        B_ss=shape_curvatures(_GAUSS_POINTS, h),
+        B_s=shapes(_AT_GAUSS_POINTS, powers, 1),
+        B_ss=shapes(_AT_GAUSS_POINTS, powers, 2),
         w_g=h[:, None] * _GAUSS_WEIGHTS,
-        N_c=shapes(middles, h),
-        D_c=shape_slopes(middles, h),
-        w_c=h[:, None] / np.full(points_per_element, points_per_element),
-        M=mass_matrix(h, belt.rhoA),
+        N_c=shapes(at_middles, powers, 0),
+        D_c=shapes(at_middles, powers, 1),
+        w_c=np.repeat(h / points_per_element, points_per_element).reshape(h.size, -1),
+        M=mass_matrix(powers, belt.rhoA),
         EA=float(belt.EA),
         EI=float(belt.EI),
         damping_time=float(belt.damping_time),

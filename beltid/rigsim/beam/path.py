@@ -79,13 +79,12 @@ class Path:
 def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
     """Positions and tangents of the path at nodes (n,) [m], as coordinates of the belt (4 n,)."""
     half = 0.5 * beta
-    theta = np.minimum(np.maximum((nodes - span) / R - half, -half), half)
-    beyond = np.minimum(nodes - span, 0.0) + np.maximum(nodes - span - R * beta, 0.0)
-    sine, cosine = np.sin(theta), np.cos(theta)
-    q = np.empty((nodes.size, 4))
-    q[:, 0], q[:, 1] = R * sine + beyond * cosine, R * cosine - beyond * sine
-    q[:, 2], q[:, 3] = cosine, -sine
-    return q.ravel()
+    from_top = nodes - (span + R * half)
+    theta = np.minimum(np.maximum(from_top / R, -half), half)
+    q = np.empty((nodes.size, 2), dtype=complex)  # x + i y
+    tangent = q[:, 1] = np.exp(-1j * theta)
+    q[:, 0] = tangent * (from_top - R * theta + 1j * R)
+    return q.view(float).ravel()
 
 
 def bending_length(EI: float, T: float) -> float:

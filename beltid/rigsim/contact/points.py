@@ -140,23 +140,26 @@ class Motion(NamedTuple):
 
 
 PATCH = np.dtype(
-    [
-        ("status", np.int64),
-        ("sign", np.float64),
-        ("la_T", np.float64),
-        ("status_before", np.int64),
-        ("sign_before", np.float64),
-        ("la_T_before", np.float64),
-        ("ratio", np.float64),
-        ("slip", np.float64),
-        ("force", np.float64),
-        ("limit", np.float64),
-        ("pull", np.float64, (8,)),
-        ("carry", np.float64, (8,)),
-        ("turning", np.bool_),
-        ("slip_out", np.float64),
-        ("broken", np.int64),
-    ]
+    (
+        np.record,
+        [
+            ("status", np.int64),
+            ("sign", np.float64),
+            ("la_T", np.float64),
+            ("status_before", np.int64),
+            ("sign_before", np.float64),
+            ("la_T_before", np.float64),
+            ("ratio", np.float64),
+            ("slip", np.float64),
+            ("force", np.float64),
+            ("limit", np.float64),
+            ("pull", np.float64, (8,)),
+            ("carry", np.float64, (8,)),
+            ("turning", np.bool_),
+            ("slip_out", np.float64),
+            ("broken", np.int64),
+        ],
+    )
 )
 """The points of one element as one contact.
 
@@ -172,7 +175,10 @@ how a patch breaks the law of friction, while the statuses are revised.
 """
 
 BEFORE = np.dtype(
-    [("theta", np.float64), ("rho", np.float64), ("limit", np.float64), ("v", np.float64)]
+    (
+        np.record,
+        [("theta", np.float64), ("rho", np.float64), ("limit", np.float64), ("v", np.float64)],
+    )
 )
 """What a point remembers of the last time step.
 
@@ -189,12 +195,15 @@ MOST_ZONES = 6
 SLIDES = -1
 
 ZONE = np.dtype(
-    [
-        ("element", np.int64),
-        ("by_q", np.float64, (8,)),
-        ("by_stretch", np.float64),
-        ("by_omega", np.float64),
-    ]
+    (
+        np.record,
+        [
+            ("element", np.int64),
+            ("by_q", np.float64, (8,)),
+            ("by_stretch", np.float64),
+            ("by_omega", np.float64),
+        ],
+    )
 )
 """Where a zone begins in which sheared ribs stick.
 
