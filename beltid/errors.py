@@ -198,10 +198,13 @@ class Problems:
         Line (0 for the whole file) and wording of the problems that are kept.
     count : int
         How many there were, with those that were not kept.
+    unread : set of str
+        Places of rows with a cell that could not be read: what such a row lacks is told already.
     """
 
     found: list[tuple[int, Problem]] = field(default_factory=list)
     count: int = 0
+    unread: set[str] = field(default_factory=set)
 
     def add(self, text: str, line: int = 0, code: str = "") -> None:
         """Note a problem; beyond a few hundred only their number is kept."""
@@ -231,6 +234,7 @@ class Problems:
     def take(self, others: Problems) -> None:
         """Note the problems of a part of the file."""
         self.count += others.count
+        self.unread |= others.unread
         self.found += others.found[: 20 * SHOWN - len(self.found)]
 
     def told_once(self, places: Sequence[str]) -> None:

@@ -123,6 +123,14 @@ _SPELLINGS: Final[dict[str, str]] = {
     "Sekunden": "s",
     "seconde": "s",
     "secondes": "s",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "minute": "min",
+    "minutes": "min",
+    "hour": "h",
+    "hours": "h",
+    "day": "d",
+    "days": "d",
     "μs": "us",
     "µs": "us",
     "msec": "ms",
@@ -195,6 +203,7 @@ def canonical_unit(text: str) -> str:
     if len(text) > LONGEST:
         return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
+    bare = re.sub(r"\s+since\s.*", "", bare)  # of times in NetCDF: minutes since 2026-01-01
     if re.fullmatch(r"[\d.,]+", bare):
         return bare  # "1" is a unit, ".1" is none
     tight = re.sub(r"[\s*·⋅.]+", "", bare)

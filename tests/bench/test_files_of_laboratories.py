@@ -177,6 +177,7 @@ def _zip(*names: str) -> bytes:
         (_zip("[Content_Types].xml", "xl/workbook.bin"), "a binary Excel workbook (.xlsb)"),
         (b"\xd0\xcf\x11\xe0" + bytes(99), "an old Excel workbook"),
         (b"%PDF-1.4 " + bytes(99), "a PDF file"),
+        (b"CDF\x01" + bytes(99), "a classic NetCDF file, save it as NetCDF-4"),
         (b"TDSh" + bytes(99), "the index of a TDMS file"),
         (gzip.compress(gzip.compress(b"x" * 99)), "packed twice"),
         (b"\x93NUMPY\x01\0", "is an array of NumPy, save the samples as CSV"),

@@ -247,3 +247,55 @@ def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
     book.save(tmp_path / "press.xlsx")
     with pytest.raises(InputError, match=r'press\.xlsx, B:5: force_N .* = "overload", must be a'):
         read_recording(tmp_path / "press.xlsx", "press")
+
+
+COUNTS = (np.arange(40) * 50).astype(np.int16)
+
+
+def with_counts_tdms(path: Path, told: dict[str, float]) -> Path:
+    from nptdms import ChannelObject, TdmsWriter
+
+    time = {"wf_increment": 0.1, "wf_start_offset": 0.0}
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("g", "Weg", np.linspace(0, 0.2, 40), {"unit_string": "mm", **time}),
+                ChannelObject("g", "Kraft", COUNTS, {"unit_string": "N", **time, **told}),
+            ]
+        )
+    return path
+
+
+def with_counts_hdf5(path: Path, told: dict[str, float]) -> Path:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["time_s"] = 0.1 * np.arange(40)
+        file["displacement_mm"] = np.linspace(0, 0.2, 40)
+        file["force_N"] = COUNTS
+        file["force_N"].attrs.update(told)
+    return path
+
+
+def with_counts_mat(path: Path, told: dict[str, float]) -> Path:
+    from scipy.io import savemat
+
+    force = {"data": COUNTS, "unit": "N", **told}
+    weg = np.linspace(0, 0.2, 40)
+    savemat(path, {"time_s": 0.1 * np.arange(40), "displacement_mm": weg, "force_N": force})
+    return path
+
+
+@pytest.mark.parametrize("write", [with_counts_tdms, with_counts_hdf5, with_counts_mat])
+def test_a_scaling_beside_whole_numbers_is_asked_about(tmp_path, write):
+    path = write(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
+    with pytest.raises(
+        InputError, match=r"whole numbers, and beside them Slope = 0\.02, offset = -1"
+    ):
+        read_recording(path, "press")
+    for units, expected in (({"factor": 0.02, "offset": -1}, 0.02 * COUNTS - 1), ("N", COUNTS)):
+        config = load_config({"units": {"press": {"force_N": units}}})
+        force = read_recording(path, "press", config).columns["force_N"]
+        np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
+    neutral = write(tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0})
+    assert read_recording(neutral, "press").columns["force_N"].tolist() == COUNTS.tolist()

@@ -325,3 +325,31 @@ def test_the_mark_of_a_file_comes_before_the_encoding_of_the_config(tmp_path):
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     config = {"dialect": {"encoding": "cp1252"}}
     assert read(path, "press", config).columns["time_s"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_two_units_of_one_channel_are_asked_about(tmp_path):
+    rows = ["0;0,5;0,010", "1;0,6;0,020", "2;0,7;0,030"]
+    path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [N]", rows, "s;mm;kN")
+    assert problems(path, "press") == [
+        'bench.csv:2: force_N (column "Kraft [N]") is in N by its name and in kN by its unit: '
+        "say which, units: {press: {force_N: N}} or units: {press: {force_N: kN}}"
+    ]
+    found = read(path, "press", {"units": {"press": {"force_N": "kN"}}})
+    assert found.columns["force_N"].tolist() == [10.0, 20.0, 30.0]
+    same = write(tmp_path, "Zeit [s];Weg [mm];Kraft [N]", PRESS_ROWS, "sec;mm;Newton")
+    assert read(same, "press").columns["force_N"].tolist() == [10.0, 20.0, 30.0]
+
+
+def test_a_cell_that_is_no_number_is_one_problem(tmp_path):
+    path = write(tmp_path, "time_s;displacement_mm;force_N", ["0;0,5;10", "x;0,6;20", "2;0,7;30"])
+    assert problems(path, "press") == ['bench.csv:3: time_s = "x", must be a number']
+
+
+def test_rows_without_a_label_are_told_once(tmp_path):
+    header = (
+        "run;time_s;tension_tight_N;tension_slack_N;pulley_speed_rad_s;arc_deg;initial_tension_N"
+    )
+    rows = ["a;0,0;310;150;0;82;230", *[";0,1;310;150;1;;", ";0,0;310;150;1;;"] * 2]
+    assert problems(write(tmp_path, header, rows), "rig") == [
+        "bench.csv:3: run is empty, it must label the recording (3 more like it)"
+    ]

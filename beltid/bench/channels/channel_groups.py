@@ -39,6 +39,7 @@ def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
             (g, c),
             group.name if named else "",
             written_as(channel.first_texts()),
+            channel.scaling,
         )
         for g, group in enumerate(groups)
         for c, channel in enumerate(group.channels)

@@ -77,6 +77,8 @@ class Candidate:
         Group it stands in, "" where the file has no groups.
     written : {"", "clock", "date"}
         Whether its cells are clock times or dates rather than numbers or other texts.
+    scaling : str
+        What the file tells of a scaling that was not applied.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Candidate:
     key: Any
     group: str = ""
     written: str = ""
+    scaling: str = ""
 
     @property
     def shown(self) -> str:
@@ -369,7 +372,10 @@ def _mapping(
     if mapping.is_clock:
         return replace(mapping, unit_stated=True)
     unit = unit_of(candidate)
-    converted = unit_conversion(column, candidate.name, unit, context, how == "recognised")
+    unclear = _unclear(column, mapping, context)
+    converted = unclear or unit_conversion(
+        column, candidate.name, unit, context, how == "recognised"
+    )
     if isinstance(converted, str):
         context.complain(converted)
         converted = None
@@ -383,6 +389,32 @@ def _mapping(
         converted is not None,
         negated,
     )
+
+
+def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -> str:
+    """Why the numbers of a channel may be others than they seem; "" if they cannot, or it is told.
+
+    Two units are told for one channel, or a scaling beside whole numbers that may be counts.
+    """
+    if column.name in context.options.units:
+        return ""
+    candidate, shown = mapping.candidate, mapping.shown
+    line = f"units: {{{context.kind}: {{{column.name}: "
+    in_name = unit_in_name(candidate.name) or OTHER_UNITS.get(candidate.base, ("", ""))[1]
+    units = [unit for unit in (in_name, candidate.unit) if conversion(unit, column.unit)]
+    if len({conversion(unit, column.unit) for unit in units}) > 1:
+        name, cell = map(canonical_unit, units)
+        return (
+            f"{shown} is in {name} by its name and in {cell} by its unit: "
+            f"say which, {line}{name}}}}} or {line}{cell}}}}}"
+        )
+    if candidate.scaling:
+        return (
+            f"{shown} holds whole numbers, and beside them {candidate.scaling}, which was not "
+            f"applied: say {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
+            f"{line}{column.unit}}}}} if they are not"
+        )
+    return ""
 
 
 def told_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:

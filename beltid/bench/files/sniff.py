@@ -33,6 +33,9 @@ UNREAD: Final = {
     b"SQLite format 3": "an SQLite database, export the samples as CSV",
     b"\x89PNG": "a picture, not the samples",
     b"\xff\xd8\xff": "a picture, not the samples",
+    **dict.fromkeys(
+        (b"CDF\x01", b"CDF\x02", b"CDF\x05"), "a classic NetCDF file, save it as NetCDF-4"
+    ),
     b"|CF,": "a FAMOS file, export the samples as CSV or TDMS",
     b"DIAHEADERSTART": "the header of a DIAdem .dat recording, save it as TDMS",
     b"<?xml": "an XML or HTML page, export the samples as CSV",

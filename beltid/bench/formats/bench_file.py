@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,6 +12,14 @@ from beltid.errors import InputError
 from beltid.tables.units import T, allowed_units, conversion
 
 _ALLOWED: Final = ", ".join(allowed_units("s"))
+_SCALING: Final = {
+    **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
+    **dict.fromkeys(("offset", "intercept", "y_intercept", "bias"), 0.0),
+}
+"""Properties that tell how counts of a converter become numbers -> the value of no effect.
+
+No format defines them; what one does define (`scale_factor`, ``NI_Scale``), its reader applies.
+"""
 
 
 def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
@@ -33,6 +42,32 @@ def in_seconds(times: T, unit: str) -> T:
     if known is None and unit.strip():
         raise InputError(f"the time is in {unit.strip()}, must be one of {_ALLOWED}")
     return times if known is None or known.factor == 1.0 else known.apply(times)
+
+
+def scaling_beside(values: np.ndarray, properties: Mapping[str, Any]) -> str:
+    """What is told beside whole numbers of how to scale them, such as ``slope = 0.02``; else "".
+
+    Parameters
+    ----------
+    values : ndarray
+        Samples as the file holds them: of other than whole numbers nothing is said.
+    properties : mapping
+        What the file tells about the channel.
+    """
+    if values.dtype.kind not in "iu":
+        return ""
+    told = []
+    for name, value in properties.items():
+        neutral = _SCALING.get(str(name).lower())
+        if neutral is None or np.size(value) != 1:
+            continue
+        try:
+            number = float(np.ravel(value)[0])
+        except (TypeError, ValueError):
+            continue
+        if number != neutral:
+            told.append(f"{name} = {number:g}")
+    return ", ".join(told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +93,15 @@ class Channel:
         float64 with nan where a sample is missing, or an object array of str and None.
     time_s : ndarray or None
         Time of every sample [s], where the format itself tells it; None where it does not.
+    scaling : str
+        What the file tells of a scaling that was not applied, see `scaling_beside`.
     """
 
     name: str
     unit: str
     values: np.ndarray
     time_s: np.ndarray | None = None
+    scaling: str = ""
 
     @property
     def is_text(self) -> bool:

@@ -350,6 +350,7 @@ class Clock:
                 return f'{self.name} = "{str(cells[i])[:40]}", {why}'
 
             problems.add_alike(rows, text, place)
+            problems.unread.update(place(int(row))[0] for row in rows)
 
     def notes(self) -> list[str]:
         """How the time came about, in words."""

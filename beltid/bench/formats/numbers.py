@@ -170,6 +170,7 @@ def numbers_or_problems(
         wrong.setdefault(kind, {})[i] = f'{shown} = "{text}", {value}'
     for texts in wrong.values():
         problems.add_alike(list(texts), texts.__getitem__, place)
+        problems.unread.update(place(i)[0] for i in texts)
     return numbers
 
 

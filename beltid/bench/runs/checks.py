@@ -161,12 +161,18 @@ class Checker:
         )
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
+            missing = np.array([i for i in missing if not self._is_told(int(i))], dtype=np.int64)
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
         elif missing.size == values.size and values.size and column.required and judged is None:
             self.problems.add(no_number(self.name, column))
         elif missing.size and missing.size < values.size:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
+
+    def _is_told(self, row: int) -> bool:
+        """Whether a row is known to lack something: a cell that is no number, or its label."""
+        label = self.columns[self.table.label][row : row + 1]
+        return bool(absent(label)[0]) or self.place(row)[0] in self.problems.unread
 
     def _choices(self, column: Column) -> None:
         """Words of a column that takes a few only; case does not matter."""
@@ -185,7 +191,7 @@ class Checker:
         """Time must not go backwards within a run."""
         time = self.columns["time_s"]
         order = np.argsort(codes, kind="stable")
-        back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0)
+        back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0) & (codes[order][1:] >= 0)
         rows = order[1:][back]
         before = dict(zip(rows.tolist(), time[order[:-1][back]].tolist(), strict=True))
         label = self.columns[self.table.label]

@@ -173,7 +173,9 @@ def load(path: Path) -> BenchFile:
         Group(
             group["name"],
             tuple(
-                Channel(c["name"], c["unit"], known[c["values"]], known.get(c["time_s"]))
+                Channel(
+                    c["name"], c["unit"], known[c["values"]], known.get(c["time_s"]), c["scaling"]
+                )
                 for c in group["channels"]
             ),
             tuple(Field(**field) for field in group["fields"]),
