@@ -486,6 +486,9 @@ class RunLevel:
         Its variance by what differs from run to run.
     shared_tail, shared_drift : float
         Its standard deviation by what all runs share, with the sign that all have in common.
+    away, spread : ndarray, shape (K,)
+        Difference of the level from `y` given each hypothesis about what all runs share, and its
+        standard deviation then, that of `variance` included.
     misfit : float
         Noise of the run about the model over that of the bench, standard deviations.
     drift : float
@@ -502,6 +505,8 @@ class RunLevel:
     variance: float
     shared_tail: float
     shared_drift: float
+    away: Array
+    spread: Array
     misfit: float
     drift: float
     tail: Array
@@ -574,12 +579,17 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     deviation = np.einsum("rik,ri->rk", H, Pe)
     y = w.level - w.shift @ mean
     last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
+    variance = w.variance * scale
+    away, by_hypothesis = shared.hypotheses.along(-w.shift)
+    spread = np.sqrt(variance[:, None] + by_hypothesis)
     return [
         RunLevel(
             y=float(y[k]),
-            variance=float(w.variance[k] * scale[k]),
+            variance=float(variance[k]),
             shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
             shared_drift=float(size[k] * np.sqrt(share[k])),
+            away=away[k],
+            spread=spread[k],
             misfit=float(np.sqrt(scale[k])),
             drift=float(wander[k, last[k]] - wander[k, 0] + mean[RANK + 2] * stack.level[k]),
             tail=stack.level[k] * stack.stretches[k] @ (shared.mean[:RANK] + own @ deviation[k]),
