@@ -143,7 +143,6 @@ def test_the_truth_is_recovered(name: str, most: float) -> None:
     "name",
     [
         "zero of the tight cell drifts by 1 N in a run",
-        pytest.param("zero of the slack cell drifts by -1 N in a run", marks=pytest.mark.long),
         pytest.param("zero of the slack cell drifts by 1 N, no peak", marks=pytest.mark.long),
         pytest.param("two ripples, second of 2.1 s", marks=pytest.mark.long),
         pytest.param("two ripples, second of 4.5 s", marks=pytest.mark.long),

@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
+from beltid.identify.estimators.statistics import interval_sd
 from beltid.identify.friction import campaign, rest, shared
 from beltid.identify.friction.campaign import block_covariance, wander_since_rest
 from beltid.identify.friction.channels import SlidingPhase
@@ -173,6 +174,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     x = (record.travel - record.travel[0]) / np.ptp(record.travel)
     fading = np.exp(-5.0 * np.add.outer(x, x) - 10.0 * np.abs(np.subtract.outer(x, x)))
     V += (c * sd[4]) ** 2 * fading
+    # half of a ripple goes with the level, half with the middle one, here the same
     V += (record.level * sd[5]) ** 2 * record.turn @ record.turn.T
     V += campaign.FREE**2 * record.take_up @ record.take_up.T
     V += (record.level * sd[8]) ** 2 * record.slow_take_up @ record.slow_take_up.T
@@ -267,18 +269,24 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
 # --- the cells ---
 
 
+@pytest.mark.parametrize("ratio", [1.0, 3.0])
 @pytest.mark.parametrize("D", [[0.6, 1.5, 2.4, 3.9], [0.1, -0.3, 2.0, -4.0]])
-def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
-    """Of equal tensions, so that zeros that err together do not matter."""
+def test_errors_of_the_cells_are_averaged_over_all_explanations(D, ratio):
+    """The zeros of either cell are unknowns of their own; their sum never shows at rest."""
     D, T, se = np.array(D), np.array([60.0, 150.0, 240.0, 400.0]), 0.05
-    found = rest.cell_errors(D, np.full(4, se), T, np.column_stack([T, T]), "auto")
+    sliding = np.column_stack([T * ratio, T]) * 2.0 / (1.0 + ratio)
+    found = rest.cell_errors(D, np.full(4, se), T, sliding, "auto")
     unit, n = 195.0, 4
     log_p, means, variances = [], [], []
+    tight, slack = 1.0 / sliding.T
     for s_w, s_f, s_z, s_g in itertools.product(rest.SIZES, repeat=4):
-        # unknowns: zeta [N], gamma [-], w [N] and f [-] of every run
-        prior = np.diag([(s_z * unit) ** 2, s_g**2, *[(s_w * unit) ** 2] * n, *[s_f**2] * n])
-        see = np.column_stack([np.ones(n), T, np.eye(n), np.diag(T)])
-        error = np.column_stack([1.0 / T, np.ones(n), np.diag(1.0 / T), np.zeros((n, n))])
+        # unknowns: both zeros [N], gamma [-], what both move by [N] and f [-] of every run; the
+        # difference of two zeros has twice the variance of each
+        zero, move = 0.5 * (s_z * unit) ** 2, 0.5 * (s_w * unit) ** 2
+        prior = np.diag([zero, zero, s_g**2, *[move] * (2 * n), *[s_f**2] * n])
+        one, none = np.ones(n), np.zeros((n, n))
+        see = np.column_stack([one, -one, T, np.eye(n), -np.eye(n), np.diag(T)])
+        error = np.column_stack([tight, -slack, one, np.diag(tight), -np.diag(slack), none])
         V = see @ prior @ see.T + se**2 * np.eye(n)
         gain = error @ prior @ see.T @ np.linalg.inv(V)
         rare = sum(s > 0.0 for s in (s_w, s_f, s_z, s_g))
@@ -291,6 +299,54 @@ def test_errors_of_the_cells_are_averaged_over_all_explanations(D):
     variance = p @ (np.array(variances) + np.square(np.array(means) - mean))
     np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.variance + found.shared**2, variance, rtol=1e-5)
+    within = (found.spread**2 + found.away**2) @ found.probability
+    np.testing.assert_allclose(within, variance, rtol=1e-5)
+    np.testing.assert_allclose(found.away @ found.probability, 0.0, atol=1e-12)
+
+
+def test_intervals_of_the_cells_hold_over_benches_as_the_prior_has_them():
+    """What is common to both zeros never shows, also where they happen to agree."""
+    rng = np.random.default_rng(4)
+    T = np.array([60.0, 120.0, 200.0, 300.0, 400.0])
+    sliding, unit = np.column_stack([1.5 * T, 0.5 * T]), np.median(T)
+    held, with_zeros = [], []
+    for _ in range(400):
+        s_z, s_w, s_g, s_f = rng.choice(rest.SIZES, 4, p=[0.5, *[0.125] * 4])
+        tight, slack = unit * (s_z * rng.normal(size=(2, 1)) + s_w * rng.normal(size=(2, T.size)))
+        tight, slack, gain = tight / np.sqrt(2.0), slack / np.sqrt(2.0), s_g * rng.normal()
+        left = s_f * rng.normal(size=T.size) * T
+        D = tight - slack + gain * T + left + 0.03 * rng.normal(size=T.size)
+        found = rest.cell_errors(D, np.full(T.size, 0.03), T, sliding, "auto")
+        error = tight / sliding[:, 0] - slack / sliding[:, 1] + gain - found.mean
+        se = interval_sd(found.probability, found.away, found.spread)
+        held.append(np.mean(np.abs(error) < 1.96 * se))
+        if s_z:
+            with_zeros.append(held[-1])
+    # 400 benches, of which the runs hardly differ: 95 % less and more three standard deviations
+    assert 0.917 <= np.mean(held) <= 0.983
+    assert np.mean(with_zeros) >= 0.88
+
+
+# --- what all runs say of a ripple once per turn ---
+
+
+def test_the_likelihood_of_another_ripple_once_per_turn_is_that_of_other_variances():
+    records = [recorded(seed, n)[0] for seed, n in ((0, 400), (1, 300))]
+    stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
+    stack.stretch(np.zeros(campaign.SETTINGS))
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
+    scale = np.array([0.9, 1.1])
+    runs = campaign.Gathered.of(stack, campaign.whiten(stack, sd), scale)
+    for size in (0.0, 3e-3):
+        M, b, log_z = runs.with_turn(size**2 - sd[5] ** 2)
+        other = sd.copy()
+        other[5] = size
+        w = campaign.whiten(stack, other)
+        # with the noise of a run goes all that is random in it: its ripple, too
+        np.testing.assert_allclose(M, np.einsum("r,rkl->kl", 1 / scale, w.M), rtol=1e-8, atol=1e-6)
+        np.testing.assert_allclose(b, w.b.T @ (1 / scale), rtol=1e-7, atol=1e-6)
+        expected = -0.5 * np.sum(w.squares / scale + w.log_det)
+        assert log_z == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_difference_of_the_cells_of_each_run_by_itself():

@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.optimize import brentq
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from beltid.identify.estimators.statistics import (
     as_set,
     integrated_autocorrelation_time,
+    interval_sd,
     mad_sigma,
     outlier_mask,
     robust_mean_with_se,
@@ -166,3 +169,33 @@ def test_settings_are_told_apart_by_their_relative_gap():
     assert as_set(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
     assert as_set(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
     assert np.isnan(as_set(np.array([np.nan]))).all()
+
+
+# --- intervals of mixtures ---
+
+
+def test_the_interval_of_one_gaussian_is_its_standard_deviation():
+    found = interval_sd(
+        np.array([0.3, 0.7]), np.zeros((3, 2)), np.array([[2.0, 2.0], [0.5, 0.5], [0.0, 0.0]])
+    )
+    np.testing.assert_allclose(found, [2.0, 0.5, 0.0], atol=1e-6)
+
+
+def test_what_is_improbable_moves_an_interval_little_however_large_it_is():
+    """Two per cent that are anywhere far off: 95 % are 95/98 of the rest."""
+    half = norm.ppf(0.5 + 0.5 * 0.95 / 0.98)
+    for far in (50.0, 5000.0):
+        found = interval_sd(np.array([0.98, 0.02]), np.array([[0.0, far]]), np.ones((1, 2)))
+        assert found[0] == pytest.approx(half / norm.ppf(0.975), rel=1e-4)
+
+
+def test_the_interval_of_a_mixture_holds_95_percent_of_it():
+    rng = np.random.default_rng(0)
+    p, mean, sd = rng.dirichlet(np.ones(6)), rng.normal(size=(4, 6)), rng.uniform(0.2, 2.0, (4, 6))
+
+    def missing(half: float, k: int) -> float:
+        held = norm.cdf(half, mean[k], sd[k]) - norm.cdf(-half, mean[k], sd[k])
+        return float(p @ held) - 0.95
+
+    expected = [brentq(missing, 0.0, 20.0, args=(k,)) / norm.ppf(0.975) for k in range(4)]
+    np.testing.assert_allclose(interval_sd(p, mean, sd), expected, rtol=3e-4)

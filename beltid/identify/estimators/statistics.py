@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -21,6 +22,11 @@ MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Standard deviation of a normal sample over its mean absolute deviation, sqrt(pi/2)."""
 OUTLIER = 6.0
 """Robust spreads from the median beyond which a sample of a steady signal is an outlier."""
+
+INTERVAL = 0.95
+"""Probability that an interval holds."""
+NEGLIGIBLE = 1e-4
+"""Probability that is left out of a mixture: it moves the interval by a five-hundredth."""
 
 
 class MeanWithError(NamedTuple):
@@ -206,3 +212,35 @@ def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
         here = np.flatnonzero(known)[labels == label]
         found[here] = np.median(values[here])
     return found
+
+
+def interval_sd(probability: Array, mean: Array, sd: Array) -> Array:
+    """Half-width of the interval about zero that holds 95 % of a mixture of Gaussians, over 1.96.
+
+    It is the standard deviation of a single Gaussian of mean zero. Of a mixture in which something
+    large is improbable the standard deviation is that of neither; an interval is asked for, and
+    this one holds what it states.
+
+    Parameters
+    ----------
+    probability : ndarray, shape (K,)
+        Probabilities of the Gaussians.
+    mean, sd : ndarray, shape (R, K)
+        Their means and standard deviations, of R quantities.
+
+    Returns
+    -------
+    ndarray, shape (R,)
+    """
+    order = np.argsort(-probability, kind="stable")
+    total = np.cumsum(probability[order]) / np.sum(probability)
+    kept = order[: int(np.searchsorted(total, 1.0 - NEGLIGIBLE)) + 1]
+    p = probability[kept] / np.sum(probability[kept])
+    mean, sd = mean[:, kept], np.maximum(sd[:, kept], 1e-300)
+    low = np.zeros(len(mean))
+    high = np.sqrt((mean**2 + sd**2) @ p / (1.0 - INTERVAL))  # Chebyshev
+    for _ in range(24):
+        half = 0.5 * (low + high)
+        inside = (ndtr((half[:, None] - mean) / sd) - ndtr((-half[:, None] - mean) / sd)) @ p
+        low, high = np.where(inside < INTERVAL, half, low), np.where(inside < INTERVAL, high, half)
+    return np.asarray(0.5 * (low + high) / ndtri(0.5 + 0.5 * INTERVAL))

@@ -128,8 +128,8 @@ WALK = (10.0, 1.0)
 """The same of the walk with the longest memory, which a short sliding hardly shows."""
 NEIGHBOURS = 0.5
 """Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
-TURN = (0.4, 1.5)
-"""Of the ripple once per turn, in the same unit."""
+TURN = (1.0, 1.5)
+"""Of the ripple once per turn, in the same unit: about where it begins to matter."""
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
 """Of the deviations of a run's tail from that of its bench, relative."""
@@ -166,6 +166,10 @@ class Stack:
         self.shared = np.zeros((n, m, SHARED))
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
         the changes of the tail with the powers, and slow decays of the build-up."""
+        self.turn = np.zeros((n, m, 2))
+        """Cosine and sine of the angle of the pulley. Whether a ripple once per turn goes with the
+        friction, so with the level, or with the tensions is not known: half its variance each."""
+        middle = np.median(self.level)
         self.fixed = np.zeros((n, m, m))
         """Covariance of what is known of a run beside its variances (n, m, m)."""
         self.parts = np.zeros((N_VARIANCES, n, m, m))
@@ -189,7 +193,8 @@ class Stack:
             self.parts[: short.size, k, :b, :b] = block_covariance(*blocks, short)
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
             self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
-            self.parts[TURN_PART, k, :b, :b] = (r.level / c) ** 2 * (r.turn @ r.turn.T)
+            self.turn[k, :b] = r.turn * (np.sqrt(0.5 * (r.level**2 + middle**2)) / c)
+            self.parts[TURN_PART, k] = self.turn[k] @ self.turn[k].T
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.slow_take_up @ r.slow_take_up.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
@@ -300,9 +305,10 @@ def fit_shared(
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Powers to start from: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
-HIDDEN_STEPS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8)
-"""Steps about the mode over which the variances are averaged that a record hardly shows, in widths
-of their priors."""
+WALK_STEPS = np.linspace(-2.4, 1.8, 8)
+"""Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
+TURN_STEPS = np.linspace(-3.0, 5.0, 33)
+"""Steps about the median of the prior over which that of the ripple once per turn is."""
 
 
 def log_evidence(
@@ -406,17 +412,25 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
         x = _most_probable(stack, priors, x, *known)
     # walk and ripple once per turn move the level most and show least: the mean of their variances
     # in place of the mode, with an even chance that there is none
-    mode = priors.sd(x)
-    mean = mode.copy()
-    for k in (WALK_PART, TURN_PART):
-        along, precision = x[k] + np.array(HIDDEN_STEPS), priors.precision[k]
-        tried = np.append(np.exp(priors.centre[k] + priors.width[k] * along), 0.0)
-        # density of the prior given the other variances, over a step
-        away = along - x[k] + precision @ x / precision[k]
-        density = -0.5 * precision[k] * away**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
-        log_prior = np.append(density + np.log(HIDDEN_STEPS[1] - HIDDEN_STEPS[0]), 0.0)
-        mean[k] = _weighed(stack, mode, k, tried, log_prior, *known)
-    return Bench(mean, before)
+    sd, k = priors.sd(x), WALK_PART
+    along, precision = x[k] + WALK_STEPS, priors.precision[k]
+    tried = np.append(np.exp(priors.centre[k] + priors.width[k] * along), 0.0)
+    # density of the prior given the other variances
+    away = along - x[k] + precision @ x / precision[k]
+    log_prior = -0.5 * precision[k] * away**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
+    log_p = np.empty(tried.size)
+    for i, size in enumerate(tried):
+        trial = sd.copy()
+        trial[k] = size
+        log_p[i] = log_evidence(stack, trial, *known)[0]
+    sd[k] = _mean_size(tried, log_p, log_prior + np.log(WALK_STEPS[1] - WALK_STEPS[0]))
+    return Bench(sd, before)
+
+
+def _mean_size(tried: Array, log_p: Array, log_prior: Array) -> float:
+    """Root of the mean variance over sizes that are tried, the last of them none, at even odds."""
+    log_p = log_p + np.append(log_prior, 0.0)
+    return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
 def _clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
@@ -454,24 +468,76 @@ def _most_probable(
     return np.asarray(mode)
 
 
-def _weighed(
-    stack: Stack,
-    sd: Array,
-    part: int,
-    tried: Array,
-    log_prior: Array | float,
-    scale: Array,
-    given: Given,
-    before: Shared,
-) -> float:
-    """Root of the mean of one variance over sizes that are tried, beside the others as given."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Gathered:
+    """What all runs of a bench say of what they share, for any size of the ripple once per turn.
+
+    A ripple of which no run sees much takes all of them to be told. It adds two columns F to a run,
+    so that its likelihood follows from their squares F'PF with every size of the ripple.
+
+    Attributes
+    ----------
+    M, b, log_z : ndarray, shape (R, q, q), (R, q), (R,)
+        Squares and products of the shared columns, and twice the logarithm of the likelihood of
+        each run without them, less a constant.
+    turn, across, along : ndarray, shape (R, 2, 2), (R, q, 2), (R, 2)
+        Squares of the columns of the ripple, their products with the shared ones and with z.
+    share : ndarray, shape (R,)
+        Weight of each run.
+    """
+
+    M: Array
+    b: Array
+    log_z: Array
+    turn: Array
+    across: Array
+    along: Array
+    share: Array
+
+    @classmethod
+    def of(cls, stack: Stack, w: Whitened, scale: Array) -> Gathered:
+        """The runs of a stack, whitened."""
+        PF = w.P @ stack.turn
+        return cls(
+            M=w.M,
+            b=w.b,
+            log_z=-w.squares / scale - w.log_det,
+            turn=stack.turn.transpose(0, 2, 1) @ PF,
+            across=stack.shared.transpose(0, 2, 1) @ PF,
+            along=np.einsum("ri,rik->rk", stack.z, PF),
+            share=1.0 / scale,
+        )
+
+    @classmethod
+    def all(cls, parts: Sequence[Gathered]) -> Gathered:
+        """Those of several stacks."""
+        names = cls.__dataclass_fields__
+        return cls(**{x: np.concatenate([getattr(part, x) for part in parts]) for x in names})
+
+    def with_turn(self, variance: float) -> tuple[Array, Array, float]:
+        """Sums of M and b, and the logarithm, with so much more variance of the ripple."""
+        inner = np.eye(2) + variance * self.turn
+        taken = variance * np.linalg.solve(inner, np.swapaxes(self.across, 1, 2))
+        left = variance * np.linalg.solve(inner, self.along[:, :, None])[:, :, 0]
+        M = np.einsum("r,rkl->kl", self.share, self.M - self.across @ taken)
+        b = self.share @ (self.b - np.einsum("rkj,rj->rk", self.across, left))
+        squares = self.share @ np.einsum("rj,rj->r", self.along, left)
+        log_det = float(np.sum(np.linalg.slogdet(inner)[1]))
+        return M, b, 0.5 * (float(np.sum(self.log_z) + squares) - log_det)
+
+
+def turn_size(runs: Gathered, priors: Priors, before: float, given: Given, shared: Shared) -> float:
+    """Standard deviation of the ripple once per turn by all runs, whitened with `before`."""
+    centre, width = priors.centre[TURN_PART], priors.width[TURN_PART]
+    tried = np.append(np.exp(centre + width * TURN_STEPS), 0.0)
     log_p = np.empty(tried.size)
     for k, size in enumerate(tried):
-        trial = sd.copy()
-        trial[part] = size
-        log_p[k] = log_evidence(stack, trial, scale, given, before)[0]
-    log_p += log_prior
-    return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
+        M, b, log_z = runs.with_turn(size**2 - before**2)
+        log_p[k] = log_z + posterior(M, b, given, shared, every_drift=False).log_evidence
+    log_prior = -0.5 * TURN_STEPS**2 + np.log(
+        (TURN_STEPS[1] - TURN_STEPS[0]) / np.sqrt(2.0 * np.pi)
+    )
+    return _mean_size(tried, log_p, log_prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -486,6 +552,9 @@ class RunLevel:
         Its variance by what differs from run to run.
     shared_tail, shared_drift : float
         Its standard deviation by what all runs share, with the sign that all have in common.
+    away, spread : ndarray, shape (K,)
+        Difference of the level from `y` given each hypothesis about what all runs share, and its
+        standard deviation then, that of `variance` included.
     misfit : float
         Noise of the run about the model over that of the bench, standard deviations.
     drift : float
@@ -502,6 +571,8 @@ class RunLevel:
     variance: float
     shared_tail: float
     shared_drift: float
+    away: Array
+    spread: Array
     misfit: float
     drift: float
     tail: Array
@@ -532,18 +603,23 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel
     shortest = 2.0 * min(r.step_m for r in records)
     longest = 3.0 * max(float(r.travel[-1]) for r in records)
     given = Given.by([r.rest for r in records], (shortest, longest))
-    bench = fit_bench(Stack([records[k] for k in every], centre), given)
+    some = Stack([records[k] for k in every], centre)
+    bench = fit_bench(some, given)
     parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     # a small bench is stacked once, of a large one only a part at a time is held
     stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
-    M, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
+    gathered = []
     for stack in stacks:
         stack.stretch(bench.shared.powers, bench.shared)
         stack.deviate(bench.shared)
         w = whiten(stack, bench.sd)
-        share = 1.0 / noise_scale(stack, w, bench.shared.stretched_mean)
-        M, b = M + np.einsum("r,rkl->kl", share, w.M), b + w.b.T @ share
-    bench = Bench(bench.sd, posterior(M, b, given, bench.shared))
+        scale = noise_scale(stack, w, bench.shared.stretched_mean)
+        gathered.append(Gathered.of(stack, w, scale))
+    runs, before = Gathered.all(gathered), float(bench.sd[TURN_PART])
+    sd = bench.sd.copy()
+    sd[TURN_PART] = turn_size(runs, Priors.of(some), before, given, bench.shared)
+    M, b, _ = runs.with_turn(sd[TURN_PART] ** 2 - before**2)
+    bench = Bench(sd, posterior(M, b, given, bench.shared))
     if len(parts) > 1:
         stacks = (Stack(p, centre) for p in parts)
     levels = [level for stack in stacks for level in _levels(stack, bench)]
@@ -574,12 +650,17 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     deviation = np.einsum("rik,ri->rk", H, Pe)
     y = w.level - w.shift @ mean
     last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
+    variance = w.variance * scale
+    away, by_hypothesis = shared.hypotheses.along(-w.shift)
+    spread = np.sqrt(variance[:, None] + by_hypothesis)
     return [
         RunLevel(
             y=float(y[k]),
-            variance=float(w.variance[k] * scale[k]),
+            variance=float(variance[k]),
             shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
             shared_drift=float(size[k] * np.sqrt(share[k])),
+            away=away[k],
+            spread=spread[k],
             misfit=float(np.sqrt(scale[k])),
             drift=float(wander[k, last[k]] - wander[k, 0] + mean[RANK + 2] * stack.level[k]),
             tail=stack.level[k] * stack.stretches[k] @ (shared.mean[:RANK] + own @ deviation[k]),

@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.campaign import RunLevel, reduce_bench
+from beltid.identify.estimators.statistics import interval_sd
+from beltid.identify.friction.campaign import BATCH, RunLevel, reduce_bench
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
-from beltid.identify.friction.rest import Rest, against_stated, cell_errors
+from beltid.identify.friction.rest import CellErrors, Rest, against_stated, cell_errors
 from beltid.identify.friction.run import (
     NAN,
     FrictionSettings,
@@ -177,12 +178,17 @@ def _reduce_together(
         mode=settings.correct_imbalance,
     )
     relaxed = 1.0 + _relaxation(rests)
+    shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
+    shared = np.column_stack([shared, cells.shared])
+    rounding = np.array([record.rounding for record in records])
+    own = np.array([level.variance for level in levels]) + cells.variance + rounding**2
+    y_ses = _standard_errors(bench.shared, levels, cells, rounding)
+    # what is stated is the interval; its parts keep their shares
+    shared *= (y_ses / np.sqrt(own + np.sum(shared**2, axis=1)))[:, None]
     reduced = []
     for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
-        y = level.y - float(cells.mean[k])
-        shared = np.array([level.shared_tail, level.shared_drift, float(cells.shared[k])])
-        own = level.variance + float(cells.variance[k]) + record.rounding**2
-        tail, drift, zeros = shared / y
+        y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
+        tail, drift, zeros = (shared[k] / y).tolist()
         found = replace(
             run.found,
             initial_tension_N=float(initial[k]) * relaxed,
@@ -197,13 +203,30 @@ def _reduce_together(
             reason = f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
             reduced.append(replace(found, status=reason))
             continue
-        y_se = float(np.sqrt(own + shared @ shared))
         found = _with_plateau(found, record, level, y, y_se, R)
         reason = _unusable(found, record, level, len(runs))
         if not reason:
             found = _with_peak(found, record, level, y, bench.shared)
         reduced.append(replace(found, status=reason or "ok"))
     return reduced
+
+
+def _standard_errors(
+    shared: Shared, levels: Sequence[RunLevel], cells: CellErrors, rounding: Array
+) -> Array:
+    """Standard errors of the levels over all hypotheses about the bench and its cells, (R,)."""
+    probability = np.multiply.outer(shared.hypotheses.probability, cells.probability).ravel()
+    found = []
+    for k in range(0, len(levels), BATCH):
+        part = slice(k, k + BATCH)
+        away = np.array([level.away for level in levels[part]])[:, :, None]
+        spread = np.array([level.spread for level in levels[part]])[:, :, None]
+        away = away - cells.away[part, None, :]
+        variance = spread**2 + cells.spread[part, None, :] ** 2
+        variance = variance + rounding[part, None, None] ** 2
+        size = len(away), probability.size
+        found.append(interval_sd(probability, away.reshape(size), np.sqrt(variance).reshape(size)))
+    return np.concatenate(found)
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:

@@ -238,6 +238,10 @@ class CellErrors:
         What is not known of it, of each run by itself.
     shared : ndarray
         Standard deviation of what all runs share.
+    probability : ndarray, shape (K,)
+        Of hypotheses about the sizes of the errors.
+    away, spread : ndarray, shape (R, K)
+        Difference from `mean` given each of them, and its standard deviation then.
     notes : tuple of str
         What a user should know of each run; empty where there is nothing.
     """
@@ -245,6 +249,9 @@ class CellErrors:
     mean: Array
     variance: Array
     shared: Array
+    probability: Array
+    away: Array
+    spread: Array
     notes: tuple[str, ...]
 
 
@@ -276,7 +283,10 @@ def cell_errors(
             f"{_differ(d, t)}, {words}" if abs(d) > max(NOTED * t, 5.0 * s) else ""
             for d, s, t in zip(D, se, T, strict=True)
         )
-        return CellErrors(q * D * bool(mode), own + apart**2 * clear, np.zeros(D.size), notes)
+        own = own + apart**2 * clear
+        none = np.zeros(D.size)
+        one_only = np.ones(1), none[:, None], np.sqrt(own)[:, None]
+        return CellErrors(q * D * bool(mode), own, none, *one_only, notes)
     return _of_bench(D, se, T, q, apart)
 
 
@@ -307,26 +317,34 @@ def _of_bench(D: Array, se: Array, T: Array, q: Array, apart: Array) -> CellErro
         given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, found))
     weights = np.exp(np.array(log_p) - np.max(log_p))
     weights /= weights.sum()
-    mean, square, own, shared = np.zeros((4, D.size))
-    common, fixed = 0.0, np.zeros(3)
-    for p, (wander_N, k, C, found) in zip(weights, given, strict=True):
-        zero = found[:, :1] + k * (D - found @ X.T)
+    n = sizes.size
+    # by the sizes of the zeros, shared and wandering: sums over the sizes of gains and friction
+    by_size = np.zeros((3, n, n, D.size))
+    own, fixed = np.zeros(D.size), np.zeros(3)
+    for k, (p, (wander_N, part, C, found)) in enumerate(zip(weights, given, strict=True)):
+        zero = found[:, :1] + part * (D - found @ X.T)
         error = q * zero + found[:, 1:] / unit
-        # what both zeros have in common is as large in every run, whatever their difference
-        own += wander_N**2 * (q**2 * (1.0 - k) + apart**2) * p.sum()
-        common += p @ (found[:, 0] ** 2 + C[:, 0, 0])
-        slopes = np.column_stack([q * (1.0 - k), (1.0 - q * k * T) / unit])
-        shared += np.einsum("rk,kl,rl->r", slopes, np.tensordot(p, C, axes=1), slopes)
-        mean += p @ error
-        square += p @ error**2
+        slopes = np.column_stack([q * (1.0 - part), (1.0 - q * part * T) / unit])
+        # what both zeros have in common is as large as their difference, whatever that shows
+        wandering = wander_N**2 * (q**2 * (1.0 - part) + apart**2)
+        common = np.einsum("rk,hkl,rl->hr", slopes, C, slopes) + apart**2 * S[:, :1]
+        moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
+        by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
+        own += p.sum() * wandering
         fixed += [p @ found[:, 0], p @ found[:, 1] / unit, p.sum() * wander_N]
-    between = np.maximum(square - mean**2, 0.0)
+    probability, first, second = by_size.reshape(3, n * n, -1)
+    mean = first.sum(axis=0)
+    probability = np.maximum(probability, 1e-300)
+    error = first / probability
     zeta, gamma, wander = fixed
-    shared += apart**2 * common
+    shared = second.sum(axis=0) - mean**2 - own
     return CellErrors(
         mean=mean,
         variance=own,
-        shared=np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(shared + between),
+        shared=np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(shared, 0.0)),
+        probability=probability[:, 0],
+        away=(error - mean).T,
+        spread=np.sqrt(np.maximum(second / probability - error**2, 0.0)).T,
         notes=tuple(
             _note(e / half, gamma, d, t, zeta, wander)
             for e, half, d, t in zip(mean, q, D, T, strict=True)

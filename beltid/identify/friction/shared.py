@@ -283,6 +283,41 @@ DECAYS = slice(POWERS.stop, SHARED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Hypotheses:
+    """Posterior of the shared columns given each of K hypotheses about tail and drifts.
+
+    Attributes
+    ----------
+    probability : ndarray, shape (K,)
+        Posterior probabilities.
+    away : ndarray, shape (K, SHARED)
+        Means less that over all hypotheses.
+    covariance : ndarray, shape (K, SHARED, SHARED)
+        Covariances given each.
+    """
+
+    probability: Array
+    away: Array
+    covariance: Array
+
+    @classmethod
+    def alone(cls, covariance: Array) -> Hypotheses:
+        """One that is certain."""
+        return cls(np.ones(1), np.zeros((1, SHARED)), covariance[None])
+
+    @property
+    def whole(self) -> Array:
+        """Covariance over all of them, shape (SHARED, SHARED)."""
+        within = np.tensordot(self.probability, self.covariance, axes=1)
+        return np.asarray(within + (self.away * self.probability[:, None]).T @ self.away)
+
+    def along(self, shift: Array) -> tuple[Array, Array]:
+        """Mean and variance of ``shift @ columns`` given each of them, shape (R, K) each."""
+        variance = np.einsum("ri,kij,rj->rk", shift, self.covariance, shift, optimize=True)
+        return shift @ self.away.T, np.maximum(variance, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Shared:
     """Posterior of what is the same in all runs, :data:`SHARED` columns.
 
@@ -300,6 +335,8 @@ class Shared:
         Powers of the settings with which its length goes.
     weights : ndarray
         Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (3, 4).
+    hypotheses : Hypotheses
+        What it is the mean of; one alone in a rough look.
     spectra : Spectra, optional
         Tails over which it was summed.
     """
@@ -310,27 +347,30 @@ class Shared:
     height: float
     powers: Array
     weights: Array
+    hypotheses: Hypotheses
     spectra: Spectra | None = None
 
     @classmethod
     def before(cls, powers: Array) -> Shared:
         """What is known before any run is seen, if the length of the tail goes with such powers."""
         unknown = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
-        return cls(*unknown, height=0.05, powers=powers, weights=np.outer(UNLIKE_BEFORE, BEFORE))
+        weights = np.outer(UNLIKE_BEFORE, BEFORE)
+        alone = Hypotheses.alone(np.zeros((SHARED, SHARED)))
+        return cls(*unknown, height=0.05, powers=powers, weights=weights, hypotheses=alone)
 
     @classmethod
     def of(
         cls,
         mean: Array,
-        covariance: Array,
+        hypotheses: Hypotheses,
         log_evidence: float,
         height: float,
         powers: Array,
         weights: Array,
         spectra: Spectra,
     ) -> Shared:
-        """From its moments, with tails that were stretched by some powers."""
-        values, vectors = np.linalg.eigh(covariance)
+        """From all hypotheses, with tails that were stretched by some powers."""
+        values, vectors = np.linalg.eigh(hypotheses.whole)
         return cls(
             mean=mean,
             factor=(vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1],
@@ -339,6 +379,7 @@ class Shared:
             powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
             weights=weights,
             spectra=spectra,
+            hypotheses=hypotheses,
         )
 
     @property
@@ -468,7 +509,8 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
         spectra = rough.spectra(M, b, given)
     if not every_drift:
         mean, C, log_evidence, height = _given(M, b, rough, spectra)
-        return Shared.of(mean, C, log_evidence, height, before.powers, before.weights, spectra)
+        alone = Hypotheses.alone(C)
+        return Shared.of(mean, alone, log_evidence, height, before.powers, before.weights, spectra)
 
     log_p, found = [], []
     for p_slow, slow, scatter in _slow_parts(given.range_m[1], height):
@@ -485,11 +527,10 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     p = np.exp(np.array(log_p) - log_evidence)
     means = np.array([mean for mean, *_ in found])
     mean = p @ means
-    away = means - mean
-    second = np.tensordot(p, [C for _, C, *_ in found], axes=1) + (away * p[:, None]).T @ away
+    every = Hypotheses(p, means - mean, np.array([C for _, C, *_ in found]))
     weights = p.reshape(-1, *before.weights.shape).sum(axis=0)
     height = found[int(np.argmax(p))][-1]
-    return Shared.of(mean, second, log_evidence, height, before.powers, weights, spectra)
+    return Shared.of(mean, every, log_evidence, height, before.powers, weights, spectra)
 
 
 @lru_cache(maxsize=4)
