@@ -20,12 +20,7 @@ import typer
 from beltid.cli.process import if_stopped, mute, passing, told
 from beltid.cli.program import Common
 from beltid.cli.reporter import TerminalReporter, console_for
-from beltid.errors import (
-    EXIT_INPUT,
-    BeltidError,
-    InputError,
-    printable,
-)
+from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource

@@ -225,6 +225,12 @@ def table_columns_of(
     return columns
 
 
+def ok_rows(friction: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Which runs of a friction table, shape (n,), can be used: all of one without a status."""
+    status = friction.get("status")
+    return np.ones(len(friction["arc_deg"]), dtype=bool) if status is None else status == "ok"
+
+
 def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The columns of a table that hold a single value in each cell."""
     return {name: values for name, values in columns.items() if values.ndim == 1}

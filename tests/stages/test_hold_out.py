@@ -14,7 +14,7 @@ from beltid.identify.agreement.hold_out import folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation.compare import predict_held_out
 from beltid.stages.simulation.hold_out import Predicted, predict, with_tensions
-from beltid.stages.uncertainties import press_law
+from beltid.stages.tables import press_law
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = NormalLaw(6.5e7, 3.0256e11)

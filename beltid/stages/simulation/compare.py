@@ -59,8 +59,8 @@ from beltid.stages.simulation.hold_out import (
     with_tensions,
 )
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
-from beltid.stages.tables import checked_law, law_of, table_columns
-from beltid.stages.uncertainties import budget_details, press_law
+from beltid.stages.tables import press_law, table_columns
+from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
 from beltid.uncertainty.agreement import dominant, validated, within_words
 from beltid.uncertainty.press_law import PressLaw
@@ -178,7 +178,7 @@ def _run_held_out(
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(law_of(stiffness), config.config, stiffness)
+        press = press_law(stiffness, config.config)
         options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
         built = build.write(_held_out(friction.columns, press, config.config, by, options.workers))
     return summarise(built)
@@ -219,7 +219,7 @@ def predict_held_out(
     by = _checked(hold_out)
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
-    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    press = press_law(law, model)
     return _held_out(columns, press, model, by, Workers()).with_origin(model, friction, law)
 
 

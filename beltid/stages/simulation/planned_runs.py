@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import OK, SAME_SETTING
+from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
+from beltid.stages.outcome import ok_rows
 from beltid.stages.tables import is_number
 
 if TYPE_CHECKING:
@@ -148,10 +149,7 @@ def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
         Contact arc [°], nominal initial tension [N], pulley speed without its sign [rad/s].
     """
     rows = np.column_stack([np.abs(np.asarray(friction[name], dtype=float)) for name in KEYS])
-    usable = np.all((rows > 0.0) & np.isfinite(rows), axis=1)
-    if "status" in friction:
-        usable &= friction["status"] == OK
-    rows = rows[usable]
+    rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]
     snapped = [snap_to_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
     return np.unique(np.column_stack(snapped), axis=0)
 
