@@ -183,8 +183,9 @@ def _outcome(
             raise InputError(problem)
     uncertainty = standard_uncertainties(config)
     bench, spread = _bench_values(config, uncertainty), None
-    if press is not None:
-        line_force = float(np.median([run.initial_tension_N for run in runs])) / radius
+    tensions = [run.initial_tension_N for run in runs if run.ok]
+    if press is not None and tensions:
+        line_force = float(np.median(tensions)) / radius
         spread = _normal_stiffness_spread(press, uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
         bench = replace(bench, normal_law=law, normal_stiffness=spread)
