@@ -56,8 +56,8 @@ from beltid.stages.simulation.hold_out import (
     beyond_range,
     knows_arcs,
     predictions,
-    with_tensions,
 )
+from beltid.stages.simulation.planned_runs import with_tensions
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
 from beltid.stages.tables import press_law, table_columns
 from beltid.stages.uncertainties import budget_details
@@ -236,7 +236,7 @@ def _held_out(
     by: HoldOut,
     workers: Workers,
 ) -> Outcome[AgreementResult]:
-    columns = with_tensions(columns)
+    columns = with_tensions(columns, config)
     found = predictions(columns, press, config, by, workers)
     rows = np.concatenate([one.fold.left_out for one in found])
     measured = {name: values[rows] for name, values in columns.items()}
@@ -347,6 +347,7 @@ def _outcome(
     notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     section = config.compare
+    measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     plain = compare_points(
         measured,
         simulated,

@@ -50,7 +50,7 @@ def rig_settings(
     plan = config.plan
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
-        found = measured_settings(friction)
+        found = measured_settings(friction, config)
         measured = found if found.size else None
     stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
     others = [_thinned(values) for values in setting_lists(config, measured)]

@@ -138,7 +138,7 @@ def run(
     inputs = _with_friction(inputs)
     measured = None
     if "friction" in inputs:
-        measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
+        measured = measured_settings(read_artifact(inputs["friction"], "friction").columns, model)
     runs = planned_runs(model, picked or Picked(), measured)
     differing = differing_settings(model, measured)
     for line in differing:
