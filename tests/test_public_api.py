@@ -227,8 +227,9 @@ def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Pat
     assert surface == published.result.surface
     with pytest.raises(beltid.InputError, match="already exists"):
         friction.save(path)
-    table = pd.read_csv(friction.save(tmp_path / "friction.csv"))
+    table = pd.read_csv(friction.save(tmp_path / "friction.csv", origin="synthetic"))
     assert np.allclose(table["mu_sliding"], friction.to_frame()["mu_sliding"])
+    assert set(table["origin"]) == {"synthetic"}
     with pytest.raises(beltid.InputError, match=r"must end in .parquet or .csv"):
         friction.save(tmp_path / "friction.xlsx")
 

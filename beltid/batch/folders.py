@@ -13,6 +13,8 @@ from beltid.errors import InputError
 from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"
+WORKING: Final = 256
+"""Files that a batch has open at the same time beside its locks, at most."""
 
 
 def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
@@ -69,14 +71,37 @@ def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
     reporter : Reporter
         Hears that another batch is waited for.
     """
+    different = sorted(set(folders))  # in one order, so that no two wait for each other
+    most = _locks_at_most(len(different))
     with contextlib.ExitStack() as held:
-        for folder in sorted(set(folders)):  # in one order, so that no two wait for each other
+        for place, folder in enumerate(different):
             descriptor = _opened(folder)
-            if descriptor is not None:
+            if descriptor is not None and place >= most:
+                os.close(descriptor)
+            elif descriptor is not None:
                 held.callback(os.close, descriptor)
                 _lock(descriptor, folder, reporter)
             remove_stale(folder)
         yield
+
+
+def _locks_at_most(wanted: int) -> int:
+    """How many of the wanted locks, each an open file, leave files to work with.
+
+    The system allows more where it is asked; what a sweep of thousands of cases lacks then goes on
+    without a lock.
+    """
+    try:
+        import resource
+    except ImportError:  # not a POSIX system
+        return wanted
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    limits = [limit for limit in (hard, wanted + WORKING) if limit != resource.RLIM_INFINITY]
+    if soft != resource.RLIM_INFINITY and soft < min(limits):
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (min(limits), hard))
+            soft = min(limits)
+    return wanted if soft == resource.RLIM_INFINITY else min(wanted, max(0, soft - WORKING))
 
 
 def _opened(folder: Path) -> int | None:

@@ -21,14 +21,7 @@ from typing import Any, Final
 
 from beltid.child_processes import same_package, signals_blocked
 from beltid.errors import BeltidError
-from beltid.stages.workers import (
-    LOOK_UP_S,
-    ONE_THREAD,
-    Cancelled,
-    Result,
-    Workers,
-    available_cores,
-)
+from beltid.stages.workers import LOOK_UP_S, ONE_THREAD, Cancelled, Result, Workers, available_cores
 
 MOST_LOSSES: Final = 3
 """Workers lost one after the other, without a result between them, before a call is given up."""

@@ -20,12 +20,7 @@ import typer
 from beltid.cli.process import if_stopped, mute, passing, told
 from beltid.cli.program import Common
 from beltid.cli.reporter import TerminalReporter, console_for
-from beltid.errors import (
-    EXIT_INPUT,
-    BeltidError,
-    InputError,
-    printable,
-)
+from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
 
 if TYPE_CHECKING:
     from beltid.config import ConfigSource
@@ -37,6 +32,7 @@ if TYPE_CHECKING:
 Stage = Callable[["ConfigSource", Mapping[str, Path], Path, "Options"], "Summary"]
 
 DASH: Final = Path("-")
+NOTHING: Final = "nothing was written"
 STDIN: Final = "stdin"
 STDOUT: Final = "stdout"
 MOST_PAGES: Final = 3
@@ -98,7 +94,7 @@ def execute(
 def finish(
     work: Callable[[Options], Summary],
     common: Common,
-    kept: str,
+    kept: str | None = None,
     names: Mapping[str, str] | None = None,
 ) -> None:
     """Do the work, print its summary on stdout, exit with its status.
@@ -109,13 +105,15 @@ def finish(
         Takes the common options of stages, returns the summary.
     common : Common
         The common options.
-    kept : str
-        What to say about the results after an interrupt.
+    kept : str, optional
+        What to say about the results after an interrupt; None of a command that writes no file.
     names : mapping of str to str, optional
         Words to say in the place of others, such as stdin for a passing file.
     """
     options, start = _options(common, names), time.monotonic()
-    with _statuses(options.reporter, kept):
+    with _statuses(options.reporter, kept or NOTHING):
+        if kept is None and common.out not in (None, DASH):
+            raise InputError(f"--out = {common.out}: this command writes no file, leave it out")
         with options.reporter.python_warnings():
             summary = work(options)
         _tell(summary, options.reporter, common, time.monotonic() - start)
@@ -125,13 +123,26 @@ def finish(
 
 
 def print_text(work: Callable[[Options], str], common: Common) -> None:
-    """Do the work, whose product is a text, print it on stdout and exit with its status."""
-    options = _options(common)
-    with _statuses(options.reporter, kept="nothing was written"):
+    """Do the work, whose product is a text, and print it on stdout, or write it where asked."""
+    options, out = _options(common), common.out
+    with _statuses(options.reporter, NOTHING):
         text = work(options)
-        with _stdout():
-            print(text, end="", flush=True)
+        if out is None or out == DASH:
+            with _stdout():
+                print(text, end="", flush=True)
+        else:
+            _write(text, out, force=common.force)
+            options.reporter.report(f"{out} written")
     raise typer.Exit
+
+
+def _write(text: str, out: Path, *, force: bool) -> None:
+    from beltid.artifacts.file_bytes import write_text
+    from beltid.stages.build_artifact import already_exists
+
+    if out.exists() and not force:
+        raise InputError(already_exists(out))
+    write_text(out, text)
 
 
 def _options(common: Common, names: Mapping[str, str] | None = None) -> Options:

@@ -95,10 +95,6 @@ class Outcome(Generic[Result]):
             }
         )
 
-    def _plain_frame(self) -> pd.DataFrame:
-        """The table without the columns that hold several numbers in a cell."""
-        return self.to_frame()[[*flat(self.columns)]]
-
     def plot(self, figure: str | None = None) -> Figure:
         """The table as a figure of matplotlib, like that of ``beltid show``.
 
@@ -179,8 +175,7 @@ class Outcome(Generic[Result]):
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
         if path.suffix == ".csv":
-            text = self._plain_frame().to_csv(index=False, lineterminator="\n")
-            write_bytes(path, text.encode())
+            write_bytes(path, csv_bytes(self.columns, origin or self.origin))
         elif path.suffix == ".parquet":
             metadata = self.metadata(origin=origin or self.origin)
             write_artifact(path, self.kind, self.columns, metadata)
@@ -192,7 +187,7 @@ class Outcome(Generic[Result]):
         """The table for a notebook, with what should be looked into."""
         from html import escape
 
-        frame = self._plain_frame()
+        frame = self.to_frame()[[*flat(self.columns)]]
         said = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
         table = frame.to_html(
             max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
@@ -226,9 +221,39 @@ def table_columns_of(
     return columns
 
 
+def ok_rows(friction: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Which runs of a friction table, shape (n,), can be used: all of one without a status."""
+    status = friction.get("status")
+    return np.ones(len(friction["arc_deg"]), dtype=bool) if status is None else status == "ok"
+
+
 def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The columns of a table that hold a single value in each cell."""
     return {name: values for name, values in columns.items() if values.ndim == 1}
+
+
+def csv_bytes(columns: Mapping[str, np.ndarray], origin: Origin | None) -> bytes:
+    """A whole table as CSV, with the origin of its data as a column.
+
+    Columns with several numbers in a cell are left out. A label that a spreadsheet would take for a
+    formula is quoted by an apostrophe.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(
+        {
+            name: [_quoted(label) for label in values] if values.dtype == object else values
+            for name, values in flat(columns).items()
+        }
+    )
+    if origin is not None:
+        frame["origin"] = origin
+    return frame.to_csv(index=False, lineterminator="\n").encode()
+
+
+def _quoted(cell: Any) -> Any:
+    is_formula = isinstance(cell, str) and cell.startswith(("=", "+", "-", "@"))
+    return f"'{cell}" if is_formula else cell
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:

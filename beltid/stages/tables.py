@@ -12,6 +12,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.bench.formats.frames import columns_of_frame
+from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError, Problems
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
@@ -21,6 +22,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
 from beltid.tables import schemas
+from beltid.uncertainty.press_law import PressLaw
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -157,6 +159,18 @@ def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalL
         float(artifact.columns["k_linear_N_m2"][row]),
         float(artifact.columns["k_quadratic_N_m3"][row]),
     )
+
+
+def press_law(law: NormalLaw | Artifact | Outcome[Any], config: Config) -> PressLaw:
+    """A contact law with the scatter of its fit, which only the table it is from tells."""
+    covariance, depth = np.zeros((2, 2)), 1.0e-4
+    normal = law_of(law) if isinstance(law, Artifact) else checked_law(law)
+    if isinstance(law, (Artifact, Outcome)):
+        pooled = int(np.flatnonzero(np.isnan(law.columns["temperature_degC"]))[0])
+        found = law.columns["covariance"][pooled].reshape(2, 2)
+        covariance = np.where(np.isfinite(found), found, 0.0)
+        depth = float(law.columns["max_penetration_m"][pooled])
+    return PressLaw(normal, covariance, depth, config.press.segment_length_cm / 100.0)
 
 
 def table_columns(

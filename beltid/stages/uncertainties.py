@@ -6,16 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-import numpy as np
-
-from beltid.artifacts.artifact import Artifact
 from beltid.config import Config
 from beltid.config.model import UncertaintySection
 from beltid.errors import percent
 from beltid.identify.friction.drift_check import CONFOUNDED
-from beltid.laws.penalty import NormalLaw
-from beltid.stages.outcome import Outcome
-from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
@@ -50,19 +44,6 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
     stated = frozenset(KEYS[key][0] for key in section.model_fields_set)
     return StandardUncertainties(**values, stated=stated)
-
-
-def press_law(
-    law: NormalLaw, config: Config, artifact: Artifact | Outcome[Any] | None = None
-) -> PressLaw:
-    """A contact law with the scatter of its fit, which only the table it is from tells."""
-    covariance, depth = np.zeros((2, 2)), 1.0e-4
-    if artifact is not None:
-        pooled = int(np.flatnonzero(np.isnan(artifact.columns["temperature_degC"]))[0])
-        found = artifact.columns["covariance"][pooled].reshape(2, 2)
-        covariance = np.where(np.isfinite(found), found, 0.0)
-        depth = float(artifact.columns["max_penetration_m"][pooled])
-    return PressLaw(law, covariance, depth, config.press.segment_length_cm / 100.0)
 
 
 def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:

@@ -129,6 +129,31 @@ def test_a_sweep_makes_a_folder_per_case_and_one_table(bench: Path, by_one: Path
     assert case == {name: alone[name] for name in case}
 
 
+MANY = """
+import resource, sys
+from pathlib import Path
+from beltid.batch.folders import alone_in
+from beltid.stages.reporter import Reporter
+hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1] if sys.argv[2] == "hard" else 300
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
+with alone_in([Path(sys.argv[1], str(k)) for k in range(400)], Reporter()):
+    files = [open(sys.executable) for _ in range(200)]
+"""
+
+
+@pytest.mark.parametrize("limit", ["hard", "300"])
+def test_a_sweep_of_many_cases_leaves_files_to_work_with(tmp_path: Path, limit: str) -> None:
+    """Every case has a lock, which is an open file, and a shell often allows 1024 of them."""
+    done = subprocess.run(
+        [sys.executable, "-c", MANY, str(tmp_path), limit],
+        capture_output=True,
+        text=True,
+        env=environment(),
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.iterdir())) == 400
+
+
 # --- workers -----------------------------------------------------------------------------------
 
 

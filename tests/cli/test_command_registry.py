@@ -23,7 +23,7 @@ def weigh_belt(*, common: Common) -> None:
         from beltid.report.summary import Summary
         options.reporter.report("weighing")
         return Summary(stage="weigh-belt", title="mass", facts={"mass_kg": 0.1}, exit_status=4)
-    finish(work, common, kept="")
+    finish(work, common)
 """
 
 

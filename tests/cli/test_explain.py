@@ -133,6 +133,8 @@ def test_every_code_that_an_error_is_given_has_a_page() -> None:
 
 def test_explain_lists_the_codes_and_refuses_others(beltid: Any) -> None:
     assert beltid("explain").stdout.split() == list(PAGES)
+    (row,) = json.loads(beltid("explain", "columns", "--json").stdout)["table"]
+    assert row == {"code": "columns", "page": PAGES["columns"]}
     refused = beltid("explain", "weather")
     assert refused.exit_code == 2
     assert "CODE = weather, must be one of artifact-kind" in refused.stderr

@@ -144,6 +144,18 @@ def test_runs_that_cannot_be_used_are_kept_with_their_reason(shear: Path, beltid
     assert any(note.startswith("1 of 6 runs have ") for note in product["notes"])
 
 
+def test_a_dead_run_is_no_obstacle_to_the_law_of_the_press(shear: Path, beltid: Any) -> None:
+    frame = pd.read_csv(shear / "shear.csv")
+    frame.loc[frame["run"] == "R01", "tension_tight_N"] = 270.0
+    frame.to_csv(shear / "dead.csv", index=False)
+    call = ("fit-shear", "dead.csv", "--stiffness", "stiffness.parquet", "--json")
+    result = beltid(*call)
+    assert result.exit_code == 0, result.stderr
+    facts = json.loads(result.stdout)["facts"]
+    assert facts["runs_used"] == 5
+    assert abs(facts["shear_stiffness_N_m2"] - K_S) < 2.0 * facts["shear_stiffness_u_N_m2"]
+
+
 @pytest.mark.long
 def test_the_function_takes_the_press_as_a_result_too(shear: Path, beltid: Any) -> None:
     """From a file or from memory: the same law, its scatter, and that it is synthetic."""

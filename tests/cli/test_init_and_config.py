@@ -185,6 +185,11 @@ def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
     assert "config: beltid.yaml (found for rig.csv)" in shown.stderr.replace(f"{Path.cwd()}/", "")
     Path("again.yaml").write_text(shown.stdout)
     assert load_config("again.yaml") == load_config("beltid.yaml")
+    assert beltid("config", "show", "rig.csv", "-o", "out.yaml").stdout == ""
+    assert Path("out.yaml").read_text() == shown.stdout
+    refused = beltid("config", "show", "-o", "beltid.yaml")
+    assert refused.exit_code == 2
+    assert "beltid.yaml: already exists" in refused.stderr
 
 
 def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
@@ -250,6 +255,16 @@ def test_a_config_without_recordings_can_neither_be_run_nor_checked(beltid: Any)
         result = beltid(*call, "c.yaml")
         assert result.exit_code == 2
         assert "data names no recording, must be at least one of press, rig" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "call", [("info",), ("config", "show", "--origin"), ("config", "check", "c"), ("inspect", "c")]
+)
+def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...]) -> None:
+    refused = beltid(*call, "-o", "product.txt")
+    assert refused.exit_code == 2
+    assert "--out = product.txt: this command writes no file" in refused.stderr
+    assert refused.stdout == ""
 
 
 def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:

@@ -23,8 +23,7 @@ from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
 from beltid.stages.results.belt_results import sheet_of
 from beltid.stages.setup.about import file_info
-from beltid.stages.tables import law_of, surface_of
-from beltid.stages.uncertainties import press_law
+from beltid.stages.tables import press_law, surface_of
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
 CONFIG = load_config()
@@ -53,7 +52,7 @@ def _artifact(path: Path) -> object:
     if artifact.kind == "surface":
         surface_of(artifact)
     elif artifact.kind == "stiffness":
-        press_law(law_of(artifact), CONFIG, artifact)
+        press_law(artifact, CONFIG)
     elif artifact.kind == "simulated":
         runs_uncertainty_of(artifact.metadata.figures)
     results = BeltResults("x", {artifact.kind: sheet})

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.config import load_config
+from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement.hold_out import folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation.compare import predict_held_out
-from beltid.stages.simulation.hold_out import Predicted, predict, with_tensions
-from beltid.stages.uncertainties import press_law
+from beltid.stages.simulation.hold_out import Predicted, predict
+from beltid.stages.simulation.planned_runs import with_tensions
+from beltid.stages.tables import press_law
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -125,7 +126,17 @@ def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None
         "tension_tight_N": np.array([180.0, 260.0]),
         "tension_slack_N": np.array([60.0, 140.0]),
     }
-    np.testing.assert_allclose(with_tensions(columns)["nominal_tension_N"], [100.0, 200.0])
+    held, axis = (load_config({"rig": {"kind": kind}}) for kind in ("two_cells", "running"))
+
+    def found(columns: Columns, config: Config) -> np.ndarray:
+        return with_tensions(columns, config)["nominal_tension_N"]
+
+    np.testing.assert_allclose(found(columns, held), [100.0, 200.0])
+    # between held ends that at rest says more; on the axis m v² turns a belt that runs
+    more = {"initial_tension_N": np.array([90.0, 197.0]), "momentum_N": np.array([0.0, 2.5])}
+    np.testing.assert_allclose(found({**columns, **more}, axis), [100.0, 202.5])
+    del more["momentum_N"]
+    np.testing.assert_allclose(found({**columns, **more}, held), [100.0, 197.0])
 
 
 def test_a_bench_that_cannot_do_without_a_setting_says_so() -> None:

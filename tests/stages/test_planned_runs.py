@@ -48,7 +48,7 @@ def settings(rig: dict[str, list[float]], table: dict[str, np.ndarray]) -> list[
     config = load_config({"rig": rig})
     return [
         (run.arc_deg, run.initial_tension_N, run.pulley_speed_rad_s)
-        for run in planned_runs(config, Picked(), measured_settings(table))
+        for run in planned_runs(config, Picked(), measured_settings(table, config))
     ]
 
 
@@ -141,7 +141,9 @@ def test_runs_that_nobody_wrote_a_tension_down_for_are_simulated_at_stated_setti
 
 
 def test_both_lists_are_told_where_they_differ() -> None:
-    measured = measured_settings(friction(list(product((45.0, 90.0), (100.0, 200.0), (0.1, 0.2)))))
+    measured = measured_settings(
+        friction(list(product((45.0, 90.0), (100.0, 200.0), (0.1, 0.2)))), OPEN
+    )
     config = load_config({"rig": {"arcs_deg": [40, 68, 82], "initial_tensions_N": [100, 200.4]}})
     assert differing_settings(config, measured) == [
         "rig.arcs_deg: the config states 40, 68, 82 °, measured are 45, 90 °; simulated are those "

@@ -12,7 +12,7 @@ from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation import refine_surface
 from beltid.stages.simulation.refinement import prepared_campaign
-from beltid.stages.uncertainties import press_law
+from beltid.stages.tables import press_law
 from beltid.uncertainty.bending import FittedBending
 
 

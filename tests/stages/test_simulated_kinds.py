@@ -126,6 +126,20 @@ def test_a_simulated_bench_agrees_with_itself(kind: str) -> None:
     assert np.max(np.abs(result.relative_difference)) < 1e-5
 
 
+def test_runs_whose_tension_nobody_wrote_down_are_simulated_at_the_one_they_had() -> None:
+    kind, open_lists = "torque and hub force", load_config({"rig": {"kind": "torque_hub"}})
+    columns = as_measured(kind, 0.2)
+    del columns["initial_tension_N"]
+    friction = beltid.fit_friction(columns, open_lists)
+    assert np.isnan(friction.columns["nominal_tension_N"]).all()
+    table = beltid.simulate_campaign(open_lists, TRUTH, LAW, method="steady", friction=friction)
+    # of noise of 0.2 N in 100 samples at rest a tenth of a newton is left
+    assert table["initial_tension_N"].to_numpy() == pytest.approx([70.0, 300.0], abs=0.3)
+    result = beltid.compare(friction, table, open_lists).result
+    assert result.share_compared == 1.0
+    assert np.max(np.abs(result.relative_difference)) < 0.005
+
+
 def test_a_running_rig_agrees_with_itself_and_gives_its_surface_back() -> None:
     """The recording holds whole tensions and the pulley's own speed; m v_b² = 2.5 N, v_b = 5 m/s.
 

@@ -58,9 +58,7 @@ def info(
     """
     from beltid.stages.setup import about as stage
 
-    finish(
-        lambda options: stage.program() if file is None else stage.file_info(file), common, kept=""
-    )
+    finish(lambda options: stage.program() if file is None else stage.file_info(file), common)
 
 
 @command("show", of=config_app, short="the values that hold, and their origin")
@@ -88,11 +86,7 @@ def show(
     from beltid.stages.setup import about as stage
 
     if origin or common.json:
-        finish(
-            lambda options: stage.config_origins(find_config(file, common.config)),
-            common,
-            kept="",
-        )
+        finish(lambda options: stage.config_origins(find_config(file, common.config)), common)
 
     def text(options: Options) -> str:
         source = find_config(file, common.config)
@@ -116,7 +110,7 @@ def check(
     """
     from beltid.stages.setup import about as stage
 
-    finish(lambda options: stage.check_configs(configs), common, kept="")
+    finish(lambda options: stage.check_configs(configs), common)
 
 
 @command("explain")
@@ -133,13 +127,19 @@ def explain(
     Example: beltid explain columns
     """
     from beltid.errors import InputError
+    from beltid.report.summary import Summary
 
-    def text(options: Options) -> str:
+    def chosen() -> dict[str, str]:
         pages = explanations()
-        if code is None:
-            return "".join(f"{known}\n" for known in pages)
-        if code not in pages:
+        if code is not None and code not in pages:
             raise InputError(f"CODE = {code}, must be one of {', '.join(pages)}")
-        return pages[code]
+        return pages if code is None else {code: pages[code]}
 
-    print_text(text, common)
+    def rows(options: Options) -> Summary:
+        table = [{"code": known, "page": page} for known, page in chosen().items()]
+        return Summary(stage="explain", title="errors explained", table=table)
+
+    if common.json:
+        finish(rows, common)
+    listed = code is None
+    print_text(lambda _: "".join(f"{c}\n" if listed else p for c, p in chosen().items()), common)

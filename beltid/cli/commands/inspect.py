@@ -50,4 +50,4 @@ def inspect(
         options.reporter.report(f"config: {source.origin}")
         return stage.run(source, files, kind)
 
-    finish(work, common, kept="nothing was changed")
+    finish(work, common)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from beltid.cli.execute import finish
+from beltid.cli.execute import NOTHING, finish
 from beltid.cli.program import Common, command
 
 
@@ -86,5 +86,5 @@ def show(
     finish(
         lambda options: stage.run(artifact, common.out, figure, options),
         common,
-        kept="nothing was written",
+        kept=NOTHING,
     )

@@ -11,13 +11,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareDriveMetadata, DriveMetadata
 from beltid.config import Config, ConfigSource
-from beltid.drive.agreement import (
-    MOST_OF_ARC,
-    RESOLVED,
-    LossAgreement,
-    LossPoints,
-    compare_losses,
-)
+from beltid.drive.agreement import MOST_OF_ARC, RESOLVED, LossAgreement, LossPoints, compare_losses
 from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
 from beltid.identify.slip.points import GROSS_SLIP, OK

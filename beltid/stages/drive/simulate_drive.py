@@ -37,13 +37,8 @@ from beltid.stages.drive.drive_of_config import (
 )
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import checked_law, law_of, surface_from, surface_of
-from beltid.stages.uncertainties import (
-    SECTION,
-    budget_details,
-    press_law,
-    standard_uncertainties,
-)
+from beltid.stages.tables import press_law, surface_from, surface_of
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
     SHEAR_WITHOUT_BENDING,
@@ -110,7 +105,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     if built is None:
         surface = surface_of(read_artifact(inputs["surface"], "surface"))
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(law_of(stiffness), model, stiffness)
+        press = press_law(stiffness, model)
         points = (
             points_of_slip(model, read_artifact(inputs["slip"], "slip").columns)
             if "slip" in inputs
@@ -151,7 +146,7 @@ def simulate_drive(
         If no operating point has a steady state.
     """
     model = load_config(config)
-    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    press = press_law(law, model)
     found = _outcome(model, surface_from(surface), press, points_of_config(model))
     return found.with_origin(model, surface, law)
 

@@ -24,14 +24,10 @@ from beltid.stages.identification.alternatives import (
 )
 from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, ok_rows, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
-from beltid.stages.uncertainties import (
-    SECTION,
-    budget_table,
-    standard_uncertainties,
-)
+from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
 from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
@@ -157,10 +153,10 @@ def _outcome(
 
 def _ok_rows(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
     """Rows of the runs that can be used."""
-    n = len(columns["mu_sliding"])
-    good = np.flatnonzero(columns.get("status", np.full(n, "ok", dtype=object)) == "ok")
+    usable = ok_rows(columns)
+    good = np.flatnonzero(usable)
     if good.size == 0:
-        text = f"{name}: none of its {n} runs has the status ok, at least one is needed"
+        text = f"{name}: none of its {usable.size} runs has the status ok, at least one is needed"
         raise InputError(text, code="no-run")
     return good
 

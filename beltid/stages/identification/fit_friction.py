@@ -13,11 +13,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators.statistics import as_set
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
-from beltid.identify.friction.kinds import (
-    TOUCH_DEG,
-    RigKind,
-    other,
-)
+from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import ShearMetadata
 from beltid.bench.recording import columns_of, read_rig
 from beltid.config import Config, ConfigSource, load_config
@@ -29,13 +29,8 @@ from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import friction_settings, records_of, rig_kind
 from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
 from beltid.stages.reporter import Options
-from beltid.stages.tables import checked_law, law_of
-from beltid.stages.uncertainties import (
-    SECTION,
-    budget_details,
-    press_law,
-    standard_uncertainties,
-)
+from beltid.stages.tables import press_law
+from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
 from beltid.uncertainty.sources import (
@@ -75,9 +70,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         model = config.config
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
-        stiffness = inputs.get("stiffness")
-        made = None if stiffness is None else read_artifact(stiffness, "stiffness")
-        press = _press_law(made, model)
+        press = None
+        if "stiffness" in inputs:
+            press = press_law(read_artifact(inputs["stiffness"], "stiffness"), model)
         try:
             outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:
@@ -123,7 +118,8 @@ def fit_shear(
     given = (
         read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
     )
-    return _outcome(records, model, _press_law(given, model)).with_origin(model, frame, given)
+    press = None if given is None else press_law(given, model)
+    return _outcome(records, model, press).with_origin(model, frame, given)
 
 
 def _check_kind(config: Config) -> None:
@@ -133,18 +129,6 @@ def _check_kind(config: Config) -> None:
             f"rig.kind = {config.rig.kind}: the shear stiffness needs both span tensions of a belt "
             "between held ends, must be two_cells"
         )
-
-
-def _press_law(
-    stiffness: NormalLaw | Outcome[Any] | Artifact | None, config: Config
-) -> PressLaw | None:
-    """The normal law of the ribs, with what is known of its making."""
-    if stiffness is None:
-        return None
-    if isinstance(stiffness, Artifact):
-        return press_law(law_of(stiffness), config, stiffness)
-    made = stiffness if isinstance(stiffness, Outcome) else None
-    return press_law(checked_law(stiffness), config, made)
 
 
 def _normal_stiffness_spread(
@@ -199,8 +183,9 @@ def _outcome(
             raise InputError(problem)
     uncertainty = standard_uncertainties(config)
     bench, spread = _bench_values(config, uncertainty), None
-    if press is not None:
-        line_force = float(np.median([run.initial_tension_N for run in runs])) / radius
+    tensions = [run.initial_tension_N for run in runs if run.ok]
+    if press is not None and tensions:
+        line_force = float(np.median(tensions)) / radius
         spread = _normal_stiffness_spread(press, uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
         bench = replace(bench, normal_law=law, normal_stiffness=spread)

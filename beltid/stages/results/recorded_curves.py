@@ -21,11 +21,7 @@ from beltid.identify.estimators.statistics import as_set
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import (
-    CELL_KEYS,
-    records_of,
-    stiffness_settings,
-)
+from beltid.stages.identification.reduction import CELL_KEYS, records_of, stiffness_settings
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 

@@ -13,7 +13,7 @@ from beltid.report.figures.single import pictures
 from beltid.report.picture import Picture
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
-from beltid.stages.outcome import flat, rows_of
+from beltid.stages.outcome import csv_bytes, flat, rows_of
 from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import sheet_of
 
@@ -87,7 +87,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     if out is not None and out.suffix.lower() == TABLE:
         if name is not None:
             raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
-        write_bytes(out, _table_text(artifact).encode())
+        write_bytes(out, csv_bytes(artifact.columns, artifact.metadata.origin))
         return _summary(artifact, None, [], out)
     found = pictures(sheet_of(artifact))
     chosen = _chosen(found, name, path)
@@ -105,28 +105,6 @@ def _check_place(out: Path, options: Options) -> None:
         raise InputError(f"{out}: ends in {found}, must be one of {', '.join(kinds)}")
     if out.exists() and not options.force:
         raise InputError(already_exists(out))
-
-
-def _table_text(artifact: Artifact) -> str:
-    """The whole table as CSV, with the origin of its data as a column.
-
-    A label that a spreadsheet would take for a formula is quoted by an apostrophe.
-    """
-    import pandas as pd
-
-    frame = pd.DataFrame(
-        {
-            name: [_quoted(label) for label in values] if values.dtype == object else values
-            for name, values in flat(artifact.columns).items()
-        }
-    )
-    if artifact.metadata.origin is not None:
-        frame["origin"] = artifact.metadata.origin
-    return frame.to_csv(index=False, lineterminator="\n")
-
-
-def _quoted(label: str | None) -> str | None:
-    return f"'{label}" if label is not None and label.startswith(("=", "+", "-", "@")) else label
 
 
 def _chosen(found: list[Picture], name: str | None, path: Path) -> Picture | None:

@@ -18,12 +18,7 @@ from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.reporter import Reporter
-from beltid.stages.simulation.planned_runs import (
-    PlannedRun,
-    as_resting,
-    belt_speed,
-    momentum_N,
-)
+from beltid.stages.simulation.planned_runs import PlannedRun, as_resting, belt_speed, momentum_N
 from beltid.stages.tables import checked_law, is_number, surface_from
 from beltid.stages.workers import Workers
 from beltid.tables import schemas

@@ -56,11 +56,11 @@ from beltid.stages.simulation.hold_out import (
     beyond_range,
     knows_arcs,
     predictions,
-    with_tensions,
 )
+from beltid.stages.simulation.planned_runs import with_tensions
 from beltid.stages.simulation.refinement import KEYS as REFINED_BY
-from beltid.stages.tables import checked_law, law_of, table_columns
-from beltid.stages.uncertainties import budget_details, press_law
+from beltid.stages.tables import press_law, table_columns
+from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
 from beltid.uncertainty.agreement import dominant, validated, within_words
 from beltid.uncertainty.press_law import PressLaw
@@ -178,7 +178,7 @@ def _run_held_out(
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(law_of(stiffness), config.config, stiffness)
+        press = press_law(stiffness, config.config)
         options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
         built = build.write(_held_out(friction.columns, press, config.config, by, options.workers))
     return summarise(built)
@@ -219,7 +219,7 @@ def predict_held_out(
     by = _checked(hold_out)
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
-    press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+    press = press_law(law, model)
     return _held_out(columns, press, model, by, Workers()).with_origin(model, friction, law)
 
 
@@ -236,7 +236,7 @@ def _held_out(
     by: HoldOut,
     workers: Workers,
 ) -> Outcome[AgreementResult]:
-    columns = with_tensions(columns)
+    columns = with_tensions(columns, config)
     found = predictions(columns, press, config, by, workers)
     rows = np.concatenate([one.fold.left_out for one in found])
     measured = {name: values[rows] for name, values in columns.items()}
@@ -347,6 +347,7 @@ def _outcome(
     notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     section = config.compare
+    measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     plain = compare_points(
         measured,
         simulated,

@@ -66,16 +66,6 @@ class Predicted:
     force_range: tuple[float, float]
 
 
-def with_tensions(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The runs with the mean of both tensions for a setting where nobody wrote one down."""
-    nominal = np.asarray(columns["nominal_tension_N"], dtype=float)
-    tight, slack = (columns.get(f"tension_{span}_N") for span in ("tight", "slack"))
-    if tight is None or slack is None:
-        return dict(columns)
-    mean = 0.5 * (np.asarray(tight, dtype=float) + np.asarray(slack, dtype=float))
-    return {**columns, "nominal_tension_N": np.where(np.isfinite(nominal), nominal, mean)}
-
-
 def predictions(
     columns: Mapping[str, np.ndarray],
     press: PressLaw,

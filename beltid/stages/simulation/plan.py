@@ -15,11 +15,7 @@ from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.advice import Plan, choose_plan
-from beltid.plan.candidates import (
-    Candidates,
-    Settings,
-    simulate_candidates,
-)
+from beltid.plan.candidates import Candidates, Settings, simulate_candidates
 from beltid.plan.prior import knowledge_at, usual_surface
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, drive_target, surface_target
@@ -51,13 +47,7 @@ from beltid.stages.simulation.plan_tables import (
     verdict,
 )
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import (
-    checked_law,
-    friction_of,
-    law_of,
-    table_columns,
-)
-from beltid.stages.uncertainties import press_law
+from beltid.stages.tables import friction_of, press_law, table_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,7 +156,7 @@ def run(
     noise_of = artifacts.get("friction")
     if "stiffness" in artifacts:
         stiffness = artifacts["stiffness"]
-        press = press_law(law_of(stiffness), model, stiffness)
+        press = press_law(stiffness, model)
     if "surface" in artifacts:
         known = known_of_artifact(artifacts["surface"])
         made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
@@ -263,7 +253,7 @@ def plan_runs(
     if surface is not None:
         known = known_of_result(surface)
     if law is not None:
-        press = press_law(checked_law(law), model, law if isinstance(law, Outcome) else None)
+        press = press_law(law, model)
     if friction is not None:
         columns = table_columns(friction, "friction", NEEDED)
     based_on = "unknown" if surface is not None else "usual values"

@@ -18,7 +18,7 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
 from beltid.plan.present import KnownSurface, sources_of_plan
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome
+from beltid.stages.outcome import Outcome, ok_rows
 from beltid.stages.simulation.planned_runs import (
     KEYS,
     PlannedRun,
@@ -26,8 +26,8 @@ from beltid.stages.simulation.planned_runs import (
     measured_settings,
     setting_lists,
 )
-from beltid.stages.tables import shown, surface_from, surface_of
-from beltid.stages.uncertainties import press_law, standard_uncertainties
+from beltid.stages.tables import press_law, shown, surface_from, surface_of
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import sources_of
@@ -49,7 +49,7 @@ def rig_settings(
     plan = config.plan
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
-        found = measured_settings(friction)
+        found = measured_settings(friction, config)
         measured = found if found.size else None
     stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
     others = [_thinned(values) for values in setting_lists(config, measured)]
@@ -140,8 +140,7 @@ def present_knowledge(
     scale = 1.0 if known is None else known.noise_scale
     noise, columns = NoiseLaw(scale=scale), {}
     if friction is not None:
-        status = friction.get("status", np.full(len(friction["mu_sliding"]), "ok", dtype=object))
-        ok = valid_rows(friction, np.flatnonzero(status == "ok"))
+        ok = valid_rows(friction, np.flatnonzero(ok_rows(friction)))
         rig = config.rig_params()
         runs = measured_runs(friction, ok, rig.R, rig_kind(config), rig.given_force)
         noise = noise_law(runs, scale)

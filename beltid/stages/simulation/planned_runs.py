@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import OK, SAME_SETTING
+from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
+from beltid.stages.outcome import ok_rows
 from beltid.stages.tables import is_number
 
 if TYPE_CHECKING:
@@ -131,7 +132,33 @@ def planned_runs(
     )
 
 
-def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
+def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[str, np.ndarray]:
+    """The runs of a bench, each with a tension as its setting where nobody wrote one down.
+
+    It is that at rest, or if that is not known the mean of both tensions while sliding, which comes
+    first where a force on the axis keeps it; of a running belt with the part that turns it.
+
+    Parameters
+    ----------
+    friction : mapping of str to ndarray (n,)
+        The reduced runs.
+    config : Config
+        Kind of the rig.
+    """
+    setting = np.asarray(friction["nominal_tension_N"], dtype=float)
+    unknown = np.full(setting.size, np.nan)
+    rest, tight, slack = (
+        np.asarray(friction.get(name, unknown), dtype=float)
+        for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
+    )
+    turning = np.nan_to_num(np.asarray(friction.get("momentum_N", 0.0), dtype=float))
+    known = (rest, 0.5 * (tight + slack))
+    for tension in known[::-1] if config.rig_params().given_force == "hub" else known:
+        setting = np.where(np.isfinite(setting), setting, tension + turning)
+    return {**friction, "nominal_tension_N": setting}
+
+
+def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
     """Settings of the runs of a bench that can be compared, each combination once.
 
     Repeated settings are told from the errors of motors and weights by their medians; where most
@@ -140,18 +167,19 @@ def measured_settings(friction: Mapping[str, np.ndarray]) -> np.ndarray:
     Parameters
     ----------
     friction : mapping of str to ndarray (n,)
-        The reduced runs: arc_deg, nominal_tension_N, pulley_speed_rad_s, and status if there.
+        The reduced runs: arc_deg, nominal_tension_N (see `with_tensions`), pulley_speed_rad_s, and
+        status if there.
+    config : Config
+        Kind of the rig.
 
     Returns
     -------
     ndarray (m, 3)
         Contact arc [°], nominal initial tension [N], pulley speed without its sign [rad/s].
     """
-    rows = np.column_stack([np.abs(np.asarray(friction[name], dtype=float)) for name in KEYS])
-    usable = np.all((rows > 0.0) & np.isfinite(rows), axis=1)
-    if "status" in friction:
-        usable &= friction["status"] == OK
-    rows = rows[usable]
+    settings = with_tensions(friction, config)
+    rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
+    rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]
     snapped = [snap_to_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
     return np.unique(np.column_stack(snapped), axis=0)
 

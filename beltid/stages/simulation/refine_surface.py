@@ -40,8 +40,8 @@ from beltid.stages.simulation.refinement import (
     shared_sources,
     speed_labels,
 )
-from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
-from beltid.stages.uncertainties import budget_table, confounded_note, press_law
+from beltid.stages.tables import press_law, surface_of, table_columns
+from beltid.stages.uncertainties import budget_table, confounded_note
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
@@ -269,7 +269,7 @@ def run(
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        law = press_law(law_of(stiffness), config.config, stiffness)
+        law = press_law(stiffness, config.config)
         options.reporter.report(
             f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
@@ -322,10 +322,9 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    known, choices = checked_law(law), Choices(Draws(bootstrap, seed), bending, condition, side)
-    model = load_config(config)
+    choices, model = Choices(Draws(bootstrap, seed), bending, condition, side), load_config(config)
+    press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
-    press = press_law(known, model, law if isinstance(law, Outcome) else None)
     found = _outcome(columns, press, model, "friction table", choices)
     return found.with_origin(model, friction, law)
 

@@ -18,7 +18,7 @@ from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, rows_per_setting
+from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
     Campaign,
@@ -37,8 +37,8 @@ from beltid.stages.simulation.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.tables import friction_of, law_of, surface_of
-from beltid.stages.uncertainties import SECTION, press_law, standard_uncertainties
+from beltid.stages.tables import friction_of, press_law, surface_of
+from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
@@ -138,7 +138,7 @@ def run(
     inputs = _with_friction(inputs)
     measured = None
     if "friction" in inputs:
-        measured = measured_settings(read_artifact(inputs["friction"], "friction").columns)
+        measured = measured_settings(read_artifact(inputs["friction"], "friction").columns, model)
     runs = planned_runs(model, picked or Picked(), measured)
     differing = differing_settings(model, measured)
     for line in differing:
@@ -152,7 +152,7 @@ def run(
     if built is None or (times and profiles is None):
         surface = read_artifact(inputs["surface"], "surface")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(law_of(stiffness), model, stiffness)
+        press = press_law(stiffness, model)
         stated = differing or measured is None or not measured.size
         whose = "as the config states" if stated else "at the settings measured"
         options.reporter.report(f"{counted(len(runs), 'run')}, {settings.method}, {whose}")
@@ -356,7 +356,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
             "runs": len(rows),
             "runs_failed": failed,
             "samples": len(built.artifact.columns["time_s"]),
-            "mu_range": (min(row["mu"] for row in good), max(row["mu"] for row in good)),
+            "mu_range": span(np.array([row["mu"] for row in good], dtype=float)),
             **beside,
         },
         table=rows,

@@ -176,7 +176,7 @@ def simulate_campaign(
     model = load_config(config)
     measured = None
     if friction is not None:
-        measured = measured_settings(table_columns(friction, "friction", tuple(KEYS)))
+        measured = measured_settings(table_columns(friction, "friction", tuple(KEYS)), model)
     runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
     bench, threads = bench_of(model, surface, law), jobs or available_cores()
