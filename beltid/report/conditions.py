@@ -16,6 +16,8 @@ MOST = 12
 """Settings that are listed; of more the range is told."""
 
 UNKNOWN: Final = "unknown"
+UNKNOWN_TENSION: Final = -1.0
+"""Stands for a tension that is not known."""
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
@@ -79,8 +81,12 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
 
 
 def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
-    """Rows of the points at each pair of a speed and a tension, in the order of first points."""
-    pairs = list(zip(as_set(speed).tolist(), as_set(tension).tolist(), strict=True))
+    """Rows of the points at each pair of a speed and a tension, in the order of first points.
+
+    Tensions that are not known are one, -1.
+    """
+    tensions = np.nan_to_num(as_set(tension), nan=UNKNOWN_TENSION)
+    pairs = list(zip(as_set(speed).tolist(), tensions.tolist(), strict=True))
     rows: dict[tuple[float, float], list[int]] = {}
     for row, pair in enumerate(pairs):
         rows.setdefault(pair, []).append(row)
