@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import settings_of as numbered_settings
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
@@ -73,8 +74,8 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
     """
     order = np.argsort(values, kind="stable")
     order = order[np.isfinite(values[order])]
-    jumps = np.diff(values[order]) > SAME * values[order][1:]
-    groups = np.split(order, np.flatnonzero(jumps) + 1) if order.size else []
+    labels = numbered_settings(values[order], SAME)
+    groups = [order[labels == label] for label in np.unique(labels)]
     if all(is_setting(values[rows]) for rows in groups):
         return groups
     return list(order[:, None])

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from beltid.report.cells import MICRO, MILLI
-from beltid.report.conditions import class_name, classes_of
+from beltid.report.conditions import class_name, classes_of, settings_of
 from beltid.report.drawing import (
     GROUPS,
     INK,
@@ -186,9 +186,11 @@ def _averaged(belt: BeltResults, sheet: Sheet) -> dict[str, np.ndarray]:
 
 
 def _at_speed(v: np.ndarray, wanted: float) -> tuple[np.ndarray, str]:
-    """Rows at the speed [m/s] nearest to one, or in its class of many speeds; and its name."""
+    """Rows at the speed [m/s] nearest to one, and its name; of a speed of one run its class."""
     nearest = int(np.argmin(np.abs(v - wanted)))
-    rows = next(rows for rows in classes_of(v, MOST_SPEEDS) if nearest in rows)
+    rows = next(rows for rows in settings_of(v) if nearest in rows)
+    if rows.size == 1:
+        rows = next(rows for rows in classes_of(v, MOST_SPEEDS) if nearest in rows)
     return rows, f"v = {class_name(MILLI * v[rows])} mm/s"
 
 

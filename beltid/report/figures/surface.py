@@ -19,6 +19,7 @@ from beltid.report.drawing import (
     SPEED,
     figure,
     is_wide,
+    log_ticks,
     logarithmic,
     new_axes,
     style,
@@ -206,7 +207,7 @@ def _drawn(sheet: Sheet) -> Figure:
         )
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
-                shown = ticks(values)
+                shown = log_ticks(values)
                 axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
             else:
                 axis.set_major_locator(MaxNLocator(5))
@@ -217,14 +218,6 @@ def _drawn(sheet: Sheet) -> Figure:
         axes.view_init(elev=25, azim=-130)
         axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return fig
-
-
-def ticks(values: np.ndarray) -> np.ndarray:
-    """Round numbers within a range, for a logarithmic axis."""
-    decades = 10.0 ** np.arange(-6, 9)
-    steps = (1.0, 2.0, 5.0) if values[-1] < 100.0 * values[0] else (1.0,)
-    ticks = np.sort(np.outer(decades, steps).ravel())
-    return ticks[(ticks >= values[0]) & (ticks <= values[-1])]
 
 
 def surface_plot(results: BeltResults) -> dict[str, Any] | None:
@@ -282,7 +275,7 @@ def _axis(title: str, values: list[float]) -> dict[str, Any]:
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
     if is_wide(np.array(values)):
         axis["title"]["text"] += LOGARITHMIC
-        shown = ticks(np.sort(values)).tolist()
+        shown = log_ticks(np.array(values)).tolist()
         names = [f"{tick:g}" for tick in shown]
         axis |= {"type": "log", "tickvals": shown, "ticktext": names}
     return axis
