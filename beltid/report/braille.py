@@ -87,7 +87,7 @@ def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:
     if getattr(axes, f"get_{which}scale")() == "log":
         values = log_ticks(np.array([low, high]))
     else:
-        values = MaxNLocator(TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
+        values = np.asarray(MaxNLocator(TICKS, steps=[1, 2, 5, 10]).tick_values(low, high))
         values = values[(values >= low) & (values <= high)]
     places = _scaled(axes, values, which)
     return [(float(at), f"{value:.10g}") for at, value in zip(places, values, strict=True)]
