@@ -30,14 +30,6 @@ MOST_NOTES: Final = 10
 """Notes of a section that are shown at once; the others are folded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A link to another page."""
-
-    href: str
-    text: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
     """A part of the page.
@@ -54,8 +46,8 @@ class Section:
         Its tables.
     notes : sequence of str
         What there is to say, a line each.
-    links : sequence of Link
-        Where else to look.
+    links : sequence of (str, str)
+        Where else to look: address and words.
     live : str
         Key of the picture that the interactive surface takes the place of.
     tiles : sequence of Tile
@@ -68,7 +60,7 @@ class Section:
     pictures: Sequence[Picture] = ()
     tables: Sequence[View] = ()
     notes: Sequence[str] = ()
-    links: Sequence[Link] = ()
+    links: Sequence[tuple[str, str]] = ()
     live: str = ""
     tiles: Sequence[Tile] = ()
 
