@@ -95,14 +95,17 @@ class LossAgreement:
 
     @property
     def prominence(self) -> dict[str, float]:
-        """Largest size of each part of the loss over the uncertainty of the difference [-]."""
-        u, judged = self.u_validation[self.judged], self.judged
-        parts = {"creep": self.points.creep, "seating": self.points.seating}
-        parts["slip"] = self.points.slip
-        return {
-            name: float(np.max(np.abs(part[judged]) / u, initial=0.0))
-            for name, part in parts.items()
-        }
+        """Largest size of each part of the loss over the uncertainty of the difference [-].
+
+        Points whose uncertainty is not known do not count; without any a part is infinitely large.
+        """
+        u, points = self.u_validation, self.points
+        parts = {"creep": points.creep, "seating": points.seating, "slip": points.slip}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return {
+                name: float(np.nanmax(np.abs(part / u)[self.judged], initial=0.0))
+                for name, part in parts.items()
+            }
 
     @property
     def largest_arc_share(self) -> float:

@@ -7,7 +7,6 @@ the nearest measured value is taken, never an extrapolation.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Self
 
@@ -85,18 +84,12 @@ class FrictionSurface:
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
         C, limited = patches(x, y, z)
         tables = SurfaceTables(x, y, f_ref, v_ref, C)
-        FrictionSurface.__setstate__(self, (f, v, z, se, limited, tables))
-
-    def __setstate__(self, state: Sequence[Any]) -> None:
-        """Set all fields to arrays that nobody can write to.
-
-        Pickle forgets that they cannot be written to; compiled code would be compiled once more for
-        arrays that can.
-        """
-        for own, value in zip(fields(FrictionSurface), state, strict=True):
-            for part in value if isinstance(value, tuple) else (value,):
-                if isinstance(part, np.ndarray):
-                    part.flags.writeable = False
+        # compiled code would be compiled once more for arrays that can be written to
+        for array in (f, v, z, se, limited, x, y, C):
+            if array is not None:
+                array.flags.writeable = False
+        values = (f, v, z, se, limited, tables)
+        for own, value in zip(fields(FrictionSurface), values, strict=True):
             object.__setattr__(self, own.name, value)
 
     @classmethod

@@ -86,7 +86,10 @@ def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
     squares = np.square(measured.mu_se / measured.mu)
     known = squares > 0.0
     if not known.any():
-        raise InputError("the runs have no standard errors: their noise is not known")
+        raise InputError(
+            "the runs have no standard errors: their noise is not known; state mu_se or "
+            "rig.force_resolution_N when they are reduced, or plan without them"
+        )
     terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
     found, _ = nnls(terms[known] / squares[known, None], np.ones(int(known.sum())))
     return NoiseLaw(float(np.sqrt(found[0])), float(np.sqrt(found[1])), scale)

@@ -9,7 +9,7 @@ import numpy as np
 
 from beltid.report import tables
 from beltid.report.figures import belts as figures
-from beltid.report.html import Link, Page, Section
+from beltid.report.html import Page, Section
 from beltid.report.results import HELD_OUT, BeltResults, Sheet
 
 AGREEMENT: Final = {
@@ -45,10 +45,7 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
                 [figures.agreement(belts)],
                 [tables.view("Results", rows, tuple(rows[0]))],
                 notes=[f"{b.belt}: {line}" for b in belts for line in b.problems],
-                links=[
-                    Link(href, f"Report of {belt.belt}")
-                    for belt, href in zip(belts, links, strict=True)
-                ],
+                links=[(href, f"Report of {b.belt}") for b, href in zip(belts, links, strict=True)],
             ),
             Section("laws", "Normal contact", pictures=[figures.laws(belts)]),
             Section(

@@ -12,6 +12,8 @@ import numpy as np
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 
+from beltid.report.drawing import log_ticks
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -78,14 +80,15 @@ def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
 
 def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:
     """A few round values of an axis: their places from 0 to 1, and their texts."""
-    from matplotlib.ticker import LogLocator, MaxNLocator
+    from matplotlib.ticker import MaxNLocator
 
     low, high = getattr(axes, f"get_{which}lim")()
     low, high = min(low, high), max(low, high)
-    values = MaxNLocator(TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
     if getattr(axes, f"get_{which}scale")() == "log":
-        values = LogLocator(subs=(1.0, 2.0, 5.0)).tick_values(low, high)
-    values = values[(values >= low) & (values <= high)]
+        values = log_ticks(np.array([low, high]))
+    else:
+        values = np.asarray(MaxNLocator(TICKS, steps=[1, 2, 5, 10]).tick_values(low, high))
+        values = values[(values >= low) & (values <= high)]
     places = _scaled(axes, values, which)
     return [(float(at), f"{value:.10g}") for at, value in zip(places, values, strict=True)]
 
@@ -102,8 +105,7 @@ def _placed(ticks: Sequence[tuple[float, str]], columns: int) -> str:
 
 def _legend(axes: Axes) -> tuple[str, dict[Colour, str]]:
     """Title of the legends, and colour of what they tell apart -> its name."""
-    own = axes.get_legend()
-    legends = [*axes.get_figure(root=True).legends, *([own] if own else [])]  # type: ignore[union-attr]
+    legends = axes.get_figure(root=True).legends  # type: ignore[union-attr]
     found: dict[Colour, str] = {}
     titles = [title for one in legends if (title := one.get_title().get_text())]
     for legend in legends:

@@ -98,9 +98,8 @@ def sentence(text: str) -> str:
 def _number(name: str, value: float) -> str:
     if math.isnan(value):
         return MISSING
-    if (
-        "_se" in name or "_u_" in name or name in MAGNITUDES
-    ):  # the doubt of a doubt is large: two digits
+    # the doubt of a doubt is large: two digits
+    if "_se_" in f"{name}_" or "_u_" in name or name in MAGNITUDES:
         return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
         return f"{value:.4f}"

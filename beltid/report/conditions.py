@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import settings_of as numbered_settings
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
@@ -16,6 +17,8 @@ MOST = 12
 """Settings that are listed; of more the range is told."""
 
 UNKNOWN: Final = "unknown"
+UNKNOWN_TENSION: Final = -1.0
+"""Stands for a tension that is not known."""
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
@@ -71,16 +74,20 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
     """
     order = np.argsort(values, kind="stable")
     order = order[np.isfinite(values[order])]
-    jumps = np.diff(values[order]) > SAME * values[order][1:]
-    groups = np.split(order, np.flatnonzero(jumps) + 1) if order.size else []
+    labels = numbered_settings(values[order], SAME)
+    groups = [order[labels == label] for label in np.unique(labels)]
     if all(is_setting(values[rows]) for rows in groups):
         return groups
     return list(order[:, None])
 
 
 def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
-    """Rows of the points at each pair of a speed and a tension, in the order of first points."""
-    pairs = list(zip(as_set(speed).tolist(), as_set(tension).tolist(), strict=True))
+    """Rows of the points at each pair of a speed and a tension, in the order of first points.
+
+    Tensions that are not known are one, -1.
+    """
+    tensions = np.nan_to_num(as_set(tension), nan=UNKNOWN_TENSION)
+    pairs = list(zip(as_set(speed).tolist(), tensions.tolist(), strict=True))
     rows: dict[tuple[float, float], list[int]] = {}
     for row, pair in enumerate(pairs):
         rows.setdefault(pair, []).append(row)

@@ -19,6 +19,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator
 
 INK: Final = "#1a1a1a"
 FAINT: Final = "#767676"
@@ -141,6 +142,21 @@ def is_wide(values: np.ndarray) -> bool:
     return bool(known.size and 0.0 < WIDE * known.min() <= known.max())
 
 
+def log_locator(values: np.ndarray) -> LogLocator:
+    """Numbers of a logarithmic axis: 1, 2 and 5, or powers of ten over more than two decades."""
+    from matplotlib.ticker import LogLocator
+
+    over_decades = np.nanmax(values) > 100.0 * np.nanmin(values)
+    return LogLocator(subs=(1.0,) if over_decades else (1.0, 2.0, 5.0))
+
+
+def log_ticks(values: np.ndarray) -> np.ndarray:
+    """The numbers of such an axis within the range of its values."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    ticks = np.asarray(log_locator(values).tick_values(low, high))
+    return ticks[(ticks >= low) & (ticks <= high)]
+
+
 def logarithmic(axes: Axes, along: Literal["x", "y"], values: np.ndarray) -> None:
     """Make an axis logarithmic with plain numbers if its values span a wide range.
 
@@ -155,26 +171,17 @@ def logarithmic(axes: Axes, along: Literal["x", "y"], values: np.ndarray) -> Non
     values : ndarray
         What it shows.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, NullFormatter
 
     if not is_wide(values):
         return
-    known = values[np.isfinite(values)]
     getattr(axes, f"set_{along}scale")("log")
     axis = getattr(axes, f"{along}axis")
     if label := axis.get_label_text():
         axis.set_label_text(label + LOGARITHMIC)
-    wide = known.max() > 100.0 * known.min()
-    axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+    axis.set_major_locator(log_locator(values))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def legend(axes: Axes, **more: Any) -> None:
-    """A legend, if there is anything to tell apart."""
-    handles, labels = axes.get_legend_handles_labels()
-    if len(labels) > 1 or (labels and more.pop("always", False)):
-        axes.legend(handles, labels, **more)
 
 
 def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:

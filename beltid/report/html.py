@@ -30,14 +30,6 @@ MOST_NOTES: Final = 10
 """Notes of a section that are shown at once; the others are folded."""
 
 
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A link to another page."""
-
-    href: str
-    text: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
     """A part of the page.
@@ -54,8 +46,8 @@ class Section:
         Its tables.
     notes : sequence of str
         What there is to say, a line each.
-    links : sequence of Link
-        Where else to look.
+    links : sequence of (str, str)
+        Where else to look: address and words.
     live : str
         Key of the picture that the interactive surface takes the place of.
     tiles : sequence of Tile
@@ -68,7 +60,7 @@ class Section:
     pictures: Sequence[Picture] = ()
     tables: Sequence[View] = ()
     notes: Sequence[str] = ()
-    links: Sequence[Link] = ()
+    links: Sequence[tuple[str, str]] = ()
     live: str = ""
     tiles: Sequence[Tile] = ()
 
@@ -124,7 +116,7 @@ def rendered(page: Page) -> str:
             synthetic=SYNTHETIC if page.synthetic else "",
             verdict=page.verdict,
             conditions=page.conditions,
-            sections=[_drawn(section) for section in page.sections],
+            sections=page.sections,
             most_notes=MOST_NOTES,
             css=Markup(css),
             plot=Markup(page.plot),
@@ -138,7 +130,7 @@ def rendered(page: Page) -> str:
 def _environment() -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         finalize=_tame,
@@ -146,6 +138,15 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {"sentence": sentence, "svg": _svg}
+    return environment
+
+
+def _svg(picture: Picture) -> Any:
+    """A figure as it stands within a page; "" for one that could not be drawn."""
+    from markupsafe import Markup
+
+    return Markup(inline_svg(picture.figure, picture.key)) if picture.figure else ""
 
 
 def _tame(value: Any) -> Any:
@@ -184,30 +185,3 @@ def _policy(scripts: Sequence[str]) -> str:
 
 def _digest(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _drawn(section: Section) -> dict[str, Any]:
-    """A section with its figures as SVG."""
-    from markupsafe import Markup
-
-    pictures = [
-        {
-            "key": picture.key,
-            "title": picture.title,
-            "caption": picture.caption,
-            "paper": picture.paper,
-            "live": picture.key == section.live,
-            "svg": Markup(inline_svg(picture.figure, picture.key)) if picture.figure else "",
-        }
-        for picture in section.pictures
-    ]
-    return {
-        "key": section.key,
-        "title": section.title,
-        "lead": section.lead,
-        "pictures": pictures,
-        "tables": section.tables,
-        "notes": [sentence(note) for note in section.notes],
-        "links": section.links,
-        "tiles": section.tiles,
-    }

@@ -283,13 +283,22 @@ def provenance(results: BeltResults) -> View:
 
 
 def settings(results: BeltResults) -> View:
-    """Settings that the artifacts were made with."""
-    merged: dict[str, str] = {}
-    for sheet in results.sheets.values():
+    """Settings that the artifacts were made with; each value with its own where they differ."""
+    merged: dict[str, dict[str, list[str]]] = {}
+    for name, sheet in results.sheets.items():
         for key, value in _flat(sheet.metadata.settings):
             if value is not None and key != "runs":
-                merged[key] = cell(key, value)
-    rows = [{"setting": key, "value": merged[key]} for key in sorted(merged)]
+                merged.setdefault(key, {}).setdefault(cell(key, value), []).append(name)
+    rows = [
+        {
+            "setting": key,
+            "value": "; ".join(
+                f"{text} ({', '.join(names)})" if len(merged[key]) > 1 else text
+                for text, names in merged[key].items()
+            ),
+        }
+        for key in sorted(merged)
+    ]
     return view("Settings", rows, ("setting", "value"), folded=True, words=True)
 
 

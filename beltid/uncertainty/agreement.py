@@ -172,8 +172,8 @@ def validated(
     mu = result.mu_measured
     scatter = _column(measured, "mu_sliding_se", of_measured) / mu
     combined = _column(measured, "mu_sliding_u", of_measured) / mu
-    whole = np.where(combined > 0.0, combined, scatter)
-    none = np.zeros(mu.size)
+    whole, none = np.where(combined > 0.0, combined, scatter), np.zeros(mu.size)
+    sources: tuple[Source, ...] = ()
     parts = Validation(
         measured=whole,
         measured_scatter=whole,
@@ -183,22 +183,10 @@ def validated(
         simulated=np.zeros((mu.size, 0)),
         difference=np.zeros((mu.size, 0)),
     )
-    sources: tuple[Source, ...] = ()
     rows = _rows_of(uncertainty, simulated, of_simulated)
     if uncertainty is not None and rows is not None:
-        missed = np.column_stack(
-            [
-                _log_ratio(
-                    _column(measured, "initial_tension_N", of_measured),
-                    _column(simulated, "nominal_tension_N", of_simulated),
-                ),
-                _log_ratio(
-                    np.abs(result.pulley_speed_rad_s),
-                    np.abs(_column(simulated, "pulley_speed_rad_s", of_simulated)),
-                ),
-            ]
-        )
         own = own_errors(measured)
+        missed = _missed_settings(result, measured, simulated)
         parts = Validation(
             measured=whole,
             measured_scatter=scatter if own is None else _known(own[of_measured]) / mu,
@@ -210,12 +198,22 @@ def validated(
         )
         shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
         sources, parts = _with_reduction(uncertainty.sources, parts, shared)
-    return Validated(
-        result=replace(result, u_validation=parts.u_validation),
-        validation=parts,
-        sources=sources,
-        inputs_known=rows is not None,
+    result = replace(result, u_validation=parts.u_validation)
+    return Validated(result, parts, sources, inputs_known=rows is not None)
+
+
+def _missed_settings(
+    result: AgreementResult, measured: Mapping[str, np.ndarray], simulated: Mapping[str, np.ndarray]
+) -> Array:
+    """Ln of initial tension and speed of the bench over those of the simulation (n, 2)."""
+    of_measured, of_simulated = result.rows
+    tensions = (
+        _column(measured, "initial_tension_N", of_measured),
+        _column(simulated, "nominal_tension_N", of_simulated),
     )
+    simulated_speed = np.abs(_column(simulated, "pulley_speed_rad_s", of_simulated))
+    speeds = np.abs(result.pulley_speed_rad_s), simulated_speed
+    return np.column_stack([_log_ratio(*tensions), _log_ratio(*speeds)])
 
 
 def _with_reduction(

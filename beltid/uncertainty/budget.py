@@ -48,7 +48,7 @@ class Scatter:
 
 def budget(
     quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
-) -> list[dict[str, object]]:
+) -> list[dict[str, Any]]:
     """Rows of a budget, the combined standard uncertainty last.
 
     Parameters
@@ -69,45 +69,43 @@ def budget(
         largest_percent, share_percent (of the combined variance), degrees_of_freedom.
     """
     n = scatter[0].relative.size
-    square = {name: np.zeros(n) for name in dict.fromkeys(_names(sources))}
+    square = {source.name: np.zeros(n) for source in sources}
     for source, change in zip(sources, changes.T, strict=True):
         square[source.name] += change**2
     total = sum((np.square(s.relative) for s in scatter), start=sum(square.values(), np.zeros(n)))
     whole = float(np.mean(total))
-    rows: list[dict[str, object]] = []
+
+    def row(name: str, acts_on: str, part: Array, **stated: Any) -> dict[str, Any]:
+        found = {"quantity": quantity, "source": name, "acts_on": acts_on}
+        unknown = {"basis": "", "standard_uncertainty": None, "unit": ""}
+        figures = {**_figures(part, whole), "degrees_of_freedom": None}
+        return found | unknown | figures | stated
+
     first = {source.name: source for source in reversed(sources)}
-    for name, part in square.items():
-        source = first[name]
-        fitted = source.basis == FITTED
-        rows.append(
-            {
-                "quantity": quantity,
-                "source": name,
-                "acts_on": TOGETHER,
-                "basis": source.basis,
-                "standard_uncertainty": None if fitted else source.shown,
-                "unit": "" if fitted else source.unit,
-                **_figures(part, whole),
-                "degrees_of_freedom": None,
-            }
+    shared = [row(name, TOGETHER, part, **_stated(first[name])) for name, part in square.items()]
+    shared = [one for one in shared if one["largest_percent"] > LEAST_PERCENT]
+    shared.sort(key=lambda one: -one["contribution_percent"])
+    each = [
+        row(
+            s.name,
+            EACH,
+            np.square(s.relative),
+            basis=FITTED,
+            degrees_of_freedom=s.degrees_of_freedom,
         )
-    rows = [row for row in rows if float(str(row["largest_percent"])) > LEAST_PERCENT]
-    rows.sort(key=lambda row: -float(str(row["contribution_percent"])))
-    rows += [_scatter_row(quantity, part, whole) for part in scatter if np.any(part.relative)]
+        for s in scatter
+        if np.any(s.relative)
+    ]
     freedom = effective_freedom(whole, scatter)
-    rows.append(
-        {
-            "quantity": quantity,
-            "source": COMBINED,
-            "acts_on": "",
-            "basis": "",
-            "standard_uncertainty": None,
-            "unit": "",
-            **_figures(total, whole),
-            "degrees_of_freedom": None if math.isinf(freedom) else freedom,
-        }
-    )
-    return rows
+    known = None if math.isinf(freedom) else freedom
+    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=known)]
+
+
+def _stated(source: Source) -> dict[str, Any]:
+    """What was stated of a source, or assumed; of one that was fitted there is no such figure."""
+    if source.basis == FITTED:
+        return {"basis": FITTED}
+    return {"basis": source.basis, "standard_uncertainty": source.shown, "unit": source.unit}
 
 
 def combined(changes: Array, scatter: Array) -> Array:
@@ -126,23 +124,6 @@ def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float:
         if part.degrees_of_freedom is not None
     )
     return whole**2 / spent if spent > 0.0 else math.inf
-
-
-def _scatter_row(quantity: str, part: Scatter, whole: float) -> dict[str, object]:
-    return {
-        "quantity": quantity,
-        "source": part.name,
-        "acts_on": EACH,
-        "basis": FITTED,
-        "standard_uncertainty": None,
-        "unit": "",
-        **_figures(np.square(part.relative), whole),
-        "degrees_of_freedom": part.degrees_of_freedom,
-    }
-
-
-def _names(sources: Sequence[Source]) -> list[str]:
-    return [source.name for source in sources]
 
 
 def _figures(square: Array, whole: float) -> dict[str, float]:

@@ -427,23 +427,18 @@ def check_of(
             ]
         )
     measured, grid, settings = nominal.campaign.measured, nominal.published, nominal.settings
-    of_published = np.concatenate(
-        [
-            published_changes(measured, grid, sources, settings),
-            scatter_factor(published_curves(measured), grid, arcs=False),
-        ],
-        axis=-1,
-    )
+    published = [
+        published_changes(measured, grid, sources, settings),
+        scatter_factor(published_curves(measured), grid, arcs=False),
+    ]
+    of_published = np.linalg.norm(np.concatenate(published, axis=-1), axis=-1)
+    of_refined = np.linalg.norm(factor, axis=-1)
     return MonteCarlo(
         nominal=nominal,
         found=found,
-        refined=linear_check(found.refined.reshape(count, -1), _size(factor)),
-        published=linear_check(found.published.reshape(count, -1), _size(of_published)),
+        refined=linear_check(found.refined.reshape(count, -1), of_refined.ravel()),
+        published=linear_check(found.published.reshape(count, -1), of_published.ravel()),
     )
-
-
-def _size(factor: Array) -> Array:
-    return np.asarray(np.sqrt(np.sum(np.square(factor), axis=-1)).ravel())
 
 
 def _rms_percent(values: Array) -> float:

@@ -10,7 +10,7 @@ difference are kept by source, with their signs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -132,10 +132,7 @@ class RunsUncertainty:
     def extra(self) -> dict[str, Any]:
         """As JSON has it."""
         return {
-            "sources": [
-                {field: getattr(source, field) for field in Source.__slots__}
-                for source in self.sources
-            ],
+            "sources": [asdict(source) for source in self.sources],
             "runs": list(self.runs),
             **{name: _short(getattr(self, name)) for name in ARRAYS},
         }

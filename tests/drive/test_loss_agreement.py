@@ -63,3 +63,9 @@ def test_a_part_is_resolved_if_it_stands_out_of_the_uncertainty() -> None:
     # at 10 N m: 0.07, 0.03 and 0.001 over 0.0005 rad/s
     assert found.prominence == pytest.approx({"creep": 140.0, "seating": 60.0, "slip": 2.0})
     assert found.largest_arc_share == 0.8
+    some = points().measured_u.copy()
+    some[5:] = np.nan  # an error that nobody knows hides none that is known
+    found = compare_losses(replace(points(), measured_u=some), 0.06, 0.2)
+    assert found.prominence == pytest.approx({"creep": 70.0, "seating": 30.0, "slip": 0.0})
+    exact = replace(points(), measured_u=np.zeros(10), predicted_u=np.zeros(10))
+    assert compare_losses(exact, 0.06, 0.2).prominence["creep"] == np.inf

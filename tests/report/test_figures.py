@@ -155,6 +155,13 @@ def test_belts_side_by_side_show_what_each_measured_and_what_was_simulated() -> 
     measured, simulated = lines[0].get_ydata(), lines[1].get_ydata()
     assert simulated == pytest.approx(1.001 * measured)  # the refined comparison of the data
     assert belts.measured([without("friction")]).figure is None
+    n = 200  # a random design: each run has a speed of its own, eight classes of them
+    many = {name: np.resize(values, n) for name, values in friction.columns.items()}
+    many |= {"status": np.array(["ok"] * n), "slip_speed_m_s": np.geomspace(-0.1, -0.001, n)}
+    sheet = replace(one.get("friction"), columns=many)
+    alone = replace(one, sheets={**one.sheets, "friction": sheet})
+    (drawn,) = axes_of(belts.measured([alone]))[0].containers
+    assert drawn[0].get_xdata().size == 25
 
 
 def test_slip_at_an_unknown_tension_is_drawn_as_well() -> None:

@@ -33,7 +33,7 @@ from beltid.report.conditions import conditions
 from beltid.report.figures.surface import as_json, surface_plot
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, Section, rendered
-from beltid.report.tables import drift, effects, nodes, set_aside
+from beltid.report.tables import drift, effects, nodes, set_aside, settings
 from beltid.report.verdict import verdict_of
 from beltid.stages.reporter import Options
 from beltid.stages.results import report_belt
@@ -376,6 +376,21 @@ def test_percent_has_no_powers_of_ten() -> None:
     values = [0.0, 0.0961, 3.78, 9.96, 99.4, 99.6, 1234.0]
     texts = [percent(value) for value in values]
     assert texts == ["0 %", "0.096 %", "3.8 %", "10 %", "99 %", "100 %", "1200 %"]
+
+
+def test_a_value_has_the_digits_of_its_quantity() -> None:
+    names = ("loss_seating_rad_s", "k_linear_se_N_m2", "mu_sliding_se", "speed_loss_u_rad_s")
+    assert [cell(name, 0.0123456) for name in names] == ["0.01235", "0.012", "0.012", "0.012"]
+
+
+def test_settings_that_differ_between_artifacts_are_all_told() -> None:
+    belt = results()
+    friction = belt.get("friction")
+    other = stating(friction, settings={**friction.metadata.settings, "rig.pulley_radius_m": 0.03})
+    table = settings(replace(belt, sheets={"friction": other, "slip": belt.get("slip")}))
+    told = {row[0]: row[1] for row in table.rows}
+    assert told["rig.pulley_radius_m"] == "0.03 (friction); 0.05 (slip)"
+    assert told["rig.pulley_speeds_rad_s"] == "0.05, 0.21"
 
 
 def test_no_surface_no_scripts(drawn_page: Page) -> None:

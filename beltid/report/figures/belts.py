@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
 from beltid.report.cells import MICRO, MILLI
+from beltid.report.conditions import class_name, classes_of, settings_of
 from beltid.report.drawing import (
     GROUPS,
     INK,
@@ -23,6 +23,7 @@ from beltid.report.drawing import (
     logarithmic,
     new_axes,
 )
+from beltid.report.figures.friction import MOST_SPEEDS
 from beltid.report.figures.press import POINTS
 from beltid.report.picture import Picture, absent
 from beltid.report.results import COMPARED, BeltResults, Sheet
@@ -115,16 +116,17 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
     known = [(b.belt, s) for b in belts if (s := b.get("friction")) is not None]
     if not known:
         return absent("belts-measured", title, "No folder has a friction.parquet.", "Fig. 12")
-    speeds = [as_set(np.abs(s["slip_speed_m_s"])) for _, s in known]
-    common = _common([np.unique(v[np.isfinite(v)]) for v in speeds])
+    speeds = [np.abs(s["slip_speed_m_s"]) for _, s in known]
+    common = _common([np.sort(v) for v in speeds])
     with new_axes() as (fig, axes):
         shown = []
         for i, ((name, sheet), v) in enumerate(zip(known, speeds, strict=True)):
-            good = (sheet["status"] == "ok") & (v == _nearest(v, common))
+            rows, told = _at_speed(v, common)
+            good = rows[sheet["status"][rows] == "ok"]
             f, mu = sheet["normal_force_N_m"][good], sheet["mu_sliding"][good]
             u = np.nan_to_num(sheet["mu_sliding_u"][good])
             look = {**group(i), "linestyle": "none"}
-            axes.errorbar(f, mu, 2.0 * u, label=f"{name}, {_told(v, common)}", **look)
+            axes.errorbar(f, mu, 2.0 * u, label=f"{name}, {told}", **look)
             shown.append(f)
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
         logarithmic(axes, "x", np.concatenate(shown))
@@ -133,7 +135,8 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
         "belts-measured",
         title,
         "A point per run, all arcs, at the speed of each belt that is nearest to the middle of "
-        "what they share; with twice the combined standard uncertainty where it is known.",
+        "what they share, or in its class of many speeds; with twice the combined standard "
+        "uncertainty where it is known.",
         fig,
         "Fig. 12",
     )
@@ -145,20 +148,21 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
     known = [
         (b, s)
         for b in belts
-        if (s := b.get("compare_refined") or b.get("compare")) and s.stated("averaged")
+        if (s := b.get("compare_refined") or b.get("compare"))
+        and s.stated("averaged")
+        and b.pulley_radius_m
     ]
     if not known:
         return absent("belts-proof", title, "No folder has a comparison.", "Fig. 17")
     tables = [_averaged(b, s) for b, s in known]
-    common = _common([np.unique(as_set(table["v"])) for table in tables])
+    common = _common([np.sort(table["v"]) for table in tables])
     with new_axes() as (fig, axes):
         for i, ((belt, _), table) in enumerate(zip(known, tables, strict=True)):
-            v = as_set(table["v"])
-            rows = np.flatnonzero(v == _nearest(v, common))
+            rows, told = _at_speed(table["v"], common)
             rows = rows[np.argsort(table["normal_force_N_m"][rows], kind="stable")]
             f, look = table["normal_force_N_m"][rows], group(i)
-            name = f"{belt.belt}, {_told(v, common)}"
-            axes.plot(f, table["mu_measured"][rows], **{**look, "linestyle": "none"}, label=name)
+            measured = {**look, "linestyle": "none"}
+            axes.plot(f, table["mu_measured"][rows], **measured, label=f"{belt.belt}, {told}")
             axes.plot(f, table["mu_simulated"][rows], **{**look, "marker": None})
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
         logarithmic(axes, "x", np.concatenate([table["normal_force_N_m"] for table in tables]))
@@ -174,20 +178,20 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
 
 
 def _averaged(belt: BeltResults, sheet: Sheet) -> dict[str, np.ndarray]:
-    """Columns of the means over arcs, with the sliding speed v, or the pulley's without radius."""
+    """Columns of the means over arcs, with the sliding speed v."""
     rows = sheet.stated("averaged")
     names = ("normal_force_N_m", "mu_measured", "mu_simulated", "pulley_speed_rad_s")
     table = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
-    return {**table, "v": table["pulley_speed_rad_s"] * (belt.pulley_radius_m or 1.0)}
+    return {**table, "v": np.abs(table["pulley_speed_rad_s"]) * (belt.pulley_radius_m or np.nan)}
 
 
-def _nearest(values: np.ndarray, wanted: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(known[np.argmin(np.abs(known - wanted))]) if known.size else float("nan")
-
-
-def _told(values: np.ndarray, wanted: float) -> str:
-    return f"v = {MILLI * _nearest(values, wanted):.3g} mm/s"
+def _at_speed(v: np.ndarray, wanted: float) -> tuple[np.ndarray, str]:
+    """Rows at the speed [m/s] nearest to one, and its name; of a speed of one run its class."""
+    nearest = int(np.argmin(np.abs(v - wanted)))
+    rows = next(rows for rows in settings_of(v) if nearest in rows)
+    if rows.size == 1:
+        rows = next(rows for rows in classes_of(v, MOST_SPEEDS) if nearest in rows)
+    return rows, f"v = {class_name(MILLI * v[rows])} mm/s"
 
 
 def agreement(belts: Sequence[BeltResults]) -> Picture:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, Final
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from beltid.report.drawing import (
 )
 from beltid.report.picture import Picture
 from beltid.report.results import Sheet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TORQUE: Final = "torque [N m]"
 LOSS: Final = "speed loss [rad/s]"
@@ -47,53 +50,28 @@ def _drawing(sheet: Sheet) -> list[Picture]:
         return []
     rows = np.flatnonzero(sheet["run"] == run)
     size = max(pulley["radius_m"] for pulley in laid)
-    largest = float(np.nanmax(sheet["hub_force_N"][rows]))
     forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
     leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
-    from matplotlib.patches import Circle
-
+    per_newton = 2.0 * size / float(np.nanmax(sheet["hub_force_N"][rows]))
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
     middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
     with new_axes(min(WIDTH * high / wide, TALL)) as (fig, axes):
         for i, (pulley, row) in enumerate(zip(laid, rows, strict=True)):
-            centre = np.array((pulley["x_m"], pulley["y_m"]))
-            radius = pulley["radius_m"]
-            axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
-            arrives, leaves = np.array(laid[i - 1]["arrives_m"]), np.array(pulley["leaves_m"])
-            first, last = _wrapped(arrives - centre, leaves - centre, sheet["wrap_deg"][row])
-            around = centre[:, None] + radius * _on_circle(0.0, 360.0)
-            axes.plot(*around, color=FAINT, linewidth=0.8)
-            axes.plot(
-                *(centre[:, None] + radius * _on_circle(first, last)), color=INK, linewidth=2.0
-            )
-            span = np.stack([leaves, pulley["arrives_m"]])
-            axes.plot(span[:, 0], span[:, 1], color=INK, linewidth=2.0)
-            axes.annotate(
-                f"{leaving[i]:.0f} N",
-                tuple(span.mean(axis=0)),
-                ha="center",
-                va="center",
-                fontsize=10,
-                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-            )
-            force, angle = sheet["hub_force_N"][row], np.radians(sheet["hub_angle_deg"][row])
-            along = np.array((np.cos(angle), np.sin(angle)))
-            tip = centre + 2.0 * size * force / largest * along
-            outwards = centre - middle
-            beside = centre + (radius + 0.6 * size) * outwards / np.hypot(*outwards)
+            _draw_belt(axes, laid[i - 1], pulley, float(sheet["wrap_deg"][row]))
+            places = np.array([pulley["leaves_m"], pulley["arrives_m"]])
+            white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            _write(axes, f"{leaving[i]:.0f} N", places.mean(axis=0), bbox=white)
+            outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
+            beside = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
+            force, angle = float(sheet["hub_force_N"][row]), np.radians(sheet["hub_angle_deg"][row])
+            _write(axes, f"{pulley['pulley']}\n{force:.0f} N", beside, color=SIMULATED)
             axes.annotate(
                 "",
-                xy=tuple(tip),
-                xytext=tuple(centre),
+                xy=tuple(
+                    centres[i] + per_newton * force * np.array((np.cos(angle), np.sin(angle)))
+                ),
+                xytext=tuple(centres[i]),
                 arrowprops={"arrowstyle": "-|>", "color": SIMULATED, "linewidth": 1.6},
-            )
-            axes.annotate(
-                f"{pulley['pulley']}\n{force:.0f} N",
-                tuple(beside),
-                ha="center",
-                va="center",
-                fontsize=10,
-                color=SIMULATED,
             )
         axes.set_aspect("equal")
         axes.margins(0.2)
@@ -110,6 +88,26 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             fig,
         )
     ]
+
+
+def _draw_belt(
+    axes: Axes, before: Mapping[str, Any], pulley: Mapping[str, Any], wrap: float
+) -> None:
+    """A pulley, the belt around it and the span that leaves it; `before` is the one before it."""
+    from matplotlib.patches import Circle
+
+    centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
+    leaves = np.array(pulley["leaves_m"])
+    first, last = _wrapped(np.array(before["arrives_m"]) - centre, leaves - centre, wrap)
+    axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
+    around, belt = (centre[:, None] + radius * _on_circle(*to) for to in ((0, 360), (first, last)))
+    axes.plot(*around, color=FAINT, linewidth=0.8)
+    axes.plot(*belt, color=INK, linewidth=2.0)
+    axes.plot(*np.stack([leaves, pulley["arrives_m"]], axis=1), color=INK, linewidth=2.0)
+
+
+def _write(axes: Axes, text: str, at: np.ndarray, **look: Any) -> None:
+    axes.annotate(text, tuple(at), ha="center", va="center", fontsize=10, **look)
 
 
 def _on_circle(first: float, last: float) -> np.ndarray:

@@ -19,7 +19,7 @@ from beltid.report.drawing import (
     shades,
 )
 from beltid.report.picture import Picture, absent
-from beltid.report.results import BeltResults
+from beltid.report.results import SIMULATED, BeltResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +60,7 @@ def measured(results: BeltResults) -> list[Picture]:
 def simulated(results: BeltResults) -> list[Picture]:
     """Simulated coefficients of all runs, with either surface (Fig. 16)."""
     found = []
-    for name, of in (("simulated", "published"), ("simulated_refined", "refined")):
+    for name, of in SIMULATED.items():
         sheet = results.get(name)
         rows = (
             [row for row in (sheet.stated("runs") or ()) if row["status"] == "ok"] if sheet else []

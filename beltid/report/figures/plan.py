@@ -20,6 +20,7 @@ from beltid.report.drawing import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from beltid.plan.advice import Plan
@@ -37,10 +38,6 @@ def runs_and_uncertainty(
     The area of a mark is the gain of its run, a number says how often it is repeated.
     """
     force, speed = candidates.normal_force, candidates.slip_speed * MILLI
-    chosen = Counter(plan.chosen)
-    # what the plan is told to have, a repeat or one more arc, may cost something
-    gains = {run: max(gain, 0.0) for run, gain in zip(plan.chosen, plan.gains, strict=True)}
-    most = max(gains.values(), default=1.0) or 1.0
     with style():
         fig = figure(height=4.4, width=9.6)
         every = fig.subplots(1, 2, sharex=True, sharey=True)
@@ -65,31 +62,41 @@ def runs_and_uncertainty(
             logarithmic(axes, "x", np.append(force, target.normal_force))
             logarithmic(axes, "y", np.append(speed, target.slip_speed * MILLI))
         fig.colorbar(field, ax=every, label="standard uncertainty of µ [%]")
-        for k, arc in enumerate(np.unique(candidates.arc)):
-            mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]
-            if not mine:
-                continue
-            every[1].scatter(
-                force[mine],
-                speed[mine],
-                s=[LEAST_AREA + (LARGEST_AREA - LEAST_AREA) * gains[i] / most for i in mine],
-                marker=MARKERS[k % len(MARKERS)],
-                facecolors="none",
-                edgecolors=GROUPS[k % len(GROUPS)],
-                linewidths=1.6,
-                label=f"runs at {np.degrees(candidates.beta[mine[0]]):.4g}°",
-            )
-            for i in mine:
-                if chosen[i] > 1:
-                    every[1].annotate(
-                        f"{chosen[i]}×",
-                        (force[i], speed[i]),
-                        xytext=(6, 6),
-                        textcoords="offset points",
-                        fontsize=9,
-                    )
+        _draw_runs(every[1], candidates, plan)
         fig.suptitle("The next runs", fontsize=10)
         if synthetic:
             mark_synthetic(fig)
         legend_below(fig, list(every), columns=5)
     return fig
+
+
+def _draw_runs(axes: Axes, candidates: Measured, plan: Plan) -> None:
+    """A mark for every setting of the plan: its area the gain, a number how often it is run."""
+    force, speed = candidates.normal_force, candidates.slip_speed * MILLI
+    chosen = Counter(plan.chosen)
+    # what the plan is told to have, a repeat or one more arc, may cost something
+    gains = {run: max(gain, 0.0) for run, gain in zip(plan.chosen, plan.gains, strict=True)}
+    most = max(gains.values(), default=1.0) or 1.0
+    for k, arc in enumerate(np.unique(candidates.arc)):
+        mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]
+        if not mine:
+            continue
+        axes.scatter(
+            force[mine],
+            speed[mine],
+            s=[LEAST_AREA + (LARGEST_AREA - LEAST_AREA) * gains[i] / most for i in mine],
+            marker=MARKERS[k % len(MARKERS)],
+            facecolors="none",
+            edgecolors=GROUPS[k % len(GROUPS)],
+            linewidths=1.6,
+            label=f"runs at {np.degrees(candidates.beta[mine[0]]):.4g}°",
+        )
+        for i in mine:
+            if chosen[i] > 1:
+                axes.annotate(
+                    f"{chosen[i]}×",
+                    (force[i], speed[i]),
+                    xytext=(6, 6),
+                    textcoords="offset points",
+                    fontsize=9,
+                )

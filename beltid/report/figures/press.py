@@ -17,7 +17,6 @@ from beltid.report.drawing import (
     PRESSED,
     SIMULATED,
     figure,
-    legend,
     legend_below,
     new_axes,
     style,
@@ -119,7 +118,7 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes.plot(depth * MICRO, force, color=INK, lw=2.0, label="fitted law")
         axes.plot(depth[-1] * MICRO, force[-1], "o", color=INK, ms=7, label="end of validity")
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
-        legend(axes, loc="upper left")
+        legend_below(fig, [axes])
     alone = np.isnan(stiffness["hysteresis_ratio"][row])
     where = "follows the loading branch alone" if alone else "runs half-way between the branches"
     caption = (

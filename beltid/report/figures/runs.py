@@ -12,7 +12,6 @@ from beltid.report.drawing import (
     MU,
     SIMULATED,
     figure,
-    legend,
     legend_below,
     style,
 )
@@ -83,9 +82,8 @@ def over_time(friction: Sheet, curves: Sheet, row: int) -> Picture:
         _results(below, friction, row)
         above.set_ylabel("tension [N]")
         below.set(xlabel="time [s]", ylabel=MU)
-        legend(above, loc="best")
         _bounded(below, curves["mu"][samples], float(friction["mu_sliding"][row]))
-        legend_below(fig, [below])
+        legend_below(fig, [above, below])
     return Picture(
         f"run-{row}",
         TITLE if good else f"Run {run}: set aside",

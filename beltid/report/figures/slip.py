@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
+from operator import itemgetter
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
 from beltid.report.cells import MILLI
+from beltid.report.conditions import UNKNOWN_TENSION, series_of
 from beltid.report.drawing import (
     FAINT,
     SPEED,
@@ -17,9 +17,6 @@ from beltid.report.drawing import (
 )
 from beltid.report.picture import Picture, absent
 from beltid.report.results import BeltResults, Sheet
-
-UNKNOWN: Final = -1.0
-"""Stands for a tension that is not known."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
@@ -33,12 +30,9 @@ def pictures(results: BeltResults) -> list[Picture]:
 
 def against_torque(slip: Sheet) -> Picture:
     """Largest sliding speed over torque for each setting of the drive (Fig. 9)."""
-    drivers, tensions = as_set(slip["driver_speed_rad_s"]), as_set(slip["initial_tension_N"])
-    tensions = np.where(np.isnan(tensions), UNKNOWN, tensions)
-    settings = sorted(set(zip(drivers.tolist(), tensions.tolist(), strict=True)))
+    series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
     with new_axes(4.2) as (fig, axes):
-        for i, (speed, tension) in enumerate(settings):
-            rows = np.flatnonzero((drivers == speed) & (tensions == tension))
+        for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=itemgetter(0))):
             rows = rows[np.argsort(slip["torque_N_m"][rows], kind="stable")]
             axes.errorbar(
                 slip["torque_N_m"][rows],
@@ -47,7 +41,7 @@ def against_torque(slip: Sheet) -> Picture:
                 **group(i),
                 capsize=2,
                 label=f"driver {speed:.3g} rad/s, T₀ "
-                + ("unknown" if tension == UNKNOWN else f"= {tension:.3g} N"),
+                + ("unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"),
             )
         radius = slip.pulley_radius_m
         speeds = slip.metadata.settings.get("rig.pulley_speeds_rad_s") or ()

@@ -19,6 +19,8 @@ from beltid.report.drawing import (
     SPEED,
     figure,
     is_wide,
+    legend_below,
+    log_ticks,
     logarithmic,
     new_axes,
     style,
@@ -27,6 +29,7 @@ from beltid.report.picture import Picture, absent
 from beltid.report.results import SURFACES, BeltResults, Sheet
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from beltid.laws.friction_surface import FrictionSurface
@@ -81,49 +84,26 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     """Contours of the surface over force and speed, with the measured points (Fig. 13b)."""
     surface = sheet.surface
     f, v, mu = grid_of(surface, 81, 61)
+    falling = falls_with_speed(surface, f, v)
     with new_axes(4.4) as (fig, axes):
         levels = _levels(mu)
         filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
         lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
         axes.clabel(lines, fontsize=10, fmt="%g")
-        shown_f, shown_v = [f], [v]
-        if friction is not None:
-            good = friction["status"] == "ok"
-            points = friction["normal_force_N_m"][good], np.abs(friction["slip_speed_m_s"][good])
-            axes.plot(
-                points[0],
-                points[1] * MILLI,
-                "o",
-                mfc="none",
-                mec=SIMULATED,
-                ms=4,
-                mew=1.1,
-                label="measured runs (mean of Eq. 8)",
-            )
-            shown_f.append(points[0])
-            shown_v.append(points[1])
-        falling = falls_with_speed(surface, f, v)
+        runs_f, runs_v = _draw_runs(axes, friction)
         if falling.any():
-            axes.contourf(
-                f,
-                v * MILLI,
-                falling.T.astype(float),
-                levels=[0.5, 1.5],
-                colors="none",
-                hatches=["////"],
-            )
-            axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
+            _hatch(axes, f, v, falling)
         nodes_f, nodes_v = surface.normal_force_N_m, surface.slip_speed_m_s
         box_f, box_v = nodes_f[[0, -1, -1, 0, 0]], nodes_v[[0, 0, -1, -1, 0]] * MILLI
         axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
         axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
-        logarithmic(axes, "x", np.concatenate(shown_f))
-        logarithmic(axes, "y", np.concatenate(shown_v) * MILLI)
+        logarithmic(axes, "x", np.append(f, runs_f))
+        logarithmic(axes, "y", np.append(v, runs_v) * MILLI)
         axes.use_sticky_edges = False  # room for the box and for points on it
         axes.margins(0.04)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
-        fig.legend(loc="outside lower center", ncols=2, frameon=False)
+        legend_below(fig, [axes], columns=2)
     forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
     speeds = class_name(MILLI * surface.slip_speed_m_s)
     return Picture(
@@ -134,6 +114,24 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         fig,
         "Fig. 13 (b)",
     )
+
+
+def _draw_runs(axes: Axes, friction: Sheet | None) -> tuple[np.ndarray, np.ndarray]:
+    """Mark the runs that were used; their forces [N/m] and speeds [m/s]."""
+    if friction is None:
+        return np.zeros(0), np.zeros(0)
+    good = friction["status"] == "ok"
+    force, speed = friction["normal_force_N_m"][good], np.abs(friction["slip_speed_m_s"][good])
+    look: dict[str, Any] = {"mfc": "none", "mec": SIMULATED, "ms": 4, "mew": 1.1}
+    axes.plot(force, speed * MILLI, "o", label="measured runs (mean of Eq. 8)", **look)
+    return force, speed
+
+
+def _hatch(axes: Axes, f: np.ndarray, v: np.ndarray, falling: np.ndarray) -> None:
+    """Hatch where mu falls with the speed."""
+    where = falling.T.astype(float)
+    axes.contourf(f, v * MILLI, where, levels=[0.5, 1.5], colors="none", hatches=["////"])
+    axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
 
 
 def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -206,7 +204,7 @@ def _drawn(sheet: Sheet) -> Figure:
         )
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
-                shown = ticks(values)
+                shown = log_ticks(values)
                 axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
             else:
                 axis.set_major_locator(MaxNLocator(5))
@@ -217,14 +215,6 @@ def _drawn(sheet: Sheet) -> Figure:
         axes.view_init(elev=25, azim=-130)
         axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return fig
-
-
-def ticks(values: np.ndarray) -> np.ndarray:
-    """Round numbers within a range, for a logarithmic axis."""
-    decades = 10.0 ** np.arange(-6, 9)
-    steps = (1.0, 2.0, 5.0) if values[-1] < 100.0 * values[0] else (1.0,)
-    ticks = np.sort(np.outer(decades, steps).ravel())
-    return ticks[(ticks >= values[0]) & (ticks <= values[-1])]
 
 
 def surface_plot(results: BeltResults) -> dict[str, Any] | None:
@@ -282,7 +272,7 @@ def _axis(title: str, values: list[float]) -> dict[str, Any]:
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
     if is_wide(np.array(values)):
         axis["title"]["text"] += LOGARITHMIC
-        shown = ticks(np.sort(values)).tolist()
+        shown = log_ticks(np.array(values)).tolist()
         names = [f"{tick:g}" for tick in shown]
         axis |= {"type": "log", "tickvals": shown, "ticktext": names}
     return axis
