@@ -10,10 +10,10 @@ import gzip
 import io
 import tempfile
 import zlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -64,6 +64,11 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+IN_OUR_UNITS: Final = "in_our_units"
+"""Attribute of a DataFrame that was read with its config, or computed."""
 BIG: Final = 64 << 20
 """Bytes of a recording, unpacked, from which on it is read run by run."""
 
@@ -261,6 +266,23 @@ def _joined(
     return Recording(kind, columns, path, tuple(notes), mappings)
 
 
+def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
+    """Columns in our names and units as a DataFrame that says so to `columns_of`.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        The columns, shape (n,) each.
+    notes : sequence of str
+        What was found out about them: ``.attrs["notes"]`` of the frame.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(columns)
+    frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
+    return frame
+
+
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
     """Columns of a recording that is in memory, checked as those of a file.
 
@@ -278,9 +300,10 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     InputError
         With everything that is wrong, each with its row.
     """
-    if isinstance(frame, Recording):
-        frame = frame.columns
     options, problems = ReadOptions.of(config, kind), Problems()
+    if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
+        options = ReadOptions(rig=options.rig)  # what the config says of files is done
+        frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
     dates = [name for name in names_of(frame, "frame") if means_date(name)]
     clock = Clock(

@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+import beltid
 from beltid.bench.big_recording import open_big
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import layout
@@ -417,6 +418,28 @@ def test_the_frame_itself_is_not_changed():
     columns = columns_of(frame, "rig", load_config({"units": {"rig": {"tension_tight_N": "daN"}}}))
     columns["time_s"][:] = 0.0
     pd.testing.assert_frame_equal(frame, before)
+
+
+def test_what_was_read_with_a_config_is_not_renamed_and_converted_again(tmp_path):
+    """`read_rig` gives our columns in our units; a part of its frame is taken with the config."""
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    theirs = frame.assign(F1=frame["tension_tight_N"] / 10).drop(columns="tension_tight_N")
+    theirs.to_csv(tmp_path / "rig.csv", index=False)
+    config = load_config(
+        {
+            "columns": {"rig": {"tension_tight_N": "F1"}},
+            "units": {"rig": {"tension_tight_N": "daN"}},
+        }
+    )
+    read = beltid.read_rig(tmp_path / "rig.csv", config)
+    for part in (
+        read,
+        read[read["time_s"] > 0.1],
+        read_recording(tmp_path / "rig.csv", "rig", config),
+    ):
+        columns = columns_of(part, "rig", config)
+        tight = frame["tension_tight_N"].iloc[-len(columns["run"]) :]
+        np.testing.assert_allclose(columns["tension_tight_N"], tight, rtol=1e-12)
 
 
 def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
