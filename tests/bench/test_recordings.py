@@ -467,7 +467,10 @@ def test_whole_numbers_label_runs_without_a_point():
     [
         (lambda f: f.drop(columns="time_s"), "column time_s is missing"),
         (lambda f: f.assign(tension_tight_N=-1.0), "frame, row 1: tension_tight_N = -1, must be"),
-        (lambda f: f.assign(tension_tight_N="x"), "tension_tight_N = 'x', must be a number"),
+        (
+            lambda f: f.assign(tension_tight_N="x"),
+            "column tension_tight_N holds texts, must hold numbers",
+        ),
         (lambda f: f.iloc[:0], "holds no samples"),
         (lambda f: 5, "must be a DataFrame"),
         (lambda f: {"run": ["a"], "time_s": [1.0, 2.0]}, "different lengths"),
