@@ -303,10 +303,13 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         options = ReadOptions(rig=options.rig)  # what the config says of files is done
         frame = frame.columns if isinstance(frame, Recording) else frame
-    arrow = arrow_of(frame, "frame")
-    return _of_tables(
-        [ParquetTable("frame", path, arrow, arrow.schema)], path, kind, options
-    ).columns
+    table = options.table(kind)
+    arrow = arrow_of(frame, "frame", {options.names.get(name, name) for name in table.names})
+    part = ParquetTable("frame", path, arrow, arrow.schema)
+    found = _of_tables([part], path, kind, options)
+    if table.label not in found.mappings and "time_s" in table.names:  # it may be the index
+        raise InputError(f"frame: column {table.label} is missing", code="columns")
+    return found.columns
 
 
 def _of_tables(

@@ -453,6 +453,32 @@ def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
         columns_of(written.rename(columns={"Leertrum [daN]": "Leertrum [mm]"}), "rig", known)
 
 
+@pytest.mark.parametrize("packed", [False, True])
+def test_truths_say_whether_the_pulley_was_idle(tmp_path, packed):
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    frame = frame.assign(torque_N_m=1.0, idle=True)
+    config = load_config({"rig": {"kind": "torque"}})
+    frame.to_parquet(tmp_path / "rig.parquet")
+    columns = (
+        read_recording(tmp_path / "rig.parquet", "rig", config).columns
+        if packed
+        else columns_of(frame, "rig", config)
+    )
+    assert set(columns["idle"]) == {"true"}
+
+
+def test_what_is_no_list_beside_the_columns_of_a_mapping_is_left_out():
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    more = {
+        "note": "monday",
+        "matrix": np.zeros((50, 2)),
+        "zeros": [0.0, 0.0],
+        "z": frame["time_s"] + 1j,
+    }
+    columns = columns_of({**frame.to_dict("list"), **more}, "rig")
+    np.testing.assert_array_equal(columns["time_s"], frame["time_s"])
+
+
 def test_whole_numbers_label_runs_without_a_point():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=3).assign(run=[1.0, 1.0, 2.0])
     assert columns_of(frame, "rig")["run"].tolist() == ["1", "1", "2"]
@@ -466,6 +492,7 @@ def test_whole_numbers_label_runs_without_a_point():
     ("change", "words"),
     [
         (lambda f: f.drop(columns="time_s"), "column time_s is missing"),
+        (lambda f: f.set_index("run"), "column run is missing"),
         (lambda f: f.assign(tension_tight_N=-1.0), "frame, row 1: tension_tight_N = -1, must be"),
         (
             lambda f: f.assign(tension_tight_N="x"),

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beltid.bench.formats.rows import word_of
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def arrow_of(frame: Any, name: str, needed: Collection[str] | None = None) -> pa.Table:
+def arrow_of(frame: Any, name: str, needed: Collection[str]) -> pa.Table:
     """A table of Arrow with the columns of a table in memory; values of several types are texts.
 
     Parameters
@@ -23,30 +23,31 @@ def arrow_of(frame: Any, name: str, needed: Collection[str] | None = None) -> pa
         The samples.
     name : str
         Name of the frame, for messages.
-    needed : collection of str, optional
-        Only these columns.
+    needed : collection of str
+        Columns that must be lists of one length; others that are not are left out.
 
     Raises
     ------
     InputError
-        If the frame is no table.
+        If the frame is no table, or a column that is needed is none of it.
     """
     import pyarrow as pa
 
-    problems, columns = Problems(), {}
-    for theirs in _names_of(frame, name):
-        if needed is not None and theirs not in needed:
-            continue
-        values = frame[theirs]
-        if np.ndim(values) != 1:
-            axes = np.ndim(values)
-            problems.add(f"{name}: column {theirs} has {axes} axes, must be a list", code="columns")
-            continue
-        columns[str(theirs)] = _arrow(values)
-    if len(lengths := {len(values) for values in columns.values()}) > 1:
-        problems.add(f"{name}: the columns have different lengths {sorted(lengths)}")
-    problems.raise_if_any()
-    return pa.table(columns)
+    columns = {str(theirs): frame[theirs] for theirs in _names_of(frame, name)}
+    axes = {theirs: np.ndim(values) for theirs, values in columns.items()}
+    problems = [
+        f"{name}: column {theirs} has {n} axes, must be a list"
+        for theirs, n in axes.items()
+        if theirs in needed and n != 1
+    ]
+    lists = {theirs: values for theirs, values in columns.items() if axes[theirs] == 1}
+    lengths = {len(values) for theirs, values in lists.items() if theirs in needed}
+    if len(lengths) > 1:
+        problems.append(f"{name}: the columns have different lengths {sorted(lengths)}")
+    if problems:
+        raise InputError(problems)
+    length = next(iter(lengths), len(next(iter(lists.values()), ())))
+    return pa.table({n: _arrow(values) for n, values in lists.items() if len(values) == length})
 
 
 def _names_of(frame: Any, name: str) -> list[Any]:

@@ -186,8 +186,9 @@ def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
         is_time = role == "time_s" or not pa.types.is_duration(kind)
-        if not (holds_numbers(field) and is_time) and not (text and w.is_text):
-            allowed = "texts or whole numbers" if w.is_text else "numbers"
+        words = text or pa.types.is_boolean(kind)
+        if not (holds_numbers(field) and is_time) and not (words and w.is_text):
+            allowed = "texts, whole numbers or truths" if w.is_text else "numbers"
             held = "texts" if text else kind
             problems.append(f"{name}: column {w.index} holds {held}, must hold {allowed}")
     if problems:
