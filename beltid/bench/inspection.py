@@ -307,7 +307,7 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
     from beltid.bench.formats import parquet
 
     first = parquet.ParquetTable.of(sources[0])
-    there, n = first.schema, first.file.metadata.num_rows
+    there, n = first.schema, first.content.metadata.num_rows
     numeric = [
         name
         for name in there.names
@@ -322,10 +322,8 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
         number = float(value) if is_number(value) else np.nan
         views[name] = replace(views[name], low=number, high=number, first=number)
     return [
-        FileView(
-            source.name, "Parquet", "", tuple(views.values()) if source is first.source else ()
-        )
-        for source in sources
+        FileView(source.name, "Parquet", "", () if k else tuple(views.values()))
+        for k, source in enumerate(sources)
     ]
 
 

@@ -10,10 +10,10 @@ import gzip
 import io
 import tempfile
 import zlib
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,10 +23,8 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
-    stated_conversions,
 )
 from beltid.bench.channels.text_tables import read_text
-from beltid.bench.channels.vocabulary import means_date
 from beltid.bench.files.archives import unpacked
 from beltid.bench.files.sniff import (
     GZIP,
@@ -53,17 +51,20 @@ from beltid.bench.files.sources import (
     sources_of,
 )
 from beltid.bench.formats.bench_file import BenchFile
-from beltid.bench.formats.clock import Clock
-from beltid.bench.formats.frames import columns_of_frame, names_of
-from beltid.bench.formats.rows import Texts
+from beltid.bench.formats.rows import completed
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.checks import Checker
-from beltid.bench.runs.run_settings import completed, joined
-from beltid.bench.runs.run_split import row_labels
+from beltid.bench.runs.run_settings import joined
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
-from beltid.tables.columns import Table
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from beltid.bench.formats.parquet import ParquetTable
+
+IN_OUR_UNITS: Final = "in_our_units"
+"""Attribute of a DataFrame that was read with its config, or computed."""
 BIG: Final = 64 << 20
 """Bytes of a recording, unpacked, from which on it is read run by run."""
 
@@ -261,6 +262,23 @@ def _joined(
     return Recording(kind, columns, path, tuple(notes), mappings)
 
 
+def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
+    """Columns in our names and units as a DataFrame that says so to `columns_of`.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        The columns, shape (n,) each.
+    notes : sequence of str
+        What was found out about them: ``.attrs["notes"]`` of the frame.
+    """
+    import pandas as pd
+
+    frame = pd.DataFrame(columns)
+    frame.attrs.update({"notes": list(notes), IN_OUR_UNITS: True})
+    return frame
+
+
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
     """Columns of a recording that is in memory, checked as those of a file.
 
@@ -278,19 +296,34 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     InputError
         With everything that is wrong, each with its row.
     """
-    if isinstance(frame, Recording):
-        frame = frame.columns
-    options, problems = ReadOptions.of(config, kind), Problems()
+    from beltid.bench.formats.frames import arrow_of
+    from beltid.bench.formats.parquet import ParquetTable
+
+    options, path = ReadOptions.of(config, kind), Path("frame")
+    if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
+        options = ReadOptions(rig=options.rig)  # what the config says of files is done
+        frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
-    dates = [name for name in names_of(frame, "frame") if means_date(name)]
-    clock = Clock(
-        options.names.get("time_s", "time_s"),
-        options.dialect.time_zone,
-        dates[0] if len(dates) == 1 else "",
-    )
-    columns = columns_of_frame(frame, table, "frame", options.names, problems, clock)
-    problems.raise_if_any()
-    return _checked(columns, table, "frame", options, clock=clock if clock.first else None)[0]
+    arrow = arrow_of(frame, "frame", {options.names.get(name, name) for name in table.names})
+    part = ParquetTable("frame", path, arrow, arrow.schema)
+    found = _of_tables([part], path, kind, options)
+    if table.label not in found.mappings and "time_s" in table.names:  # it may be the index
+        raise InputError(f"frame: column {table.label} is missing", code="columns")
+    return found.columns
+
+
+def _of_tables(
+    tables: Sequence[ParquetTable], path: Path, kind: str, options: ReadOptions
+) -> Recording:
+    """The recording that Parquet files, or a table of Arrow, hold."""
+    from beltid.bench.channels.parquet_tables import read_parquet
+
+    context = MappingContext(options.table(kind), options)
+    raw_tables = read_parquet(tables, path, context)
+    if not raw_tables:
+        context.problems.told_once([table.name for table in tables])
+        context.problems.raise_if_any()
+    return _joined(raw_tables, path, kind, options, context.problems)
 
 
 def _from_parquet(
@@ -298,58 +331,25 @@ def _from_parquet(
 ) -> Recording:
     """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
-    from beltid.bench.channels.parquet_tables import read_parquet
     from beltid.bench.formats.parquet import ParquetTable
 
     sources = [source.loaded() for source in sources]
     tables = [ParquetTable.of(source) for source in sources]
     if len(tables) > 1 or SEAL_KEY not in (tables[0].schema.metadata or {}):
-        context = MappingContext(options.table(kind), options)
-        raw_tables = read_parquet(tables, path, context)
-        if not raw_tables:
-            context.problems.told_once([source.name for source in sources])
-            context.problems.raise_if_any()
-        return _joined(raw_tables, path, kind, options, context.problems)
+        return _of_tables(tables, path, kind, options)
     needed = "simulated" if kind == "rig" else None
     artifact = artifact_from_bytes(sources[0].data, path, needed)
     if needed is None:
         text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
         raise InputError(text, code="artifact-kind")
     table, problems = schemas.rig_table(), Problems()
-    columns = columns_of_frame(artifact.columns, table, str(path), {}, problems)
+    columns = completed(artifact.columns, table, len(artifact.columns[table.label]))
+    checker = Checker(
+        str(path), columns, table, lambda i: (f"{path}, row {i + 1}", i + 1), problems
+    )
+    notes = checker.run(table.names)
     problems.raise_if_any()
-    columns, notes = _checked(columns, table, str(path), ReadOptions(), table.names)
-    return Recording(kind, columns, path, notes, is_artifact=True)
-
-
-def _checked(
-    columns: dict[str, np.ndarray],
-    table: Table,
-    name: str,
-    options: ReadOptions,
-    units_stated: Collection[str] = (),
-    clock: Clock | None = None,
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Columns that hold our names, converted as the config states and checked; and notes."""
-    problems, length = Problems(), len(next(iter(columns.values()), ()))
-
-    def place(index: int) -> tuple[str, int]:
-        return f"{name}, row {index + 1}", index + 1
-
-    if "time_s" not in table.names:
-        columns = {**columns, table.label: row_labels(length, columns.get(table.label))}
-    columns = completed(columns, table, length)
-    conversions = stated_conversions(MappingContext(table, options, name, problems))
-    if clock is not None:
-        conversions.pop("time_s", None)
-        runs = Texts.of(columns[table.label]).codes
-        columns["time_s"] = clock.elapsed(columns["time_s"], place, problems, runs)
-    for column, by in conversions.items():
-        columns[column] = by.apply(columns[column])
-    notes = [] if clock is None else clock.notes()
-    notes += Checker(name, columns, table, place, problems).run({*units_stated, *conversions})
-    problems.raise_if_any()
-    return columns, tuple(notes)
+    return Recording(kind, columns, path, tuple(notes), is_artifact=True)
 
 
 @dataclass(frozen=True, slots=True)

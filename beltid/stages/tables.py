@@ -11,7 +11,10 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind
 from beltid.artifacts.file_bytes import read_bytes
-from beltid.bench.formats.frames import columns_of_frame
+from beltid.bench.formats.csv_table import Wanted
+from beltid.bench.formats.frames import arrow_of
+from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
+from beltid.bench.formats.rows import together
 from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError, Problems
 from beltid.export.law import ContactLaw
@@ -199,19 +202,19 @@ def table_columns(
             prefix = f"{argument} " if argument else ""
             raise InputError(f"{prefix}is a {frame.kind} table, a {kind} table is needed")
         return frame.columns
-    table = schemas.table(kind)
-    simple = replace(
-        table,
-        columns=tuple(
-            replace(column, required=column.name in needed)
-            for column in table.columns
-            if column.dtype != "list"
-        ),
-    )
-    problems = Problems()
-    columns = columns_of_frame(frame, simple, argument or f"{kind} table", {}, problems)
-    problems.raise_if_any()
-    return columns
+    table, name = schemas.table(kind), argument or f"{kind} table"
+    simple = {c.name: c.dtype == "string" for c in table.columns if c.dtype not in ("list", "bool")}
+    arrow = arrow_of(frame, name, simple)
+    missing = ", ".join(column for column in needed if column not in arrow.column_names)
+    if missing:
+        raise InputError(f"{name}: column {missing} is missing", code="columns")
+    part = ParquetTable(name, Path(name), arrow, arrow.schema)
+    wanted = {n: Wanted(n, is_text, n) for n, is_text in simple.items() if n in arrow.column_names}
+    there = replace(table, columns=tuple(c for c in table.columns if c.name in wanted))
+    parts = [rows.columns() for rows in parquet_blocks(part, wanted, there)]
+    if not parts:
+        raise InputError(f"{name}: holds no samples")
+    return together(parts, there)
 
 
 def surface_from(surface: Any) -> FrictionSurface:

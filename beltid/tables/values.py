@@ -34,6 +34,11 @@ def is_missing(cell: Any) -> bool:
     return isinstance(cell, (float, np.floating)) and bool(np.isnan(cell))
 
 
+def shown_value(value: float | str) -> str:
+    """A number or a word in a message."""
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def absent(values: np.ndarray) -> np.ndarray:
     """Which values are missing: None among texts, nan among numbers."""
     if values.dtype == object:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
@@ -99,6 +100,35 @@ def test_what_rows_say_of_a_run_whatever_its_capitals(tmp_path: Path) -> None:
     same_as_read_at_once(path)
     words = {"condition": "wet", "side": "rib", "pulley_material": "Steel"}
     assert all(run.said == words for run in open_big(path))
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["csv", "parquet"])
+def test_what_rows_say_of_a_run_is_one_word(tmp_path: Path, packed: bool) -> None:
+    """Said in some rows, it holds for all; a run that says two things is two runs."""
+    columns: dict[str, object] = rig_of(["1", "2", "3"])
+    dry, wet = ["dry"] * 40, [None, "WET", *["wet"] * 38]
+    path = tmp_path / ("rig.parquet" if packed else "rig.csv")
+
+    def write(words: list[str | None]) -> None:
+        frame = pa.table(columns | {"condition": words})
+        pq.write_table(frame, path) if packed else pc.write_csv(frame, path)
+
+    write([*dry, *wet, *[None] * 40])
+    same_as_read_at_once(path)
+    assert [run.said for run in open_big(path)] == [{"condition": "dry"}, {"condition": "wet"}, {}]
+    write([*dry, "wet", *dry[1:], *dry[:-1], "foggy"])
+    for read in (lambda: read_recording(path, "rig"), lambda: list(open_big(path))):
+        with pytest.raises(InputError) as caught:
+            read()
+        second, last = (f"{path}, row 42", f"{path}, row 120")
+        if not packed:
+            second, last = f"{path}:43", f"{path}:121"
+        why = "within run {} (is the label used twice?)".format
+        assert caught.value.problems == (
+            f"{second}: condition = dry, must stay wet {why(2)}",
+            f"{last}: condition = foggy, must be dry, wet or dusty",
+            f"{last}: condition = foggy, must stay dry {why(3)}",
+        )
 
 
 def test_rows_that_only_the_exact_reader_takes(small_chunks: None, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+import beltid
 from beltid.bench.big_recording import open_big
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import layout
@@ -419,6 +420,28 @@ def test_the_frame_itself_is_not_changed():
     pd.testing.assert_frame_equal(frame, before)
 
 
+def test_what_was_read_with_a_config_is_not_renamed_and_converted_again(tmp_path):
+    """`read_rig` gives our columns in our units; a part of its frame is taken with the config."""
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    theirs = frame.assign(F1=frame["tension_tight_N"] / 10).drop(columns="tension_tight_N")
+    theirs.to_csv(tmp_path / "rig.csv", index=False)
+    config = load_config(
+        {
+            "columns": {"rig": {"tension_tight_N": "F1"}},
+            "units": {"rig": {"tension_tight_N": "daN"}},
+        }
+    )
+    read = beltid.read_rig(tmp_path / "rig.csv", config)
+    for part in (
+        read,
+        read[read["time_s"] > 0.1],
+        read_recording(tmp_path / "rig.csv", "rig", config),
+    ):
+        columns = columns_of(part, "rig", config)
+        tight = frame["tension_tight_N"].iloc[-len(columns["run"]) :]
+        np.testing.assert_allclose(columns["tension_tight_N"], tight, rtol=1e-12)
+
+
 def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50)
     known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [daN]"}}})
@@ -428,6 +451,32 @@ def test_the_unit_in_a_name_that_the_config_states_is_that_of_the_frame():
     known = load_config({"columns": {"rig": {"tension_slack_N": "Leertrum [mm]"}}})
     with pytest.raises(InputError, match="is in mm, must be one of N, "):
         columns_of(written.rename(columns={"Leertrum [daN]": "Leertrum [mm]"}), "rig", known)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_truths_say_whether_the_pulley_was_idle(tmp_path, packed):
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    frame = frame.assign(torque_N_m=1.0, idle=True)
+    config = load_config({"rig": {"kind": "torque"}})
+    frame.to_parquet(tmp_path / "rig.parquet")
+    columns = (
+        read_recording(tmp_path / "rig.parquet", "rig", config).columns
+        if packed
+        else columns_of(frame, "rig", config)
+    )
+    assert set(columns["idle"]) == {"true"}
+
+
+def test_what_is_no_list_beside_the_columns_of_a_mapping_is_left_out():
+    frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
+    more = {
+        "note": "monday",
+        "matrix": np.zeros((50, 2)),
+        "zeros": [0.0, 0.0],
+        "z": frame["time_s"] + 1j,
+    }
+    columns = columns_of({**frame.to_dict("list"), **more}, "rig")
+    np.testing.assert_array_equal(columns["time_s"], frame["time_s"])
 
 
 def test_whole_numbers_label_runs_without_a_point():
@@ -443,8 +492,12 @@ def test_whole_numbers_label_runs_without_a_point():
     ("change", "words"),
     [
         (lambda f: f.drop(columns="time_s"), "column time_s is missing"),
+        (lambda f: f.set_index("run"), "column run is missing"),
         (lambda f: f.assign(tension_tight_N=-1.0), "frame, row 1: tension_tight_N = -1, must be"),
-        (lambda f: f.assign(tension_tight_N="x"), "tension_tight_N = 'x', must be a number"),
+        (
+            lambda f: f.assign(tension_tight_N="x"),
+            "column tension_tight_N holds texts, must hold numbers",
+        ),
         (lambda f: f.iloc[:0], "holds no samples"),
         (lambda f: 5, "must be a DataFrame"),
         (lambda f: {"run": ["a"], "time_s": [1.0, 2.0]}, "different lengths"),

@@ -86,6 +86,28 @@ def test_a_unit_in_the_pattern_converts(tmp_path, runs):
     np.testing.assert_allclose(columns["arc_deg"], np.degrees(1.2), rtol=1e-12)
 
 
+def test_a_label_that_is_told_does_not_make_one_run_of_two(tmp_path, runs):
+    one, two = runs["R001"], runs["R100"]
+    (tmp_path / "runs").mkdir()
+    later = two.assign(time_s=two["time_s"] + 100)
+    both = pd.concat([one.assign(run="a"), later.assign(run="b")])
+    both.to_csv(tmp_path / "runs" / "R7.csv", index=False)
+    found = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
+    assert found == [
+        "runs/R7.csv: its column run holds 2 labels, but run = R7 is told for all of it: leave out "
+        "one of both"
+    ]
+
+
+def test_what_is_told_replaces_words_of_the_recording_with_a_note(tmp_path, runs):
+    path = tmp_path / "rig.csv"
+    runs["R001"].assign(run="R001", condition="dry").to_csv(path, index=False)
+    config = load_config({"runs": {"rig": {"values": {"condition": "wet"}}}})
+    recording = read_recording(path, "rig", config)
+    assert set(recording.columns["condition"]) == {"wet"}
+    assert "condition = wet as told replaces dry of the recording" in recording.notes
+
+
 def test_a_name_that_does_not_follow_the_pattern_is_refused(tmp_path, runs):
     folder = per_run(tmp_path / "runs", runs)
     found = problems(folder, {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg.csv"}}})

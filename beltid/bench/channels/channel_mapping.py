@@ -500,21 +500,6 @@ def unit_conversion(
     )
 
 
-def stated_conversions(context: MappingContext) -> dict[str, Conversion]:
-    """Conversions of the columns whose unit the config states, also in the name of a column."""
-    conversions = {}
-    for column in context.table.columns:
-        if column.dtype == "string":
-            continue
-        theirs = context.options.names.get(column.name, column.name)
-        known = unit_conversion(column, theirs, unit_in_name(theirs), context, recognised=False)
-        if isinstance(known, str):
-            context.complain(known)
-        elif known is not None:
-            conversions[column.name] = known
-    return conversions
-
-
 def _unclear_turns(unit: str, name: str) -> bool:
     """Whether 1/s may be turns as well as radians."""
     per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")

@@ -123,7 +123,7 @@ def _raw(
         role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in found))
         for role, m in mappings.items()
     }
-    inside = found[0][0].source.inside
+    inside = found[0][0].inside
     return RawTable(
         name,
         (inside.name, inside.stem),

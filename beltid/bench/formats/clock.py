@@ -118,8 +118,6 @@ class Clock:
     zone : str
         Time zone of stamps that carry none, such as "Europe/Berlin"; None: they count as they
         stand.
-    date : str
-        Name of the column of dates beside it, where its reader looks for one by itself; "": none.
     first : str
         The first time, as it is written.
     dated, zoned : bool
@@ -135,7 +133,6 @@ class Clock:
 
     name: str
     zone: str | None = None
-    date: str = ""
     first: str = ""
     dated: bool = False
     zoned: bool = False

@@ -1,9 +1,10 @@
-"""Parquet files: their columns by name and by the names of their folders, in blocks of rows."""
+"""Parquet files and tables of Arrow: columns by name, also of folders, in blocks of rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
@@ -31,39 +32,42 @@ FIRST_ROWS: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class ParquetTable:
-    """A Parquet file that is open.
+    """A Parquet file that is open, or a table of Arrow.
 
     Attributes
     ----------
-    source : Source
-        The file.
-    file : pyarrow.parquet.ParquetFile
+    name : str
+        Its name, for messages.
+    inside : PurePath
+        Where it is in its folder.
+    content : pyarrow.parquet.ParquetFile or pyarrow.Table
         Its columns.
+    schema : pyarrow.Schema
+        Their names and types.
     folders : dict of str to str
         Columns that the names of its folders hold, such as ``arc_deg=82``, and their value; what
         is no plain letter in it may be written as ``%20``.
     """
 
-    source: Source
-    file: Any
-    folders: dict[str, str]
+    name: str
+    inside: PurePath
+    content: Any
+    schema: pa.Schema
+    folders: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, source: Source) -> ParquetTable:
         """Open a file; see `open_parquet`."""
         parts = (part.partition("=") for part in source.inside.parts[:-1])
+        folders = {unquote(key): unquote(value) for key, mark, value in parts if mark}
         file = open_parquet(source.data or source.path, source.name, InputError)
-        return cls(source, file, {unquote(k): unquote(value) for k, mark, value in parts if mark})
+        return cls(source.name, source.inside, file, file.schema_arrow, folders)
 
-    @property
-    def name(self) -> str:
-        """Name of the file, for messages."""
-        return self.source.name
-
-    @property
-    def schema(self) -> pa.Schema:
-        """Names and types of the columns of the file."""
-        return self.file.schema_arrow
+    def batches(self, columns: Sequence[str], rows: int) -> Iterable[pa.RecordBatch]:
+        """Some columns in blocks of rows, at most so many."""
+        if hasattr(self.content, "iter_batches"):
+            return self.content.iter_batches(batch_size=rows, columns=columns)
+        return self.content.select(list(dict.fromkeys(columns))).to_batches(max_chunksize=rows)
 
 
 def parquet_blocks(
@@ -113,7 +117,7 @@ def batches_of(
         If the file is damaged.
     """
     try:
-        for batch in part.file.iter_batches(batch_size=rows or ROWS, columns=columns):
+        for batch in part.batches(columns, rows or ROWS):
             batch.validate(full=True)
             yield batch
     except Exception as error:  # a damaged file can raise nearly anything
@@ -182,9 +186,11 @@ def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
         is_time = role == "time_s" or not pa.types.is_duration(kind)
-        if not (holds_numbers(field) and is_time) and not (text and w.is_text):
-            allowed = "texts or whole numbers" if w.is_text else "numbers"
-            problems.append(f"{name}: column {w.index} holds {kind}, must hold {allowed}")
+        words = text or pa.types.is_boolean(kind)
+        if not (holds_numbers(field) and is_time) and not (words and w.is_text):
+            allowed = "texts, whole numbers or truths" if w.is_text else "numbers"
+            held = "texts" if text else kind
+            problems.append(f"{name}: column {w.index} holds {held}, must hold {allowed}")
     if problems:
         raise InputError(problems)
 

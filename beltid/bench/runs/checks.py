@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from functools import partial
 
 import numpy as np
 
 from beltid.bench.runs.run_split import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problem, Problems
-from beltid.tables.schemas import NOMINAL, Column, Table
-from beltid.tables.values import absent, outside
+from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Column, Table
+from beltid.tables.values import absent, outside, shown_value
 
 Columns = dict[str, np.ndarray]
 
@@ -67,6 +68,9 @@ class Checker:
         self._units({*units_stated, *(judged or ())})
         codes = self._labels()
         notes: list[str] = []
+        for column in self.table.columns:
+            if column.name in self.columns and column.choices:
+                self._choices(column)
         if codes is not None and "time_s" in self.columns:
             self._settings(codes)
         for column in self.table.columns:
@@ -74,8 +78,6 @@ class Checker:
                 continue
             if column.dtype == "float64":
                 notes += self._numbers(column, judged)
-            elif column.choices:
-                self._choices(column)
         if codes is not None and "time_s" in self.columns:
             self._time(codes)
         return notes
@@ -118,28 +120,30 @@ class Checker:
         return codes if codes.size else None
 
     def _settings(self, codes: np.ndarray) -> None:
-        """Fill settings given only in some rows of a run; refuse those that change within it."""
-        for column in NOMINAL:
+        """Fill in what only some rows say of a run; refuse what changes within it."""
+        for column in (*NOMINAL, *SAID_OF_RUNS):
             values = self.columns.get(column)
-            if values is None:
-                continue
-            given = np.flatnonzero(~np.isnan(values) & (codes >= 0))
+            is_text = values is not None and values.dtype == object
+            if values is None or (column in SAID_OF_RUNS and not is_text):
+                continue  # a humidity may be a record over the time
+            known = ~absent(values) & (codes >= 0)
+            given = np.flatnonzero(known)
             _, first = np.unique(codes[given], return_index=True)
-            nominal = np.full(codes.max(initial=-1) + 2, np.nan)
+            nominal = np.full(codes.max(initial=-1) + 2, None if is_text else np.nan, values.dtype)
             nominal[codes[given[first]]] = values[given[first]]
             expected = nominal[codes]
-            with np.errstate(invalid="ignore"):
-                changed = np.abs(values - expected) > 1e-6 * np.abs(expected)
-            rows = np.flatnonzero(changed & (codes >= 0))
+            same = np.equal if is_text else partial(np.isclose, rtol=1e-6, atol=0.0)
+            rows = given[~np.asarray(same(values[given], expected[given]), dtype=bool)]
             _, at = np.unique(codes[rows], return_index=True)  # the first of every run says it
             self._report(
                 np.sort(rows[at]),
                 lambda i, v=values, e=expected, c=column: (  # type: ignore[misc]
-                    f"{c} = {v[i]:g}, must stay {e[i]:g} within {self.table.label} "
-                    f"{self.columns[self.table.label][i]} (is the label used twice?)"
+                    f"{c} = {shown_value(v[i])}, must stay {shown_value(e[i])} within "
+                    f"{self.table.label} {self.columns[self.table.label][i]} (is the label used "
+                    "twice?)"
                 ),
             )
-            np.copyto(values, expected, where=np.isnan(values) & (codes >= 0))
+            np.copyto(values, expected, where=~known & (codes >= 0))
 
     def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
         """Range, infinity and absence of the numbers of a column."""

@@ -38,7 +38,7 @@ from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Table, text
 from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import conversion
-from beltid.tables.values import is_missing
+from beltid.tables.values import absent, is_missing, shown_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,17 +268,13 @@ def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length
     """Put what is told about a run into its columns; returns the columns it replaced."""
     replaced = []
     for role, value in told.items():
-        if isinstance(value, str):
-            values = np.empty(length, dtype=object)
-            values[:] = value
-        else:
-            values = np.full(length, float(value))
-            before = columns.get(role)
-            known = None if before is None else before[np.isfinite(before)]
-            if known is not None and known.size and not np.allclose(known, value, rtol=1e-6):
-                replaced.append(
-                    f"{role} = {value:g} as told replaces {known[0]:g} of the recording"
-                )
+        values = np.full(length, value, dtype=object if isinstance(value, str) else float)
+        before = columns.get(role, values[:0])
+        known = before[~absent(before)]
+        differ = known != value if isinstance(value, str) else ~np.isclose(known, value, rtol=1e-6)
+        if np.any(differ):
+            shown, was = shown_value(value), shown_value(known[differ][0])
+            replaced.append(f"{role} = {shown} as told replaces {was} of the recording")
         columns[role] = values
     return replaced
 
@@ -322,6 +318,12 @@ def joined(
     for raw in raw_tables:
         told, said = settings.of(raw, problems)
         columns = dict(raw.columns)
+        words = {*columns.get(table.label, ())} - {None}
+        if table.label in told and len(words) > 1 and "time_s" in table.names:
+            problems.add(
+                f"{raw.place}: its column {table.label} holds {len(words)} labels, but "
+                f"{table.label} = {told[table.label]} is told for all of it: leave out one of both"
+            )
         said += fill(columns, told, len(raw))
         if table.label not in columns and "time_s" in table.names:
             labels, split = run_labels(columns, raw.label, raw.place, problems)

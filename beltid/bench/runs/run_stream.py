@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -63,11 +63,14 @@ class _RunRows:
             for name in self.parts[0][0].numbers
         }
 
-    def said(self, label: str) -> dict[str, str]:
-        """What the first row says in its columns of texts, but for the label."""
-        rows, start, _ = self.parts[0]
-        texts = {name: t.words[t.codes[start]] for name, t in rows.texts.items() if name != label}
-        return {name: word for name, word in texts.items() if word is not None}
+    def texts(self, label: str) -> dict[str, np.ndarray]:
+        """Columns of texts but for the label."""
+        parts = [(rows.texts, start, end) for rows, start, end in self.parts]
+        return {
+            name: np.concatenate([t[name].words[t[name].codes[a:b]] for t, a, b in parts])
+            for name in parts[0][0]
+            if name != label
+        }
 
     def line_of(self, row: int) -> int:
         for rows, start, end in self.parts:
@@ -204,13 +207,9 @@ class BigRecording:
             if column.dtype == "float64" and not known:
                 columns[column.name] = np.full(n, np.nan)
         shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
-        unknown = [
-            word
-            for name, word in run.said(self.table.label).items()
-            if word.lower() not in (self.table.column(name).choices or (word.lower(),))
-        ]
-        if shown or unknown or run.label is None or self._is_suspect(columns):
-            self._check(columns, run, place)
+        texts = run.texts(self.table.label)
+        if shown or run.label is None or self._is_suspect(columns) or self._is_unclear(texts):
+            self._check(columns, texts, run, place)
         self._judged |= shown
         for column in self.table.columns:
             if column.nullable and column.name in columns:
@@ -218,10 +217,7 @@ class BigRecording:
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
         if run.label is not None:
-            said = {
-                name: word.lower() if self.table.column(name).choices else word
-                for name, word in run.said(self.table.label).items()
-            }
+            said = {name: words[0] for name, words in texts.items() if words[0] is not None}
             yield RunColumns(run.label, columns, said)
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
@@ -242,19 +238,24 @@ class BigRecording:
             return True
         return bool(np.any(np.diff(columns["time_s"]) < 0.0))
 
+    def _is_unclear(self, texts: Mapping[str, np.ndarray]) -> bool:
+        """Whether the rows of a run say two things, or one in other words than ours."""
+        for name, cells in texts.items():
+            choices = self.table.column(name).choices
+            if np.any(cells != cells[0]) or (choices and cells[0] not in (None, *choices)):
+                return True
+        return False
+
     def _check(
         self,
         columns: dict[str, np.ndarray],
+        texts: dict[str, np.ndarray],
         run: _RunRows,
         place: PlaceOf,
     ) -> None:
         label = np.full(len(run), run.label, dtype=object)
-        whole: dict[str, Any] = {self.table.label: label, **columns}
-        said = {
-            name: np.array([word], dtype=object)
-            for name, word in run.said(self.table.label).items()
-        }
-        ordered = {name: whole[name] for name in self.table.names if name in whole} | said
+        whole = {self.table.label: label, **columns, **texts}
+        ordered = {name: whole[name] for name in self.table.names if name in whole}
         checker = Checker(self.name, ordered, self.table, place, self.problems)
         checker.run(self.conversions, self._judged)
         if checker.suspects:  # most likely it is the same in all runs: told once

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltid.bench.recording import read_recording
+from beltid.bench.recording import as_frame, read_recording
 from beltid.config import Config, load_config
 
 if TYPE_CHECKING:
@@ -49,9 +49,5 @@ def read_speedloss(path: str | Path, config: ConfigLike = None) -> pd.DataFrame:
 
 
 def _frame(path: str | Path, kind: str, config: ConfigLike) -> pd.DataFrame:
-    import pandas as pd
-
     recording = read_recording(path, kind, load_config(config))
-    frame = pd.DataFrame(recording.columns)
-    frame.attrs["notes"] = list(recording.notes)
-    return frame
+    return as_frame(recording.columns, recording.notes)

@@ -66,12 +66,11 @@ class SimulatedRun:
     @property
     def recording(self) -> pd.DataFrame | None:
         """The run over time with the columns of rig.csv; None for the steady method."""
-        import pandas as pd
+        from beltid.bench.recording import as_frame
 
         if self.result.recording is None:
             return None
-        columns = recording_columns([self.settings], [self.result], self.config)
-        return pd.DataFrame(columns)
+        return as_frame(recording_columns([self.settings], [self.result], self.config))
 
     @property
     def profile(self) -> pd.DataFrame:
