@@ -67,16 +67,11 @@ class PressLaw:
 
     def _scatter_factor(self) -> Array:
         """Matrix S (2, 2) with S S' the covariance; one that is not positive counts as such."""
-        values, vectors = np.linalg.eigh(self._scaled())
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        return np.asarray(scale[:, None] * factor)
-
-    def _scaled(self) -> Array:
-        """Correlation matrix: both coefficients are of very different size."""
+        # by the correlations: both coefficients are of very different size
         scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         safe = np.where(scale > 0.0, scale, 1.0)
-        return np.asarray(self.covariance / np.outer(safe, safe))
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(safe, safe))
+        return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _per_compliance(self) -> Array:
         """Change of the coefficients (2,) per compliance [m/N] put right."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -172,12 +174,7 @@ def test_cells_are_exchanged_where_nine_tenths_of_the_sliding_say_so():
     for n_above, exchanged in ((7, True), (8, False)):  # of the 75 samples of the second half
         tight, slack = c["tension_slack_N"].copy(), c["tension_tight_N"].copy()
         tight[125 : 125 + 9 * n_above : 9] = 360.0
-        channels = prepared()
-        swapped = type(channels)(
-            time_s=c["time_s"], tight=tight, slack=slack, speed=c["pulley_speed_rad_s"],
-            temperature=None, n_spikes=0, n_missing=0,
-        )  # fmt: skip
-        found, did = unswapped(swapped, ROTATION)
+        found, did = unswapped(replace(prepared(), tight=tight, slack=slack), ROTATION)
         assert np.count_nonzero(tight[125:] > slack[125:]) == n_above
         assert did == exchanged
         assert np.array_equal(found.tight, slack if exchanged else tight)
@@ -185,12 +182,8 @@ def test_cells_are_exchanged_where_nine_tenths_of_the_sliding_say_so():
 
 
 def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
-    t = 0.05 * np.arange(N)
     rise = np.clip((np.arange(N) - FIRST + 1) / 40.0, 0.0, 1.0)  # full at sample 89
-    channels = type(prepared())(
-        time_s=t, tight=250.0 + 100.0 * rise, slack=250.0 - 100.0 * rise,
-        speed=np.ones(N), temperature=None, n_spikes=0, n_missing=0,
-    )  # fmt: skip
+    channels = replace(prepared(), tight=250.0 + 100.0 * rise, slack=250.0 - 100.0 * rise)
     found = sliding_phase(channels, ROTATION)
     assert found.time_s.size == N
     assert found.tensions.shape == (N, 2)
@@ -201,29 +194,16 @@ def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
 
 
 def test_a_belt_that_never_slides():
-    channels = prepared()
-    flat = type(channels)(
-        time_s=channels.time_s, tight=np.full(N, 250.0), slack=np.full(N, 249.0),
-        speed=np.ones(N), temperature=None, n_spikes=0, n_missing=0,
-    )  # fmt: skip
-    for part, slides in ((2.3, False), (2.7, True)):  # a hundredth of 249 N
-        parting = np.where(np.arange(N) >= FIRST, 0.5 * part, 0.0)
-        changed = type(channels)(
-            time_s=flat.time_s, tight=flat.tight + parting, slack=flat.slack - parting,
-            speed=flat.speed, temperature=None, n_spikes=0, n_missing=0,
-        )  # fmt: skip
-        if slides:
-            assert sliding_phase(changed, ROTATION).first == FIRST
-        else:
-            with pytest.raises(RunRejected, match=r"never slides: the tensions part by 2\.3 N"):
-                sliding_phase(changed, ROTATION)
-    growing = np.clip(np.arange(N) - FIRST, 0.0, None)
-    changed = type(channels)(
-        time_s=flat.time_s, tight=flat.tight + growing, slack=flat.slack - 0.5 * growing,
-        speed=flat.speed, temperature=None, n_spikes=0, n_missing=0,
-    )  # fmt: skip
+    def parted(tight, slack):
+        turning = np.arange(N) >= FIRST
+        return replace(prepared(), tight=250.0 + tight * turning, slack=249.0 - slack * turning)
+
+    assert sliding_phase(parted(1.35, 1.35), ROTATION).first == FIRST  # a hundredth of 249 N
+    with pytest.raises(RunRejected, match=r"never slides: the tensions part by 2\.3 N"):
+        sliding_phase(parted(1.15, 1.15), ROTATION)
+    growing = np.arange(N) - FIRST
     with pytest.raises(RunRejected, match="still part at the end"):
-        sliding_phase(changed, ROTATION)
+        sliding_phase(parted(growing, 0.5 * growing), ROTATION)
 
 
 def test_rows_that_an_even_time_base_leaves_out():

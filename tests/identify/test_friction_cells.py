@@ -68,6 +68,8 @@ def test_exchanged_columns_keep_their_cells() -> None:
 def test_the_tension_of_a_tilted_span_is_larger_than_what_its_cell_feels() -> None:
     cell = KnownCell(tare_N=10.0, gain=2.0, tilt_deg=60.0)
     np.testing.assert_allclose(cell.tension([10.0, 110.0]), [0.0, 400.0], rtol=1e-12)
+    assert KnownCell() == KnownCell(tare_N=0.0, gain=1.0, tilt_deg=0.0)
+    assert KnownCell().is_perfect
 
 
 # --- tensions at rest against the stated ones ---

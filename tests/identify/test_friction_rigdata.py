@@ -121,19 +121,10 @@ def test_errors_over_their_standard_errors_are_standard_normal() -> None:
     )
     assert z.size == 360
     # binomial: 0.95 of 360 within 1.96, standard deviation 0.0115
-    assert np.mean(np.abs(z) < 1.96) > 0.92
+    assert 0.92 < np.mean(np.abs(z) < 1.96) < 0.99
     # the runs of a belt share tail and drift: their errors are not 360 independent ones
     assert 0.7 < np.std(z) < 1.25
     assert abs(np.mean(z)) < 0.35
-
-
-@pytest.mark.long
-def test_intervals_are_no_wider_than_they_must_be() -> None:
-    within = [
-        np.abs(column(b, "mu_sliding") - truth(b)["mu_app"]) < 1.96 * column(b, "mu_sliding_se")
-        for b in BELTS
-    ]
-    assert np.mean(within) < 0.99
 
 
 def test_known_faults_of_the_recording_are_counted() -> None:

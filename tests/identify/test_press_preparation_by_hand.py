@@ -69,9 +69,12 @@ def test_signs_make_force_and_travel_rise():
         assert [n.split("negative ")[1] for n in found.notes] == [
             f"{x}, sign turned" for x in turned
         ]
-    # a force that is always more than half its largest tells nothing about the travel
-    found = prepared(-ramp, 60.0 + ramp)
-    assert (found.travel_sign, found.travel_m[-1]) == (1.0, -0.029)
+    # the change since the start tells, whatever an untared cell reads there
+    for zero in (60.0, -60.0, -14.6):
+        found = prepared(-ramp, zero + ramp)
+        assert (found.travel_sign, found.travel_m[-1]) == (-1.0, 0.029)
+        assert found.force_N[-1] == zero + 29.0
+        assert [n.split(",")[0] for n in found.notes] == ["compression recorded as negative travel"]
     assert prepared(ramp, ramp - 14.5).force_N[-1] == 14.5  # as much pull as push
 
 
@@ -127,6 +130,7 @@ def zeroed(free, *, noise=0.0):
 
 
 def test_zero_is_that_of_the_first_half_of_the_free_travel():
+    assert zeroed([-300.0] * 40) == (-300.0, True)  # more than the 200 N of the test
     assert zeroed([5.0] * 40) == (5.0, True)
     assert zeroed([0.0] * 40) == (0.0, True)
     assert zeroed([-3.0] * 20 + [-2.7] * 20) == (-3.0, True)

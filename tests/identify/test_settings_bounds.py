@@ -100,9 +100,3 @@ def test_known_errors_of_a_cell_have_ranges(span, name, low, high):
     for beyond in (1.001 * low - 0.01, 1.001 * high, math.nan):
         with pytest.raises(InputError, match=f"friction.tension_{span}_{name} = "):
             kind(beyond)
-
-
-def test_a_cell_of_which_nothing_is_known_is_perfect():
-    assert KnownCell() == KnownCell(tare_N=0.0, gain=1.0, tilt_deg=0.0)
-    assert KnownCell().is_perfect
-    assert KnownCell(tare_N=2.0, gain=1.1, tilt_deg=60.0).tension(12.0) == pytest.approx(22.0)

@@ -19,15 +19,8 @@ from beltid.identify.estimators.signal import (
     spike_mask,
     strongest_line,
 )
-from beltid.identify.estimators.statistics import median
 
 NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8])
-def test_median(n):
-    x = np.random.default_rng(n).normal(3.0, 1.0, n)
-    assert median(x) == pytest.approx(float(np.median(x)), rel=1e-15)
 
 
 def median_by_hand(x, window):

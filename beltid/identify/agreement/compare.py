@@ -221,14 +221,7 @@ def compare_points(
     of_measured, of_simulated, left_out = _match(*tables)
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
-        counts = Counter(reason for _, reason in left_out).most_common()
-        raise InputError(
-            [
-                "compare: no measured run has a simulated partner, must be at least one "
-                f"({n_measured} measured and {n_simulated} simulated runs)",
-                *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
-            ]
-        )
+        raise _without_partners(n_measured, n_simulated, left_out)
     real = {name: column[of_measured] for name, column in tables[0].items()}
     mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
     arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
@@ -260,6 +253,19 @@ def compare_points(
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
+    )
+
+
+def _without_partners(
+    n_measured: int, n_simulated: int, left_out: tuple[tuple[str, str], ...]
+) -> InputError:
+    counts = Counter(reason for _, reason in left_out).most_common()
+    return InputError(
+        [
+            "compare: no measured run has a simulated partner, must be at least one "
+            f"({n_measured} measured and {n_simulated} simulated runs)",
+            *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
+        ]
     )
 
 

@@ -188,20 +188,12 @@ def press_curve(
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
     counts = [int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches]
-    if min(counts) < MIN_BRANCH_SAMPLES:
-        found = ", ".join(f"{n} {b.name}" for n, b in zip(counts, branches, strict=True))
-        raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {found} samples in contact and clear of "
-            f"the travel's noise ({test.position_noise_m * 1e6:.2g} µm), "
-            f"must be at least {MIN_BRANCH_SAMPLES} of each branch"
-        )
+    _require_enough(counts, test, cycle)
     edges = np.linspace(low, high, int(np.clip(min(counts) // 4, 6, 120)) + 1)
+    nodes = 0.5 * (edges[1:] + edges[:-1])
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
-    nodes, middle = 0.5 * (edges[1:] + edges[:-1]), levels[0]
-    turn = np.zeros(nodes.size)
-    if cycle.complete:
-        in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
-        middle, turn = _middle(nodes, *levels, turns_in_contact=in_contact)
+    in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
+    middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
     half_way = 0.5 * (cycle.loading.start + cycle.unloading.stop)
@@ -227,6 +219,17 @@ def press_curve(
         drift_N_m=test.drift_N / segment_length_m * half_way / test.force_N.size,
         travel_sign=test.travel_sign,
     )
+
+
+def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -> None:
+    if min(counts) < MIN_BRANCH_SAMPLES:
+        names = ("loading", "unloading")[: len(counts)]
+        found = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
+        raise InputError(
+            f"test {test.label}: cycle {cycle.number}: {found} samples in contact and clear of "
+            f"the travel's noise ({test.position_noise_m * 1e6:.2g} µm), "
+            f"must be at least {MIN_BRANCH_SAMPLES} of each branch"
+        )
 
 
 def _without_hold(
@@ -301,9 +304,7 @@ def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
     return at_nodes @ fit.parameters + rest
 
 
-def _middle(
-    x: Array, loading: Array, unloading: Array, *, turns_in_contact: bool
-) -> tuple[Array, Array]:
+def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tuple[Array, Array]:
     """Force half-way between the branches [N/m], and what another width near the turns would add.
 
     How far a turn reaches is what leaves least about a cubic polynomial, if that is worth the two
@@ -311,9 +312,10 @@ def _middle(
     other width is the one next to these nodes, in proportion to the force. The loading branch
     begins with a turn only if the belt was not released before, `turns_in_contact`.
     """
-    n, plain = x.size, 0.5 * (loading + unloading)
-    if n < FEWEST_NODES:
+    n, plain = x.size, np.mean(levels, axis=0)
+    if n < FEWEST_NODES or len(levels) == 1:
         return plain, np.zeros(n)
+    loading, unloading = levels
     scaled = (x - x[0]) / (x[-1] - x[0])
     smooth, powers = np.linalg.qr(np.vander(scaled, 4))[0], np.vander(scaled, 3)
     half_width = 0.5 * (loading - unloading)

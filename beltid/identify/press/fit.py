@@ -247,12 +247,6 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     if not np.any(at.K > 0.0):
         raise FitError(f"{name} law: the force falls with penetration, must rise")
     tangent = np.column_stack([at.design[:, at.free], at.nonlinear_columns()])
-    if name == "quadratic" and at.K[0] < at.K[1]:
-        freedom = found.residuals.size - found.parameters.size
-        sensitivity = _by_vertex(at, freedom)
-    else:  # a coefficient held at its bound has the error that it would have if it were free
-        inverse = pseudo_inverse(np.column_stack([at.design, at.nonlinear_columns()]))
-        sensitivity = inverse[[*range(at.K.size), *([-1] if name == "power" else [])]]
     residuals = at.residuals[: data.x.size]
     return FittedLaw(
         name=name,
@@ -262,13 +256,22 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
         contact=at.p,
         residuals=residuals,
         sum_of_squares=float(at.residuals @ at.residuals),
-        sensitivity=sensitivity,
+        sensitivity=_sensitivity(name, at),
         tangent=tangent,
         tau=correlation_time(residuals, data),
     )
 
 
-def _by_vertex(at: _Projection, dof: int) -> Array:
+def _sensitivity(name: LawName, at: _Projection) -> Array:
+    """Derivatives of the coefficients, and of a free exponent, by the observations."""
+    if name == "quadratic" and at.K[0] < at.K[1]:
+        return _by_vertex(at)
+    # a coefficient held at its bound has the error that it would have if it were free
+    inverse = pseudo_inverse(np.column_stack([at.design, at.nonlinear_columns()]))
+    return np.asarray(inverse[[*range(at.K.size), *([-1] if name == "power" else [])]])
+
+
+def _by_vertex(at: _Projection) -> Array:
     """Derivatives of (k1, k2) by the nodes where k1 is small: k1 is the root of q = k1² >= 0.
 
     About the vertices v_j = p_j - k1/(2 k2) the law is k2 (x - v_j)² - q/(4 k2), whose derivatives
@@ -283,7 +286,8 @@ def _by_vertex(at: _Projection, dof: int) -> Array:
     columns[:n, 1] = y**2 + 0.25 * (k1 / k2) ** 2
     columns[:n, 2:] = at.own * (-2.0 * k2 * y)[:, None]
     rows = pseudo_inverse(np.column_stack([columns, zeros]))[:2]
-    se = float(np.linalg.norm(rows[0]) * np.linalg.norm(at.residuals)) / max(dof, 1) ** 0.5
+    dof = max(at.residuals.size - at.theta.size, 1)
+    se = float(np.linalg.norm(rows[0]) * np.linalg.norm(at.residuals)) / dof**0.5
     rows[0] /= np.sqrt(4.0 * k1**2 + se)
     return rows
 

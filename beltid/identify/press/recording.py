@@ -228,11 +228,17 @@ def spread(x: Array) -> float:
     return float(np.diff(np.quantile(x, [0.01, 0.99]))[0])
 
 
+def _start_level(force: Array) -> float:
+    """Reading of the load cell at the start of a test."""
+    return float(np.median(force[: int(np.clip(force.size // 100, 5, 20))]))
+
+
 def _signs(travel: Array, force: Array) -> tuple[float, float]:
     """Signs that make force and travel rise in compression: (of the force, of the travel)."""
+    force = force - _start_level(force)  # a cell may not be tared
     force_sign = -1.0 if -np.min(force) > np.max(force) else 1.0
     pressed = np.abs(force) > 0.5 * np.max(np.abs(force))
-    if pressed.all() or not pressed.any():
+    if not pressed.any():
         return force_sign, 1.0
     falls = np.median(travel[pressed]) < np.median(travel[~pressed])
     return force_sign, -1.0 if falls else 1.0
@@ -258,9 +264,9 @@ def _clipped(travel: Array, force: Array) -> tuple[NDArray[np.bool_], str]:
     There the force is one number while the crosshead goes on, by more than the step of the
     converter or the noise explain. In a hold the crosshead stands.
     """
-    limit = float(np.max(force))
+    limit, level = float(np.max(force)), _start_level(force)
     at = force >= limit
-    below = np.flatnonzero(force[: int(np.argmax(at))] < 0.7 * limit)
+    below = np.flatnonzero(force[: int(np.argmax(at))] < level + 0.7 * (limit - level))
     if np.count_nonzero(at) < FEWEST_CLIPPED or below.size < 2:
         return np.zeros(force.size, dtype=bool), ""
     start, first = int(below[-1]), int(np.argmax(at))
@@ -279,8 +285,8 @@ def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Arr
     """Forces before contact and after the last release [N]; none where they are not recorded."""
     none = np.zeros(0)
     # the first loading only: in a later one the belt is known to be touched before
-    rising = force[: int(np.argmax(force >= 0.5 * np.max(force))) + 1]
-    level = float(np.median(rising[: max(5, rising.size // 100)]))
+    level = _start_level(force)
+    rising = force[: int(np.argmax(force - level >= 0.5 * (np.max(force) - level))) + 1]
     limit = level + max(6.0 * noise, 5e-3 * (float(np.max(force)) - level))
     below = np.flatnonzero(rising < limit)
     end = int(below[-1]) + 1 if below.size else 0
