@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, InputError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 from beltid.params import OperatingPoint
-from beltid.rigsim.model import Bench, RigModel
+from beltid.rigsim.model import Bench, RigModel, Workspace
 from beltid.rigsim.profile import ContactState, steady_contact
 from beltid.rigsim.reference.step import march_by_lemke
 from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
@@ -182,14 +182,19 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     model = bench.model(point, settings.elements)
-    return _simulate_laid(bench, model, lay_on(model), settings)
+    work = model.workspace()
+    return _simulate_laid(bench, model, lay_on(model, work), work, settings)
 
 
 def _simulate_laid(
-    bench: Bench, model: RigModel, laid: StaticState, settings: SimulationSettings
+    bench: Bench,
+    model: RigModel,
+    laid: StaticState,
+    work: Workspace,
+    settings: SimulationSettings,
 ) -> RunResult:
     """Simulate a run whose belt lies on the pulley, tightened."""
-    sliding = slide(model, laid)
+    sliding = slide(model, laid, work)
     if settings.method == "transient":
         marcher = march_by_lemke if settings.friction_solver == "lemke" else march
         plan = Plan(settings.steps, bench.contact.sticking_ratio, settings.profile_times_s)
@@ -205,7 +210,7 @@ def _simulate_laid(
         slip_m=0.0,
         cone=0.0,
         clamped_lookups=sliding.outside,
-        lookups=int(np.count_nonzero(sliding.points.F_N > 0.0)),
+        lookups=sliding.lookups,
     )
     state = steady_contact(model, sliding)
     return RunResult(sliding.T_A, sliding.T_B, None, record, state, (), sensitivity)
@@ -222,7 +227,7 @@ def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
         slip_m=float(run.record.slip.max()),
         cone=float(run.record.cone.max()),
         clamped_lookups=int(run.record.outside[-1]),
-        lookups=int(np.count_nonzero(run.points.F_N > 0.0)),
+        lookups=int(run.record.lookups[-1]),
     )
     recording = {
         "time_s": run.time,
@@ -301,7 +306,8 @@ def _simulate_together(
     """Simulate runs of one arc and initial tension."""
     try:
         model = bench.model(points[indices[0]], settings.elements)
-        laid = lay_on(model)
+        work = model.workspace()
+        laid = lay_on(model, work)
     except BeltidError as error:
         yield from ((index, error) for index in indices)
         return
@@ -310,6 +316,6 @@ def _simulate_together(
             return
         try:
             of_run = replace(model, point=points[index])
-            yield index, _simulate_laid(bench, of_run, laid, settings)
+            yield index, _simulate_laid(bench, of_run, laid, work, settings)
         except BeltidError as error:
             yield index, error

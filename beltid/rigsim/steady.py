@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +20,13 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.contact.points import SLIDE, Points, new_points
 from beltid.rigsim.model import LARGEST_STRAIN, RigModel, Workspace
 from beltid.rigsim.step import (
+    STEP,
     Drive,
     Kinematics,
     Schedule,
+    Steps,
     march,
     new_kinematics,
-    new_recorder,
 )
 
 Array = NDArray[np.float64]
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 # tensions over T_0 by way of which the belt is laid on, one way after the other
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
 STAGES = (1, 4, 16, 64)  # in which friction is raised, one way after the other
+WITHOUT_END = np.array([math.inf])
 DEEPEST = 0.1  # penetration over the radius that still is a contact
 
 
@@ -56,7 +57,9 @@ class StaticState:
     residual : float
         Largest residual force over T_0 [-].
     outside : int
-        Look-ups outside the measured range of the surface.
+        Contact points with a look-up outside the measured range of the surface.
+    lookups : int
+        Contact points that touch.
     work : Workspace
         The linearised system of the state: its tangent, not factorised.
     """
@@ -68,6 +71,7 @@ class StaticState:
     iterations: int
     residual: float
     outside: int
+    lookups: int
     work: Workspace
 
     @property
@@ -81,46 +85,44 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
-class _Outcome(NamedTuple):
-    """How the search for an equilibrium ended."""
-
-    found: bool
-    iterations: int
-    stretch: float
-    residual: float
-    outside: int
-
-
 def _equilibrium(
     model: RigModel, points: Points, work: Workspace, state: Kinematics, drive: Drive
-) -> _Outcome:
-    """Find an equilibrium from ``state`` on, which becomes it."""
-    record = new_recorder(1)
-    schedule = Schedule(np.array([math.inf]), np.array([model.point.omega]))
+) -> tuple[bool, Steps]:
+    """Find an equilibrium from ``state`` on, which becomes it; whether there is one, and how."""
+    record = np.zeros(1, dtype=STEP)
+    schedule = Schedule(WITHOUT_END, np.array([model.point.omega]))
     done = march(model.system, points, state, schedule, drive, work, record, 0, 1)
-    ended = record.view(np.ndarray)  # the fields of a recarray are slow
-    return _Outcome(done == 1, *(ended[name].item() for name in _Outcome._fields[1:]))
+    return done == 1, record
 
 
 def _state(
-    model: RigModel, points: Points, work: Workspace, q: Array, outcome: _Outcome, spent: int
+    model: RigModel, points: Points, work: Workspace, q: Array, record: Steps, spent: int
 ) -> StaticState:
-    force = work.reactions.force
-    _refuse_nonsense(model, points, force)
+    force: Array = record["force"][0]
+    _refuse_nonsense(model, record["innermost"].item(), force)
     return StaticState(
         q=q,
-        stretch=outcome.stretch,
+        stretch=record["stretch"].item(),
         force=force,
         points=points,
         iterations=spent,
-        residual=outcome.residual,
-        outside=outcome.outside,
+        residual=record["residual"].item(),
+        outside=record["outside"].item(),
+        lookups=record["lookups"].item(),
         work=work,
     )
 
 
-def lay_on(model: RigModel) -> StaticState:
+def lay_on(model: RigModel, work: Workspace | None = None) -> StaticState:
     """Lay the belt on the pulley without friction and tighten it until the support force is T_0.
+
+    Parameters
+    ----------
+    model : RigModel
+        The rig on the mesh of the run.
+    work : Workspace, optional
+        Room to work in, in which the next state will overwrite the tangent of this one; by default
+        room of its own.
 
     Raises
     ------
@@ -130,25 +132,34 @@ def lay_on(model: RigModel) -> StaticState:
         If Newton's method fails, also when T_0 is approached from higher tensions.
     """
     system, point = model.system, model.point
-    points, work = new_points(system.belt, SLIDE), model.workspace()
+    points, work = new_points(system.belt, SLIDE), work or model.workspace()
     spent, residual = 0, math.inf
     for detour in DETOURS:
         state = new_kinematics(model.path_coordinates())
         stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
         for factor in detour:
             drive = Drive(stretch, factor * point.T_0, 0.0, 1.0, 0.0, True)
-            outcome = _equilibrium(model, points, work, state, drive)
-            stretch, residual = outcome.stretch, outcome.residual
-            spent += outcome.iterations
-            if not outcome.found:
+            found, record = _equilibrium(model, points, work, state, drive)
+            stretch, residual = record["stretch"].item(), record["residual"].item()
+            spent += record["iterations"].item()
+            if not found:
                 break
             if factor == 1.0:
-                return _state(model, points, work, state.q, outcome, spent)
+                return _state(model, points, work, state.q, record, spent)
     raise _failure("laying the belt on", point, spent, residual)
 
 
-def slide(model: RigModel, laid: StaticState) -> StaticState:
+def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> StaticState:
     """Full sliding: the pulley turns under the resting belt, every touching point slides.
+
+    Parameters
+    ----------
+    model : RigModel
+        The rig on the mesh of the run.
+    laid : StaticState
+        The belt laid on and tightened.
+    work : Workspace, optional
+        Room to work in, as for :func:`lay_on`.
 
     Raises
     ------
@@ -158,26 +169,25 @@ def slide(model: RigModel, laid: StaticState) -> StaticState:
         If Newton's method fails, also when the friction is raised in steps.
     """
     system, point = model.system, model.point
-    points, work = new_points(system.belt, SLIDE), model.workspace()
+    points, work = new_points(system.belt, SLIDE), work or model.workspace()
     spent, residual = 0, math.inf
     for stages in STAGES:
         state = new_kinematics(laid.q)
         for k in range(1, stages + 1):
             drive = Drive(laid.stretch, point.T_0, 0.0, 1.0, k / stages)
-            outcome = _equilibrium(model, points, work, state, drive)
-            residual = outcome.residual
-            spent += outcome.iterations
-            if not outcome.found:
+            found, record = _equilibrium(model, points, work, state, drive)
+            residual = record["residual"].item()
+            spent += record["iterations"].item()
+            if not found:
                 break
             if k == stages:
-                return _state(model, points, work, state.q, outcome, spent)
+                return _state(model, points, work, state.q, record, spent)
     raise _failure("the sliding belt", point, spent, residual)
 
 
-def _refuse_nonsense(model: RigModel, points: Points, force: Array) -> None:
+def _refuse_nonsense(model: RigModel, innermost: float, force: Array) -> None:
     """An equilibrium may be one of a rig that makes no sense: then say so."""
     R = model.path.R
-    innermost = float(points.rho[points.F_N > 0.0].min(initial=math.inf))
     if math.isinf(innermost):
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
     depth = R - innermost

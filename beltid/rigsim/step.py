@@ -475,6 +475,8 @@ STEP = np.dtype(
             ("changes", np.int64),
             ("halvings", np.int64),
             ("outside", np.int64),
+            ("lookups", np.int64),
+            ("innermost", np.float64),
             ("sticking", np.float64),
             ("touching", np.float64),
             ("residual", np.float64),
@@ -488,12 +490,14 @@ STEP = np.dtype(
 """What a run records of a step.
 
 ``force`` of the supports on the belt, the held rows [N]; numbers of Newton ``iterations``, of
-``changes`` between stick and slide, of ``halvings`` of the step, and of look-ups ``outside`` the
-measured range; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
+``changes`` between stick and slide, of ``halvings`` of the step, of ``lookups``, that is points
+that touch, and of those ``outside`` the measured range; radius of the ``innermost`` point that
+touches [m]; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
 ``slip`` and ``cone``, the certificate of the step, see :class:`StepOutcome`; ``stretch``,
 stress-free length over path length [-]; ``omega``, speed of the pulley [rad/s].
 """
 
+Steps = NDArray[Any]  # records of STEP
 Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
@@ -528,7 +532,7 @@ def accept(
 
 
 @part
-def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
+def note_attempt(record: Steps, k: int, out: StepOutcome) -> None:
     """Record how the step k, or a part of it, ended."""
     noted = record[k]
     noted.iterations += out.iterations
@@ -542,9 +546,15 @@ def note_attempt(record: Recorder, k: int, out: StepOutcome) -> None:
 
 
 @part
-def note_step(work: Workspace, record: Recorder, k: int, out: StepOutcome) -> None:
+def note_step(points: Points, work: Workspace, record: Steps, k: int, out: StepOutcome) -> None:
     """Record the state at the end of the step k."""
-    noted = record[k]
+    noted, lookups, innermost = record[k], 0, math.inf
+    for e in range(points.F_N.shape[0]):
+        for c in range(points.F_N.shape[1]):
+            if points.F_N[e, c] > 0.0:
+                lookups += 1
+                innermost = min(innermost, points.rho[e, c])
+    noted.lookups, noted.innermost = lookups, innermost
     noted.sticking = out.certificate.sticking
     noted.touching = out.certificate.touching
     for i in range(4):
@@ -559,7 +569,7 @@ def march(
     schedule: Schedule,
     drive: Drive,
     work: Workspace,
-    record: Recorder,
+    record: Steps,
     begin: int,
     end: int,
 ) -> int:
@@ -603,5 +613,5 @@ def march(
                 parts *= 2
                 done *= 2
         record[k].halvings = halvings
-        note_step(work, record, k, out)
+        note_step(points, work, record, k, out)
     return end

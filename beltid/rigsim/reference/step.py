@@ -197,5 +197,5 @@ def march_by_lemke(
             parts *= 2
             done *= 2
         record.halvings[k] = halvings
-        note_step(work, record, k, out)
+        note_step(points, work, record, k, out)
     return end
