@@ -42,6 +42,7 @@ KEYS: Final = (
     "surface",
     "rig.kind",
     "rig.weight_on",
+    "rig.slide",
     "rig.running_measures",
     "rig.pulley_radius_m",
     SECTION,
@@ -189,7 +190,8 @@ def _uncertainty(
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    given = rig_sources(standard, int(measured.arc.max()) + 1)
+    bent = measured.kind.spans.EI > 0.0
+    given = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
         surface=result.surface,

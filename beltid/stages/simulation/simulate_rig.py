@@ -71,6 +71,7 @@ KEYS: Final = (
     "rig.kind",
     "rig.weight_on",
     "rig.torque_with",
+    "rig.slide",
     "rig.running_measures",
     "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
