@@ -26,7 +26,7 @@ from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import surface_of, table_columns
+from beltid.stages.tables import of_other_bench, surface_of, table_columns
 from beltid.stages.uncertainties import (
     SECTION,
     budget_table,
@@ -72,6 +72,8 @@ def run(
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
+        for line in of_other_bench(friction, config):
+            options.reporter.warn(line)
         options.reporter.report(f"{friction.path}: {counted(len(friction.columns['run']), 'run')}")
         name = str(friction.path)
         built = build.write(_outcome(friction.columns, config.config, name, chosen))

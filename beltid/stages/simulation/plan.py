@@ -55,6 +55,7 @@ from beltid.stages.tables import (
     checked_law,
     friction_of,
     law_of,
+    of_other_bench,
     table_columns,
 )
 from beltid.stages.uncertainties import press_law
@@ -130,6 +131,7 @@ def run(
     _check_files(options, out, figure)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
+    other_bench = [line for a in artifacts.values() for line in of_other_bench(a, config)]
     press = known = friction = None
     if "stiffness" in artifacts:
         stiffness = artifacts["stiffness"]
@@ -176,7 +178,7 @@ def run(
             "if it were known twice as well": statement_rows(plan),
         },
         notes=(*notes, *found.notes),
-        warnings=(*_of_other_runs(artifacts), *found.warnings),
+        warnings=(*other_bench, *_of_other_runs(artifacts), *found.warnings),
         verdict=verdict(plan, options.goal_u),
         origin=origin,
     )

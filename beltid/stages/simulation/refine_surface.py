@@ -40,7 +40,7 @@ from beltid.stages.simulation.refinement import (
     shared_sources,
     speed_labels,
 )
-from beltid.stages.tables import checked_law, law_of, surface_of, table_columns
+from beltid.stages.tables import checked_law, law_of, of_other_bench, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note, press_law
 from beltid.stages.workers import Workers
 from beltid.uncertainty.bending import FittedBending, fit_bending
@@ -246,6 +246,8 @@ def run(
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
+        for line in of_other_bench(friction, config):
+            options.reporter.warn(line)
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         law = press_law(law_of(stiffness), config.config, stiffness)
         options.reporter.report(

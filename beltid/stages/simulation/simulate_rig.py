@@ -37,7 +37,7 @@ from beltid.stages.simulation.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.tables import friction_of, law_of, surface_of
+from beltid.stages.tables import friction_of, law_of, of_other_bench, surface_of
 from beltid.stages.uncertainties import SECTION, press_law, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -166,7 +166,7 @@ def run(
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(law_of(stiffness), model, stiffness)
         differing = differing_settings(model, measured)
-        for line in differing:
+        for line in (*of_other_bench(surface, config), *differing):
             options.reporter.warn(line)
         stated = measured is None or differing
         whose = "as the config states" if stated else "at the settings measured"
