@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]
+TRUTH: Final = ("true", "false")
+TRUTHS: Final = {
+    **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
+    **dict.fromkeys(("0", "no", "nein", "non"), "false"),
+}
+"""Other words for them."""
 
 
 class Checker:
@@ -175,9 +182,11 @@ class Checker:
         return bool(absent(label)[0]) or self.place(row)[0] in self.problems.unread
 
     def _choices(self, column: Column) -> None:
-        """Words of a column that takes a few only; case does not matter."""
+        """Words of a column that takes a few only; case does not matter, and 1 is true."""
+        truths = TRUTHS if column.choices == TRUTH else {}
         words = {
-            word: None if word is None else word.lower() for word in set(self.columns[column.name])
+            word: None if word is None else truths.get(word.lower(), word.lower())
+            for word in set(self.columns[column.name])
         }
         wrong = {word for word, low in words.items() if low not in (None, *column.choices)}
         values = self.columns[column.name]
