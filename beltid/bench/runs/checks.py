@@ -13,6 +13,8 @@ from beltid.tables.schemas import NOMINAL, Column, Table
 from beltid.tables.values import absent, outside
 
 Columns = dict[str, np.ndarray]
+MARKS, MARKED = 0.02, 10.0
+"""Share of the samples that may be marks of an overflow, and over how many times the others."""
 TRUTH: Final = ("true", "false")
 TRUTHS: Final = {
     **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
@@ -104,6 +106,8 @@ class Checker:
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
+            if guess and self._marks(column, values):
+                continue
             if guess:
                 self.suspects.add(column.name)
                 span = f"lies between {finite.min():g} and {finite.max():g}"
@@ -112,6 +116,22 @@ class Checker:
                     f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
                     f"if it is in {guess}, say so: {setting}"
                 )
+
+    def _marks(self, column: Column, values: np.ndarray) -> bool:
+        """Whether only a few numbers are not plausible: marks of an overflow, which are told."""
+        size = np.abs(values)
+        usual = size <= np.nanquantile(size, 1.0 - MARKS)
+        if not usual.any() or _other_unit(column, self.table.kind, values[usual]):
+            return False
+        rows = np.flatnonzero(size > MARKED * size[usual].max())
+        self._report(
+            rows,
+            lambda i: (
+                f"{column.name} = {values[i]:g}, not plausible beside the others; leave the cell "
+                "empty if it stands for a missing number"
+            ),
+        )
+        return bool(rows.size)
 
     def _labels(self) -> np.ndarray | None:
         """Number of the run of every row, -1 without a label."""
