@@ -231,7 +231,9 @@ class RigSection(Section):
     """The friction rig: what it measures, geometry, supports, and the settings of its runs.
 
     `weight_on` counts where one span hangs on a dead weight, `torque_with` where the tension of one
-    span is measured beside a torque: which one it is decides how its errors act. On a `running` rig
+    span is measured beside a torque: which one it is decides how its errors act. `slide` counts
+    where a hub force is measured: whether the pulley gives way until the force is that at rest, as
+    under a weight, or is held by its load cell, so that the force grows. On a `running` rig
     the belt moves at `belt_speed_m_s` (null: a column of the recording), and `running_measures`
     says which of the other kinds its channels are those of.
     """
@@ -239,6 +241,7 @@ class RigSection(Section):
     kind: RigKind = "two_cells"
     weight_on: Literal["tight", "slack"] = "tight"
     torque_with: Literal["tight", "slack"] = "slack"
+    slide: Literal["free", "held"] = "free"
     running_measures: MeasuredKind = "two_cells"
     belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
     speed_bins_rad_s: (
@@ -264,12 +267,14 @@ class RigSection(Section):
     def given_force(self) -> params.GivenForce:
         """The force that stays what it was before the pulley turned.
 
-        A dead weight is that of one span, a hub force that of both together. On a running rig the
-        spans share the length of one belt: what one gains the other loses, as under a hub force.
+        A dead weight is that of one span, a hub force that of both together unless the slide of the
+        pulley is held. On a running rig the spans share the length of one belt: what one gains the
+        other loses, as under a hub force.
         """
         if self.kind == "dead_weight":
             return self.weight_on
-        return "hub" if self.kind in ("torque_hub", "running") else "none"
+        gives_way = self.kind == "torque_hub" and self.slide == "free"
+        return "hub" if gives_way or self.kind == "running" else "none"
 
 
 class PulleyConditions(Section):

@@ -83,6 +83,7 @@ MEANINGS: Final = {
     "rig.kind": "what the rig measures, see docs/formats.md",
     "rig.weight_on": "dead_weight: the span that the weight hangs on",
     "rig.torque_with": "torque: the span whose tension is measured beside it",
+    "rig.slide": "torque_hub: the pulley gives way to a constant force, or is held by its cell",
     "rig.running_measures": "running: what it measures while the belt moves",
     "rig.belt_speed_m_s": "running: speed of the belt; null: a column",
     "rig.speed_bins_rad_s": "coast-down: edges of the bins of the speed; null: none",

@@ -14,6 +14,7 @@ running           any of these, the belt moves                   :func:`pressing
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -21,6 +22,58 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
+LARGEST_TURN = 0.25
+"""Angle of a bent span beyond which its closed form says nothing [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spans:
+    """The two spans of a belt that resists bending, from the pulley to their supports.
+
+    Attributes
+    ----------
+    EI : float
+        Bending stiffness [N m²]; 0: the spans are straight.
+    length : float
+        From the support to the tangent point [m].
+    clamped : bool
+        Whether the supports hold the direction of the belt, too.
+    """
+
+    EI: float = 0.0
+    length: float = float("inf")
+    clamped: bool = False
+
+    def turn(self, T: ArrayLike, R: float) -> Array:
+        """Angle by which the force of a span is turned off the tangent of the pulley [rad].
+
+        A bent belt leaves the pulley so that the line of its force misses the axis by
+        ``R + EI / (2 R T)``. A pinned support on the tangent turns this line by
+        ``EI / (2 R T L)``; a clamp, which bends the belt over ``sqrt(EI / T)``, as if the span
+        were shorter by this length.
+
+        Parameters
+        ----------
+        T : array_like
+            Tension of the span [N].
+        R : float
+            Radius of the belt's centreline on the pulley [m].
+
+        Returns
+        -------
+        ndarray
+            At most `LARGEST_TURN`, also where T is not positive: a slack belt has no such line.
+        """
+        tension = np.asarray(T, dtype=float)
+        if self.EI == 0.0:
+            return np.zeros(tension.shape)
+        known = np.where(tension > 0.0, tension, np.nan)
+        length = self.length - np.sqrt(self.EI / known) * self.clamped
+        turned = self.EI / (2.0 * R * known * np.maximum(length, 0.5 * self.length))
+        return np.fmin(turned, LARGEST_TURN)
+
+
+STRAIGHT = Spans()
 
 
 def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike) -> Array:
@@ -84,14 +137,38 @@ def tensions_by_torque(
     raise TypeError("tensions_by_torque takes one of T_tight and T_slack")
 
 
-def tensions_by_hub_force(
-    M: ArrayLike, H: ArrayLike, beta: ArrayLike, R: float
-) -> tuple[Array, Array]:
-    """Tensions of both spans from torque and hub force.
+def hub_force(
+    T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
+) -> Array:
+    """Force of the belt on the pulley's axis [N], the resultant of both spans.
 
-    The spans leave the pulley at the angle beta to each other, so that their resultant is
-    ``H² = s² sin²(beta/2) + d² cos²(beta/2)`` with the sum s and the difference ``d = M / R`` of
-    the tensions; at 180° ``s = H``.
+    ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions, and
+    the angle b between the forces of the spans: the contact arc, and what bending turns them.
+
+    Parameters
+    ----------
+    T_tight, T_slack : array_like
+        Tensions [N].
+    beta : array_like
+        Contact arc [rad].
+    R : float
+        Radius of the belt's centreline on the pulley [m].
+    spans : Spans
+        How stiff and how long they are.
+    """
+    tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
+    half = 0.5 * (np.asarray(beta, dtype=float) + spans.turn(tight, R) + spans.turn(slack, R))
+    return np.hypot((tight + slack) * np.sin(half), (tight - slack) * np.cos(half))
+
+
+def tensions_by_hub_force(
+    M: ArrayLike, H: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
+) -> tuple[Array, Array]:
+    """Tensions of both spans from torque and hub force, the inverse of :func:`hub_force`.
+
+    The difference of the tensions is ``d = M / R``, their sum
+    ``s = sqrt(H² - d² cos²(b/2)) / sin(b/2)``; at 180° ``s = H``. The angle b between the spans of
+    a belt that resists bending depends on the tensions: a fixed point, reached by repetition.
 
     Parameters
     ----------
@@ -103,6 +180,8 @@ def tensions_by_hub_force(
         Contact arc [rad].
     R : float
         Radius of the belt's centreline on the pulley [m].
+    spans : Spans
+        How stiff and how long they are.
 
     Returns
     -------
@@ -110,12 +189,20 @@ def tensions_by_hub_force(
         Tight and slack tension [N]; nan where no tensions have this resultant, and at whole turns,
         where it does not depend on their sum.
     """
-    difference, half = np.asarray(M, dtype=float) / R, 0.5 * np.asarray(beta, dtype=float)
-    square = np.square(np.asarray(H, dtype=float)) - np.square(difference * np.cos(half))
-    sine = np.abs(np.sin(half))
-    known = (square >= 0.0) & (sine > 1e-6)
-    total = np.sqrt(np.where(known, square, np.nan)) / np.where(known, sine, np.nan)
-    return 0.5 * (total + difference), 0.5 * (total - difference)
+    difference, arc = np.asarray(M, dtype=float) / R, np.asarray(beta, dtype=float)
+    force = np.square(np.asarray(H, dtype=float))
+    tight = slack = np.full(np.broadcast(difference, force, arc).shape, np.inf)
+    for _ in range(100):
+        half = 0.5 * (arc + spans.turn(tight, R) + spans.turn(slack, R))
+        square, sine = force - np.square(difference * np.cos(half)), np.abs(np.sin(half))
+        known = (square >= 0.0) & (sine > 1e-6)
+        total = np.sqrt(np.where(known, square, np.nan)) / np.where(known, sine, np.nan)
+        before, slack = slack, 0.5 * (total - difference)
+        tight = slack + difference
+        moved = np.abs(slack - before) > 1e-12 * np.abs(total)
+        if spans.EI == 0.0 or not moved.any():
+            return tight, slack
+    return np.where(moved, np.nan, tight), np.where(moved, np.nan, slack)
 
 
 def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:

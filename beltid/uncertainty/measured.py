@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.capstan import (
+    hub_force,
     mean_normal_force,
     sliding_speed,
     tensions_by_hub_force,
@@ -172,11 +173,15 @@ class Measured:
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
         if kind.measures == "torque_hub":
-            half = 0.5 * self.beta
-            along = (self.tight + self.slack) * np.sin(half)
-            across = (self.tight - self.slack) * np.cos(half)
-            hub = self._cell(errors, 0, np.hypot(along, across))
-            tight, slack = tensions_by_hub_force(M, hub, beta, R)
+            hub = self._cell(
+                errors, 0, hub_force(self.tight, self.slack, self.beta, self.R, kind.spans)
+            )
+            spans = replace(
+                kind.spans,
+                EI=kind.spans.EI * (1.0 + errors.at("bending_stiffness")),
+                length=kind.spans.length + errors.at("span_length"),
+            )
+            tight, slack = tensions_by_hub_force(M, hub, beta, R, spans)
             T_0 = self._cell(errors, 0, self.T_0)
         elif kind.measures == "torque":
             of_tight = self.beside_torque

@@ -72,7 +72,7 @@ def friction_uncertainty(
         none = np.full(len(columns["status"]), np.nan)
         return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
     measured = measured_runs(columns, rows, R, kind)
-    of_rig = rig_sources(given, int(measured.arc.max()) + 1)
+    of_rig = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
     sources = (*of_rig, *reduction_sources(measured.columns))
     of_mu, of_force = np.zeros((2, rows.size, len(sources)))
     for k, source in enumerate(sources):

@@ -207,6 +207,8 @@ MODEL_SOURCES = (
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
 )
 """Those that only the simulated rig needs."""
+BENT_SPANS = ("span_length", "bending_stiffness")
+"""Of these, what turns the spans of a bent belt."""
 PRESS_SOURCES = (
     ("press_force", "force of the press", PERCENT, 1),
     ("press_displacement", "travel of the press", PERCENT, 1),
@@ -248,9 +250,13 @@ SHEAR_SOURCES = (
 """Those of the shear stiffness, each of them one figure whatever it acts on."""
 
 
-def rig_sources(u: StandardUncertainties, n_arcs: int) -> tuple[Source, ...]:
-    """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out."""
-    return _sources(u, RIG_SOURCES, n_arcs)
+def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
+    """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out.
+
+    `bent` says whether what was measured depends on the bending of the spans, as a hub force does.
+    """
+    of_spans = [row for row in MODEL_SOURCES if bent and row[0] in BENT_SPANS]
+    return _sources(u, (*RIG_SOURCES, *of_spans), n_arcs)
 
 
 def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:

@@ -84,17 +84,33 @@ def test_what_is_still_to_be_told_stands_in_the_section():
     assert "force_N: Standardkraft" in found["snippet"]
 
 
-def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
+@pytest.mark.parametrize(
+    ("written", "pattern", "labels"),
+    [
+        (
+            "{run}_{arc}deg_{tension}N_0p21.lvm",
+            "{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm",
+            ["R001", "R002", "R003"],
+        ),
+        (
+            "Messung_{number}_{arc}Grad_{tension}N_0p21.lvm",
+            "Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm",
+            ["001", "002", "003"],
+        ),
+    ],
+)
+def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path, written, pattern, labels):
     folder = tmp_path / "rig"
     folder.mkdir()
     for label, run in writers.rig_runs(3).items():
         arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
-        writers.write_lvm(folder / f"{label}_{arc}deg_{tension}N_0p21.lvm", run)
+        name = written.format(run=label, number=label[1:], arc=arc, tension=tension)
+        writers.write_lvm(folder / name, run)
     status, found = inspect(folder)
     assert status == 2
     lines = str(found["snippet"]).splitlines()
     (proposed,) = [line for line in lines if line.startswith("# runs: ")]
-    assert '"{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm"' in proposed
+    assert f'"{pattern}"' in proposed
     kept = [line for line in lines if not line.startswith("#")]
     config = tmp_path / "belt.yaml"
     config.write_text("\n".join([*kept, proposed.removeprefix("# ")]) + "\n", encoding="utf-8")
@@ -102,7 +118,7 @@ def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
     out = tmp_path / "friction.parquet"
     call = ["fit-friction", str(folder), "-c", str(config), "-o", str(out), "-q"]
     assert CliRunner().invoke(app, call).exit_code == 0
-    assert read_artifact(out).columns["run"].tolist() == ["R001", "R002", "R003"]
+    assert read_artifact(out).columns["run"].tolist() == labels
 
 
 def text(folder: Path, name: str, header: str, *rows: str) -> Path:

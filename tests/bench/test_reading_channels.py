@@ -353,3 +353,15 @@ def test_rows_without_a_label_are_told_once(tmp_path):
     assert problems(write(tmp_path, header, rows), "rig") == [
         "bench.csv:3: run is empty, it must label the recording (3 more like it)"
     ]
+
+
+def test_a_mark_of_an_overflow_is_no_other_unit(tmp_path):
+    rows = [f"{i};0,{i:03d};{10 * i}" for i in range(100)]
+    rows[40] = "40;0,040;9,9E37"
+    assert problems(write(tmp_path, "time_s;displacement_mm;force_N", rows), "press") == [
+        "bench.csv:42: force_N = 9.9e+37, not plausible beside the others; leave the cell empty if "
+        "it stands for a missing number"
+    ]
+    in_mN = [f"{i};0,{i:03d};{10000 * i}" for i in range(100)]
+    (found,) = problems(write(tmp_path, "time_s;displacement_mm;force_N", in_mN), "press")
+    assert "if it is in mN, say so" in found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -140,3 +141,29 @@ def test_columns_of_a_kind_in_memory_are_those_of_its_table():
     columns = columns_of(frame, "rig", config)
     assert "tension_tight_N" not in columns  # the hub force tells it
     assert np.isnan(columns["initial_tension_N"]).all()
+
+
+@pytest.mark.parametrize(
+    "idle", [[0, 0, 1, 1], ["nein", "Nein", "ja", "JA"], [False, False, True, True]]
+)
+def test_an_idle_run_is_marked_in_several_words(tmp_path, idle):
+    frame = pd.DataFrame(
+        {
+            "run": ["a", "a", "b", "b"],
+            "time_s": [0.0, 1.0, 0.0, 1.0],
+            "torque_N_m": [0.0, 3.0, 0.1, 0.2],
+            "tension_tight_N": [100.0, 150.0, None, None],
+            "pulley_speed_rad_s": [0.0, 1.0, 0.0, 1.0],
+            "arc_deg": [90.0] * 4,
+            "initial_tension_N": [100.0] * 4,
+            "idle": idle,
+        }
+    )
+    config = load_config({"rig": {"kind": "torque"}})
+    frame.to_csv(tmp_path / "rig.csv", index=False)
+    frame.to_parquet(tmp_path / "rig.parquet")
+    for name in ("rig.csv", "rig.parquet"):
+        columns = read_recording(tmp_path / name, "rig", config).columns
+        assert list(columns["idle"]) == ["false", "false", "true", "true"]
+    with pytest.raises(InputError, match="idle = 2, must be true or false"):
+        columns_of(frame.assign(idle=2), "rig", config)

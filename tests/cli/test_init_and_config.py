@@ -218,6 +218,17 @@ def test_config_check_tells_what_is_wrong_in_all_of_them(beltid: Any) -> None:
     assert "worse.yaml:1:7: rig.radius is not a known key" in bad.stderr
 
 
+def test_config_check_warns_of_columns_that_the_recordings_do_not_have(beltid: Any) -> None:
+    Path("press.csv").write_text("Zeit [s];Weg [mm];Kraft [N]\n0;0,5;1\n1;0,6;2\n2;0,7;3\n")
+    Path("c.yaml").write_text("data: {press: press.csv}\ncolumns: {press: {force_N: Load}}\n")
+    wrong = beltid("config", "check", "c.yaml")
+    assert wrong.exit_code == 0
+    line = "warning: c.yaml: not readable as it states: press.csv:1: column Load (which the config"
+    assert line in wrong.stderr
+    Path("c.yaml").write_text("data: {press: press.csv}\n")
+    assert "not readable" not in beltid("config", "check", "c.yaml").stderr
+
+
 @pytest.mark.parametrize(
     ("named", "told"),
     [

@@ -139,3 +139,23 @@ def test_a_wrong_call_is_refused(
     assert said in " ".join(result.stderr.replace("│", " ").split())
     assert not (bench / "plan.csv").exists()
     assert not (bench / "runs.png").exists()
+
+
+def test_results_of_another_belt_or_bench_are_told(ran: Path, results: Any, beltid: Any) -> None:
+    config = (ran / "beltid.yaml").read_text()
+    (ran / "own.yaml").write_text(config)
+    other = config.replace("rig:", "rig:\n  pulley_radius_m: 0.031", 1)
+    assert "pulley_radius_m: 0.05" not in config
+    assert other != config
+    (ran / "other.yaml").write_text(other)
+    surface, stiffness, _, friction = results
+    for call in (
+        ("plan", *results, "-o", "told.csv"),
+        ("refine-surface", friction, stiffness, "-o", "told.parquet"),
+        ("build-surface", friction, "-o", "told.parquet"),
+    ):
+        told = beltid(*call, "--force", "-c", "other.yaml")
+        name = surface.name if call[0] == "plan" else friction.name
+        line = f"{name}: made with rig.pulley_radius_m = 0.05 (now 0.031): if it is not of this"
+        assert line in " ".join(told.stderr.split()), call
+        assert "made with rig" not in beltid(*call, "--force", "-c", "own.yaml").stderr

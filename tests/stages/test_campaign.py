@@ -137,6 +137,7 @@ def test_a_running_rig_needs_the_speed_of_its_belt_and_something_left_to_slide()
         ({"kind": "dead_weight", "weight_on": "tight"}, "tight"),
         ({"kind": "dead_weight", "weight_on": "slack"}, "slack"),
         ({"kind": "torque_hub"}, "hub"),
+        ({"kind": "torque_hub", "slide": "held"}, "none"),
         ({"kind": "running"}, "hub"),
     ],
 )

@@ -77,7 +77,6 @@ def as_measured(kind: str, noise_N: float, picked: Picked = FEW) -> dict[str, np
     def noise() -> np.ndarray:
         return noise_N * rng.standard_normal(tight.size)
 
-    half = 0.5 * np.radians(columns["arc_deg"])
     if kind == "weight on the tight side":
         columns |= {"weight_N": columns["initial_tension_N"], "tension_slack_N": slack + noise()}
     elif kind == "weight on the slack side":
@@ -86,9 +85,11 @@ def as_measured(kind: str, noise_N: float, picked: Picked = FEW) -> dict[str, np
         columns["torque_N_m"] = R * (tight - slack + noise())
         if kind == "torque":
             columns["tension_slack_N"] = slack + noise()
-        else:  # the resultant of both spans
-            along, across = (tight + slack) * np.sin(half), (tight - slack) * np.cos(half)
-            columns["hub_force_N"] = np.hypot(along, across) + noise()
+        else:  # the resultant of both spans, which bending turns: EI = 0.02 N m², L = 0.1 m
+            turned = 0.02 / (2.0 * R * 0.1) * (1.0 / tight + 1.0 / slack)
+            angle = np.radians(columns["arc_deg"]) + turned
+            square = tight**2 + slack**2 - 2.0 * tight * slack * np.cos(angle)
+            columns["hub_force_N"] = np.sqrt(square) + noise()
     return columns
 
 

@@ -74,7 +74,9 @@ def by_kind(kind: str) -> tuple[pd.DataFrame, dict[str, Any]]:
         return bare.assign(weight_N=slack, tension_tight_N=tight), {"weight_on": "slack"}
     if kind == "torque":
         return bare.assign(torque_N_m=torque, tension_tight_N=tight), {}
-    hub = np.hypot(tight * np.cos(beta) - slack, tight * np.sin(beta))
+    # the angle between spans of 0.10 m of a belt with 0.02 N m²
+    angle = beta + 0.02 / (2.0 * R * 0.10) * (1.0 / tight + 1.0 / slack)
+    hub = np.hypot(tight * np.cos(angle) - slack, tight * np.sin(angle))
     return bare.assign(torque_N_m=torque, hub_force_N=hub), {}
 
 

@@ -185,6 +185,7 @@ def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
         field = there.field(w.index)
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        text = text or (role == "idle" and pa.types.is_boolean(kind))
         is_time = role == "time_s" or not pa.types.is_duration(kind)
         words = text or pa.types.is_boolean(kind)
         if not (holds_numbers(field) and is_time) and not (words and w.is_text):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,14 @@ from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Column, Table
 from beltid.tables.values import absent, outside, shown_value
 
 Columns = dict[str, np.ndarray]
+MARKS, MARKED = 0.02, 10.0
+"""Share of the samples that may be marks of an overflow, and over how many times the others."""
+TRUTH: Final = ("true", "false")
+TRUTHS: Final = {
+    **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
+    **dict.fromkeys(("0", "no", "nein", "non"), "false"),
+}
+"""Other words for them."""
 
 
 class Checker:
@@ -99,6 +108,8 @@ class Checker:
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
+            if guess and self._marks(column, values):
+                continue
             if guess:
                 self.suspects.add(column.name)
                 span = f"lies between {finite.min():g} and {finite.max():g}"
@@ -107,6 +118,22 @@ class Checker:
                     f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
                     f"if it is in {guess}, say so: {setting}"
                 )
+
+    def _marks(self, column: Column, values: np.ndarray) -> bool:
+        """Whether only a few numbers are not plausible: marks of an overflow, which are told."""
+        size = np.abs(values)
+        usual = size <= np.nanquantile(size, 1.0 - MARKS)
+        if not usual.any() or _other_unit(column, self.table.kind, values[usual]):
+            return False
+        rows = np.flatnonzero(size > MARKED * size[usual].max())
+        self._report(
+            rows,
+            lambda i: (
+                f"{column.name} = {values[i]:g}, not plausible beside the others; leave the cell "
+                "empty if it stands for a missing number"
+            ),
+        )
+        return bool(rows.size)
 
     def _labels(self) -> np.ndarray | None:
         """Number of the run of every row, -1 without a label."""
@@ -179,9 +206,11 @@ class Checker:
         return bool(absent(label)[0]) or self.place(row)[0] in self.problems.unread
 
     def _choices(self, column: Column) -> None:
-        """Words of a column that takes a few only; case does not matter."""
+        """Words of a column that takes a few only; case does not matter, and 1 is true."""
+        truths = TRUTHS if column.choices == TRUTH else {}
         words = {
-            word: None if word is None else word.lower() for word in set(self.columns[column.name])
+            word: None if word is None else truths.get(word.lower(), word.lower())
+            for word in set(self.columns[column.name])
         }
         wrong = {word for word, low in words.items() if low not in (None, *column.choices)}
         values = self.columns[column.name]

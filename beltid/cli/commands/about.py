@@ -105,6 +105,7 @@ def check(
     """Check configs as run does: keys, values, recordings that are missing or empty.
 
     Reports all problems at once, with file, line and column. Exit status 2 if there are any.
+    What cannot be read of the recordings as the config states them is a warning.
 
     Example: beltid config check configs/5pk.yaml
     """

@@ -28,6 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
 from beltid.laws.capstan import (
+    STRAIGHT,
+    Spans,
     pressing_tension,
     running_sliding_speed,
     tensions_by_hub_force,
@@ -187,6 +189,8 @@ class RigKind:
         Of the belt; it matters where the belt moves [kg/m].
     cells : KnownCells
         What is known to be wrong with the cells.
+    spans : Spans
+        How far their forces turn by bending: a hub force is the resultant of both.
 
     Raises
     ------
@@ -202,6 +206,7 @@ class RigKind:
     belt_speed_m_s: float = float("nan")
     mass_per_length_kg_m: float = 0.0
     cells: KnownCells = field(default_factory=KnownCells)
+    spans: Spans = STRAIGHT
 
     def __post_init__(self) -> None:
         without = {"dead_weight": [self.weight_on], "torque_hub": list(SPANS)}
@@ -385,7 +390,7 @@ class RigKind:
         if self.measures == "torque_hub":
             # the force on the axis has no part of the momentum that the belt carries along
             hub, beta = columns["hub_force_N"], np.radians(arc_deg)
-            return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R)
+            return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R, self.spans)
         if self.measures == "torque":
             there = self.measured_span(columns)
             known = {f"T_{there}": span[there]}

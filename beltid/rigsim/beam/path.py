@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.laws.capstan import Spans
 from beltid.laws.penalty import NormalLaw, elastic_stiffness, stiffness_under
 from beltid.params import Belt, OperatingPoint, Rig
 
@@ -103,8 +104,7 @@ def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
     The belt stands off the line of the span by EI/(2 R W). A guided end pulls it back, by the angle
     EI/(2 R W L) that adds to the contact arc; the force of a weight that swings stays in its line.
     """
-    angle = belt.EI / (2.0 * rig.R * point.T_0 * rig.span)
-    return angle / point.beta
+    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
 
 
 @dataclass(frozen=True, slots=True)

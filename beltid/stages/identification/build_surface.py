@@ -26,7 +26,7 @@ from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, ok_rows, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import surface_of, table_columns
+from beltid.stages.tables import of_other_bench, surface_of, table_columns
 from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
@@ -38,6 +38,7 @@ KEYS: Final = (
     "surface",
     "rig.kind",
     "rig.weight_on",
+    "rig.slide",
     "rig.running_measures",
     "rig.pulley_radius_m",
     SECTION,
@@ -66,6 +67,8 @@ def run(
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
+        for line in of_other_bench(friction, config):
+            options.reporter.warn(line)
         options.reporter.report(f"{friction.path}: {counted(len(friction.columns['run']), 'run')}")
         name = str(friction.path)
         built = build.write(_outcome(friction.columns, config.config, name, chosen))
@@ -184,7 +187,8 @@ def _uncertainty(
 ) -> SurfaceUncertainty:
     """What the surface's causes of error do to it; its bias by bending is not among them."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    given = rig_sources(standard, int(measured.arc.max()) + 1)
+    bent = measured.kind.spans.EI > 0.0
+    given = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
     sources = (*given, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
         surface=result.surface,

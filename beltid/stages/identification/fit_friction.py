@@ -44,6 +44,8 @@ DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
     "speed and arc explain"
 )
+CONSTANT: Final = 0.03
+"""Change of a sum of tensions up to which a force on the axis counts as constant [-]."""
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
@@ -82,9 +84,20 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 def _keys(config: Config, role: str) -> tuple[str, ...]:
     """What of a config matters for a recording, or for a table of plateaus."""
     rig = tuple(f"rig.{name}" for name in RIG_KEYS)
-    mass = ("belt.mass_per_length_kg_m",) if config.rig.kind == "running" else ()
+    of_kind = {
+        "running": ("belt.mass_per_length_kg_m",),
+        "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
+    }
     files = tuple(f"{section}.{role}" for section in ("columns", "units", "runs"))
-    return ("friction", *rig, *mass, "conditions", *files, "dialect", SECTION)
+    return (
+        "friction",
+        *rig,
+        *of_kind.get(config.rig.kind, ()),
+        "conditions",
+        *files,
+        "dialect",
+        SECTION,
+    )
 
 
 def fit_friction(
@@ -156,7 +169,7 @@ def _outcome(
             ),
         ),
         warnings=(
-            *_traps(table.runs, rig_kind(config)),
+            *_traps(table.runs, rig_kind(config), held=config.rig.slide == "held"),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
@@ -191,7 +204,7 @@ def _drift_line(drift: Drift) -> str:
     return f"the friction drifts with the {words}: {size} per {per} ({mended})"
 
 
-def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
+def _traps(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
     """What a bench of this kind easily does wrong, where it may have."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
@@ -206,6 +219,17 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[str]:
             f"the tension beside the torque is that of the {span} span: state rig.torque_with: "
             f"{span}, which a plan and the simulated rig go by"
         )
+    if kind.measures == "torque_hub" and not kind.running and not held:
+        ratio = np.array(
+            [(r.tension_tight_N + r.tension_slack_N) / (2.0 * r.initial_tension_N) for r in good]
+        )
+        grown = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0
+        if abs(grown - 1.0) > CONSTANT:
+            yield (
+                f"the tensions sum up to {grown:.3g} times what they were at rest: the pulley does "
+                "not give way to a constant force; if its slide is held, by the load cell of the "
+                "hub force, say so: rig.slide: held"
+            )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
         yield f"{TOUCHING} ({_listed(touching)})"

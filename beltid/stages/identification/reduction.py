@@ -41,6 +41,7 @@ from beltid.identify.friction.reduction import (
 )
 from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
 from beltid.identify.press.recording import StiffnessSettings
+from beltid.laws.capstan import STRAIGHT, Spans
 from beltid.stages.outcome import table_columns_of
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -80,6 +81,9 @@ def friction_settings(config: Config) -> FrictionSettings:
 def rig_kind(config: Config) -> RigKind:
     """What the friction rig of a config measures."""
     rig = config.rig
+    # between two pulleys of a running belt both ends turn alike, and the line of force does not
+    bent = rig.kind == "torque_hub"
+    spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     return RigKind(
         measures=rig.measures,
         weight_on=rig.weight_on,
@@ -88,6 +92,7 @@ def rig_kind(config: Config) -> RigKind:
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=KnownCells(*(_known_cell(config, span) for span in SPANS)),
+        spans=spans if bent else STRAIGHT,
     )
 
 

@@ -18,7 +18,12 @@ from beltid.config import ConfigSource, config_text, load_cases
 from beltid.config.loading import DEFAULT, ENVIRONMENT_VARIABLE, effective_values
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary
-from beltid.stages.setup.named_recordings import WITHOUT, lacking, wrong_recordings
+from beltid.stages.setup.named_recordings import (
+    WITHOUT,
+    lacking,
+    unread_recordings,
+    wrong_recordings,
+)
 from beltid.stages.tables import load_law
 
 LIBRARIES: Final = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "matplotlib")
@@ -159,7 +164,7 @@ def config_origins(source: ConfigSource) -> Summary:
 
 
 def check_configs(paths: Sequence[Path]) -> Summary:
-    """Check configs, and whether the recordings they name are there, as `beltid run` does.
+    """Check configs, and whether the recordings they name are there and can be read with them.
 
     Raises
     ------
@@ -176,7 +181,10 @@ def check_configs(paths: Sequence[Path]) -> Summary:
             problems += error.problems
             continue
         config = cases[0][2]
-        problems += wrong_recordings(ConfigSource(config, str(path), path))
+        wrong = wrong_recordings(ConfigSource(config, str(path), path))
+        problems += wrong
+        unread = () if wrong else unread_recordings(config)
+        warnings += [f"{path}: not readable as it states: {line}" for line in unread]
         warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
         rows.append(
             {

@@ -283,7 +283,7 @@ def _proposed_pattern(names: Sequence[str], kind: str) -> str:
     pattern = names[0].rsplit(".", 1)[0]
     ending = names[0][len(pattern) :]
     for words, role in (
-        (r"(?:deg|grad|°)", "arc_deg"),
+        (r"(?i:deg|grad|°)", "arc_deg"),
         (r"(?:N|n)", "initial_tension_N"),
         (r"(?:C|degC|°C)", "temperature_degC"),
     ):
@@ -297,8 +297,11 @@ def _proposed_pattern(names: Sequence[str], kind: str) -> str:
     if "{" not in pattern:
         return ""
     first, mark, rest = pattern.partition("_")
+    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", rest)
     if mark and "{" not in first:
         pattern = f"{{{label}}}_{rest}"
+        if numbered and all(name.startswith(first + mark) for name in names):
+            pattern = f"{first}_{{{label}}}{rest[numbered.end() :]}"
     pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + ending
     compiled = name_pattern(pattern)
     return pattern if all(compiled.values(name) is not None for name in names) else ""

@@ -13,6 +13,7 @@ from beltid.bench.files.archives import members
 from beltid.bench.files.sniff import GZIP, TEXT, ZIP, sniff
 from beltid.bench.files.sources import exists, is_many, sources_of
 from beltid.bench.read_options import ReadOptions
+from beltid.bench.recording import read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import InputError, Problem
@@ -52,6 +53,17 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
         for what in _wrong(file, list(tables.values())):
             problems.append(Problem(f"{at} = {what}", "missing-file"))
     return problems or _of_other_benches(source.config, places)
+
+
+def unread_recordings(config: Config) -> list[str]:
+    """Why recordings that a config names cannot be read as it states; of a big rig by its head."""
+    problems: list[str] = []
+    for kind, file in config.data.files.items():
+        try:
+            read_rig(file, config) if kind == "rig" else read_recording(file, kind, config)
+        except InputError as error:
+            problems += error.problems
+    return problems
 
 
 def _of_other_benches(config: Config, places: Source) -> list[str]:

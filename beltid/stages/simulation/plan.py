@@ -47,7 +47,7 @@ from beltid.stages.simulation.plan_tables import (
     verdict,
 )
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import friction_of, press_law, table_columns
+from beltid.stages.tables import friction_of, of_other_bench, press_law, table_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -152,6 +152,7 @@ def run(
     _check_files(out, figure, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
+    other_bench = [line for a in artifacts.values() for line in of_other_bench(a, config)]
     press = known = made_from = None
     noise_of = artifacts.get("friction")
     if "stiffness" in artifacts:
@@ -184,7 +185,7 @@ def run(
             "if it were known twice as well": statement_rows(found.plan),
         },
         notes=(*notes, *found.notes),
-        warnings=(*_of_other_runs(artifacts), *found.warnings),
+        warnings=(*other_bench, *_of_other_runs(artifacts), *found.warnings),
         verdict=verdict(found.plan, goal_u),
         origin=origin,
     )

@@ -37,6 +37,7 @@ KEYS: Final = (
     "rig.kind",
     "rig.weight_on",
     "rig.torque_with",
+    "rig.slide",
     "rig.running_measures",
     "rig.pulley_radius_m",
     "rig.span_length_m",

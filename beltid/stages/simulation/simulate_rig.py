@@ -37,7 +37,7 @@ from beltid.stages.simulation.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.tables import friction_of, press_law, surface_of
+from beltid.stages.tables import friction_of, of_other_bench, press_law, surface_of
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -70,6 +70,7 @@ KEYS: Final = (
     "rig.kind",
     "rig.weight_on",
     "rig.torque_with",
+    "rig.slide",
     "rig.running_measures",
     "rig.belt_speed_m_s",
     "rig.pulley_radius_m",
@@ -151,6 +152,8 @@ def run(
     built = build.up_to_date()
     if built is None or (times and profiles is None):
         surface = read_artifact(inputs["surface"], "surface")
+        for line in of_other_bench(surface, config):
+            options.reporter.warn(line)
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(stiffness, model)
         stated = differing or measured is None or not measured.size
