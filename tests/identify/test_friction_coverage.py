@@ -65,12 +65,12 @@ def rms(values: Array) -> float:
 
 MOST_KEPT = 0.95
 NOT_YET = {
-    "one exponential": "over-wide, z 0.54: no slow part, other tail or drift is excluded",
-    "coarse converter (1 N steps)": "over-wide, z 0.59: for the same reason",
-    "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.43",
-    "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.39",
-    "ripple once per turn, 1 %": "no run sees more than 0.4 of a turn: 70 % held",
-    "mu drifts within a run, +1 %": "over-wide on some draws, z 0.56",
+    "one exponential": "over-wide, z 0.57: no slow part, other tail or drift is excluded",
+    "coarse converter (1 N steps)": "over-wide on some draws: for the same reason",
+    "two exponentials": "over-wide: a slow part beyond the record cannot be excluded, z 0.57",
+    "second tail twenty times longer (30 %)": "over-wide on some draws, z 0.42",
+    "ripple once per turn, 1 %": "no run sees more than 0.4 of a turn: 84 % held, z 1.4",
+    "mu drifts within a run, +1 %": "over-wide on some draws, z 0.51",
 }
 """What is not reached yet, with its size."""
 QUICK = {

@@ -304,5 +304,12 @@ def test_a_known_error_of_the_cell_beside_a_torque_is_in_both_tensions(rig):
     part = by_torque(one_of(rig), "slack")
     off = {**part, "tension_slack_N": part["tension_slack_N"] / 1.02 + 3.0}
     cells = KnownCells(slack=KnownCell(tare_N=3.0, gain=1.02))
-    found = reduce_runs(off, R, None, replace(RigKind("torque"), cells=cells))
-    assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-9)
+    known = replace(RigKind("torque"), cells=cells)
+    for one, other in zip(
+        run_records(off, R, known), run_records(part, R, RigKind("torque")), strict=True
+    ):
+        for name in ("tension_tight_N", "tension_slack_N"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-12)
+    # the search for the variances of a bench may take another step for the last bit of a sample
+    found = reduce_runs(off, R, None, known)
+    assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-6)

@@ -307,8 +307,11 @@ CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 SWEEPS = 2
 WALK_STEPS = np.linspace(-2.4, 1.8, 8)
 """Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
-TURN_STEPS = np.linspace(-3.0, 5.0, 33)
-"""Steps about the median of the prior over which that of the ripple once per turn is."""
+LARGEST_TURN = 0.01
+"""Largest standard deviation of a ripple once per turn, over the level: with more of it a run that
+sees a part of a turn has no sliding friction to tell."""
+TURN_SIZES = 33
+"""Sizes of it that are tried."""
 
 
 def log_evidence(
@@ -529,14 +532,14 @@ class Gathered:
 def turn_size(runs: Gathered, priors: Priors, before: float, given: Given, shared: Shared) -> float:
     """Standard deviation of the ripple once per turn by all runs, whitened with `before`."""
     centre, width = priors.centre[TURN_PART], priors.width[TURN_PART]
-    tried = np.append(np.exp(centre + width * TURN_STEPS), 0.0)
+    highest = max((np.log(LARGEST_TURN) - centre) / width, 0.0)
+    steps, apart = np.linspace(-3.0, highest, TURN_SIZES, retstep=True)
+    tried = np.append(np.exp(centre + width * steps), 0.0)
     log_p = np.empty(tried.size)
     for k, size in enumerate(tried):
         M, b, log_z = runs.with_turn(size**2 - before**2)
         log_p[k] = log_z + posterior(M, b, given, shared, every_drift=False).log_evidence
-    log_prior = -0.5 * TURN_STEPS**2 + np.log(
-        (TURN_STEPS[1] - TURN_STEPS[0]) / np.sqrt(2.0 * np.pi)
-    )
+    log_prior = -0.5 * steps**2 + np.log(apart / np.sqrt(2.0 * np.pi))
     return _mean_size(tried, log_p, log_prior)
 
 

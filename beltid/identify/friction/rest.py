@@ -11,8 +11,8 @@ own standard deviation, unknown, and possibly zero; the errors of ln(T_tight/T_s
 
     e_r = q_r (zeta + w_r) + gamma,   q_r = (1/T_tight + 1/T_slack)/2                         (S5)
 
-are averaged over all of them. What both zeros have in common never shows at rest; it is as large as
-half their difference.
+are averaged over all of them. What both zeros have in common never shows at rest; it has the prior
+of half their difference, whatever that happens to be.
 """
 
 from __future__ import annotations

@@ -153,8 +153,8 @@ class RunReduction:
     mu_sliding: float = NAN
     """Eq. (6) of the two plateau tensions [-]."""
     mu_sliding_se: float = NAN
-    """Standard error from the noise of the record and its memory, the shape of the tail, drift and
-    the cells: all of it, what the runs share included [-]."""
+    """Half-width of the interval that holds 95 %, over 1.96, from the noise of the record and its
+    memory, the shape of the tail, drift and the cells: what the runs share included [-]."""
     mu_sticking: float = NAN
     """Peak of mu at the end of the build-up [-]; nan where the record does not resolve it."""
     mu_sticking_se: float = NAN

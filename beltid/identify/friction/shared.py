@@ -249,11 +249,11 @@ SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
 """Lengths of slow decays of the build-up, over its travel: where friction grows strongly with the
 speed the belt slides more slowly while its tensions still part, and a part of a build-up may take
 several times as long as the rest. They could be the tail of the peak; the bench says which."""
-UNLIKE = np.array([[0.01, 0.0], [0.01, 0.05], [0.1, 0.0]])
+UNLIKE = np.array([[0.01, 0.0], [0.03, 0.0], [0.01, 0.05], [0.1, 0.0]])
 """What family and drift do not tell, one row a hypothesis: deviations of the tail from its family,
 as the standard deviation of each of some exponentials with lengths within two thirds of the record,
 relative to the height; and the same of each slow decay of the build-up, relative to the level."""
-UNLIKE_BEFORE = np.array([0.9, 0.05, 0.05])
+UNLIKE_BEFORE = np.array([0.6, 0.3, 0.05, 0.05])
 """Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
 too small for quiet records of another family, or widens all others."""
 DRIFTING = 0.08
@@ -334,7 +334,7 @@ class Shared:
     powers : ndarray, shape (SETTINGS,)
         Powers of the settings with which its length goes.
     weights : ndarray
-        Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (3, 4).
+        Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (4, 4).
     hypotheses : Hypotheses
         What it is the mean of; one alone in a rough look.
     spectra : Spectra, optional
