@@ -54,6 +54,13 @@ def rms(error: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("belt", QUICK_AND_LONG)
+def test_the_tail_of_a_bench_errs_to_one_side_in_all_runs(belt: str) -> None:
+    # one tail, scaled from run to run: if it is longer than it seems, every plateau is too high
+    tail = column(belt, "shared_tail")
+    assert abs(np.sign(tail).sum()) == tail.size
+
+
+@pytest.mark.parametrize("belt", QUICK_AND_LONG)
 def test_every_run_comes_out_once_in_order_and_ok(belt: str) -> None:
     assert [run.run for run in reduced(belt)] == list(truth(belt)["run"])
     assert {run.status for run in reduced(belt)} == {"ok"}

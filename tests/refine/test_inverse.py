@@ -23,9 +23,10 @@ def test_without_noise_the_bias_of_the_published_procedure_goes(belt):
     before, _ = errors(belt, bench.surface, runs, f)
     after, worst = errors(belt, refined.surface, runs, f)
     assert before > 0.03
-    assert after < 0.001
-    assert worst < 0.004
-    assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.001
+    # both models agree to 0.01 %, and the truth goes on rising below the forces of the runs
+    assert after < 0.00015
+    assert worst < 0.0006
+    assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.0002
     assert refined.iterations <= 6
 
 

@@ -611,13 +611,14 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel
     parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     # a small bench is stacked once, of a large one only a part at a time is held
     stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
-    gathered = []
+    gathered, shift = [], np.zeros(SHARED)
     for stack in stacks:
         stack.stretch(bench.shared.powers, bench.shared)
         stack.deviate(bench.shared)
         w = whiten(stack, bench.sd)
         scale = noise_scale(stack, w, bench.shared.stretched_mean)
         gathered.append(Gathered.of(stack, w, scale))
+        shift += w.shift.sum(axis=0)
     runs, before = Gathered.all(gathered), float(bench.sd[TURN_PART])
     sd = bench.sd.copy()
     sd[TURN_PART] = turn_size(runs, Priors.of(some), before, given, bench.shared)
@@ -625,12 +626,12 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel
     bench = Bench(sd, posterior(M, b, given, bench.shared))
     if len(parts) > 1:
         stacks = (Stack(p, centre) for p in parts)
-    levels = [level for stack in stacks for level in _levels(stack, bench)]
+    levels = [level for stack in stacks for level in _levels(stack, bench, shift)]
     return bench, levels
 
 
-def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
-    """Levels of some runs of a bench."""
+def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
+    """Levels of some runs of a bench; all its levels together follow what is shared by `shift`."""
     shared = bench.shared
     stack.stretch(shared.powers, shared)
     stack.deviate(shared)
@@ -639,8 +640,9 @@ def _levels(stack: Stack, bench: Bench) -> list[RunLevel]:
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
     both = tail + drift
-    # the sign of the largest direction is that of all runs
-    size = np.where(both[:, 0] < 0.0, -1.0, 1.0) * np.linalg.norm(both, axis=1)
+    # one column stands for all directions: its sign is that of a run with the mean of all runs
+    mean_error = -(shift @ shared.factor)
+    size = np.where(both @ mean_error < 0.0, -1.0, 1.0) * np.linalg.norm(both, axis=1)
     share = np.clip(np.sum(drift * both, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
     residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
