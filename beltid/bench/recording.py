@@ -303,6 +303,8 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         options = ReadOptions(rig=options.rig)  # what the config says of files is done
         frame = frame.columns if isinstance(frame, Recording) else frame
+    of_all = {"values": options.runs.values}  # a frame has no name and no header
+    options = replace(options, runs=ReadOptions().runs.model_copy(update=of_all))
     table = options.table(kind)
     arrow = arrow_of(frame, "frame", {options.names.get(name, name) for name in table.names})
     part = ParquetTable("frame", path, arrow, arrow.schema)

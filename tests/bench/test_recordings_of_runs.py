@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from beltid.bench.files.sources import content_of
-from beltid.bench.recording import read_recording
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
 
@@ -97,6 +97,18 @@ def test_a_label_that_is_told_does_not_make_one_run_of_two(tmp_path, runs):
         "runs/R7.csv: its column run holds 2 labels, but run = R7 is told for all of it: leave out "
         "one of both"
     ]
+
+
+def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
+    """What holds for every run holds for those of a frame; names of files are none of it."""
+    table = tmp_path / "runs.csv"
+    table.write_text("file,arc_deg\na.csv,82\n")
+    told = {"table": str(table), "pattern": "{run}_{}.csv", "fields": {"arc_deg": "Bogen"}}
+    rig = {**told, "values": {"initial_tension_N": 411}}
+    frame = runs["R001"].drop(columns="initial_tension_N")
+    columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}}))
+    assert set(columns["initial_tension_N"]) == {411.0}
+    assert set(columns["arc_deg"]) == set(frame["arc_deg"])
 
 
 def test_what_is_told_replaces_words_of_the_recording_with_a_note(tmp_path, runs):

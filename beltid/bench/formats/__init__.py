@@ -11,10 +11,10 @@ Module         Responsibility
 ``rows``       rows of a table: numbers, texts, where they stand in the file
 ``dialect``    how a table is written: title lines, header, row of units, separators
 ``csv_table``  CSV -> rows, at once or in blocks, exact about places
-``parquet``    Parquet -> rows in blocks
+``parquet``    Parquet files and tables of Arrow -> rows in blocks
 ``lvm``        LabVIEW measurement files
 ``uff``        universal files: time records in datasets 58 and 58b
-``frames``     DataFrames, Arrow tables and dicts -> columns
+``frames``     DataFrames, Arrow tables and dicts -> tables of Arrow
 ``isolated``   formats whose libraries read in a child process
 ============== ================================================================
 """

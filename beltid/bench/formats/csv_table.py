@@ -194,37 +194,12 @@ def _single_feeds(data: bytes) -> bytes:
 
 def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
     """Read with Arrow; None if a row or a cell is not as expected."""
-    import pyarrow as pa
-    from pyarrow import csv as pa_csv
-
     body = layout.body
     if b'"' in body and any(line.count(b'"') % 2 for line in body.split(b"\n")):
         return None  # a cell over several lines: line numbers need the exact reader
     names = [f"c{i}" for i in range(len(layout.header))]
-    types = {
-        names[w.index]: pa.string()
-        if w.is_text or w.clock or layout.signs.thousands
-        else pa.float64()
-        for w in wanted.values()
-    } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
-    # A thread of Arrow may be the last to let go of what it reads. If that belonged to Python and
-    # the program ended just then, it would be aborted.
-    in_arrow = pa.BufferOutputStream()
-    in_arrow.write(body)
-    try:
-        table = pa_csv.read_csv(
-            pa.BufferReader(in_arrow.getvalue()),
-            read_options=pa_csv.ReadOptions(column_names=names, block_size=ARROW_BLOCK),
-            parse_options=pa_csv.ParseOptions(delimiter=layout.separator),
-            convert_options=pa_csv.ConvertOptions(
-                column_types=types,
-                include_columns=list(types),
-                null_values=sorted(MISSING_WORDS),
-                strings_can_be_null=True,
-                decimal_point=layout.signs.decimal,
-            ),
-        )
-    except (pa.ArrowException, ValueError, KeyError):
+    table = _arrow_table(layout, wanted, names)
+    if table is None:
         return None
     lines: int | np.ndarray = layout.first_line
     if _line_feeds(body) + (not body.endswith(b"\n")) != table.num_rows:
@@ -250,6 +225,38 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
         key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
     }
     return Rows(numbers, texts, lines)
+
+
+def _arrow_table(layout: Layout, wanted: Mapping[str, Wanted], names: list[str]) -> Any:
+    """The wanted columns as Arrow reads them, under the names given; None if it cannot."""
+    import pyarrow as pa
+    from pyarrow import csv as pa_csv
+
+    types = {
+        names[w.index]: pa.string()
+        if w.is_text or w.clock or layout.signs.thousands
+        else pa.float64()
+        for w in wanted.values()
+    } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
+    # A thread of Arrow may be the last to let go of what it reads. If that belonged to Python and
+    # the program ended just then, it would be aborted.
+    in_arrow = pa.BufferOutputStream()
+    in_arrow.write(layout.body)
+    try:
+        return pa_csv.read_csv(
+            pa.BufferReader(in_arrow.getvalue()),
+            read_options=pa_csv.ReadOptions(column_names=names, block_size=ARROW_BLOCK),
+            parse_options=pa_csv.ParseOptions(delimiter=layout.separator),
+            convert_options=pa_csv.ConvertOptions(
+                column_types=types,
+                include_columns=list(types),
+                null_values=sorted(MISSING_WORDS),
+                strings_can_be_null=True,
+                decimal_point=layout.signs.decimal,
+            ),
+        )
+    except (pa.ArrowException, ValueError, KeyError):
+        return None
 
 
 def _filled_lines(body: bytes, first_line: int) -> np.ndarray:

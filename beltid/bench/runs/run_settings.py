@@ -7,7 +7,7 @@ runs: what the config says comes first, then what the header tells in words that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,25 +40,12 @@ from beltid.tables.schemas import SETTINGS
 from beltid.tables.units import conversion
 from beltid.tables.values import absent, is_missing, shown_value
 
-
-@dataclass(frozen=True, slots=True)
-class RunTable:
-    """A table of runs: a row per file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    rows : dict
-        Name of a file (or group) -> its line and the values it tells, by our columns.
-    """
-
-    path: Path
-    rows: Mapping[str, tuple[int, Mapping[str, str | float]]]
+RunTable = dict[str, tuple[int, Mapping[str, str | float]]]
+"""Name of a file (or group) -> its line in a table of runs, and the values it tells of it."""
 
 
 def read_run_table(path: Path, table: Table) -> RunTable:
-    """Read a table of runs.
+    """Read a table of runs: a row per file.
 
     Raises
     ------
@@ -82,7 +69,7 @@ def read_run_table(path: Path, table: Table) -> RunTable:
     columns = rows.columns()
     convert(columns, mappings)
     files = columns.pop("file")
-    told: dict[str, tuple[int, Mapping[str, str | float]]] = {}
+    told: RunTable = {}
     for k, line in enumerate(rows.all_lines().tolist()):
         file = str(files[k] or "")
         if file in told:
@@ -90,7 +77,7 @@ def read_run_table(path: Path, table: Table) -> RunTable:
         cells = {role: values[k] for role, values in columns.items()}
         told[file] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
     problems.raise_if_any()
-    return RunTable(path, told)
+    return told
 
 
 class RunSettings:
@@ -140,9 +127,9 @@ class RunSettings:
         """Note rows of the table of runs that no file belongs to."""
         if self.run_table is None:
             return
-        for name, (line, _) in self.run_table.rows.items():
+        for name, (line, _) in self.run_table.items():
             if name not in self.used:
-                problems.add(f"{self.run_table.path}:{line}: {name} is not among the files read")
+                problems.add(f"{self.runs.table}:{line}: {name} is not among the files read")
 
     def _from_header(
         self, raw: RawTable, told: dict[str, Any], notes: list[str], problems: Problems
@@ -256,12 +243,12 @@ class RunSettings:
     def _from_table(self, raw: RawTable, told: dict[str, Any], problems: Problems) -> None:
         if self.run_table is None:
             return
-        name = next((n for n in raw.names if n in self.run_table.rows), None)
+        name = next((n for n in raw.names if n in self.run_table), None)
         if name is not None:
             self.used.add(name)
-            told.update(self.run_table.rows[name][1])
+            told.update(self.run_table[name][1])
         elif not self._complete(raw):
-            problems.add(f"{self.run_table.path}: has no row for {raw.names[0]}")
+            problems.add(f"{self.runs.table}: has no row for {raw.names[0]}")
 
 
 def fill(columns: dict[str, np.ndarray], told: Mapping[str, str | float], length: int) -> list[str]:
