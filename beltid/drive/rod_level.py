@@ -143,8 +143,6 @@ class RodLevel:
 
         Raises
         ------
-        InputError
-            If a span is shorter than six bending lengths.
         ConvergenceError
             If the loop or a rod has no steady state, or both do not come together.
         """

@@ -199,12 +199,15 @@ def _normal_contact(results: BeltResults) -> Card | None:
         100.0 * u / max(k, 1e-300)
         for u, k in zip(known[what], (k_linear, k_quadratic), strict=True)
     )
+    errors = f"coefficients ± {percent(first)}, ± {percent(second)} ({what})"
+    if not np.isfinite([first, second]).all():
+        errors = "the errors of its coefficients are not known"
     depth = MICRO * float(stiffness["max_penetration_m"][row])
     return Card(
         "Normal contact, N per metre of belt",
         f"{scientific(k_linear)} δ + {scientific(k_quadratic)} δ²",
         (
-            f"δ in m; coefficients ± {percent(first)}, ± {percent(second)} ({what})",
+            f"δ in m; {errors}",
             f"up to δ = {depth:.3g} µm, {_newtons(float(stiffness['max_force_N_m'][row]))} N/m",
         ),
     )

@@ -30,9 +30,11 @@ from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.cells import cell
 from beltid.report.conditions import conditions
+from beltid.report.figures import runs
 from beltid.report.figures.surface import as_json, surface_plot
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, Section, rendered
+from beltid.report.results import BeltResults
 from beltid.report.tables import drift, effects, nodes, set_aside, settings
 from beltid.report.verdict import verdict_of
 from beltid.stages.reporter import Options
@@ -381,6 +383,22 @@ def test_percent_has_no_powers_of_ten() -> None:
 def test_a_value_has_the_digits_of_its_quantity() -> None:
     names = ("loss_seating_rad_s", "k_linear_se_N_m2", "mu_sliding_se", "speed_loss_u_rad_s")
     assert [cell(name, 0.0123456) for name in names] == ["0.01235", "0.012", "0.012", "0.012"]
+
+
+def without_errors(name: str, *columns: str) -> BeltResults:
+    belt = results()
+    sheet = belt.get(name)
+    unknown = {column: np.full(sheet["n_samples"].size, np.nan) for column in columns}
+    sheet = replace(sheet, columns={**sheet.columns, **unknown})
+    return replace(belt, sheets={**belt.sheets, name: sheet})
+
+
+def test_an_error_that_is_not_known_is_no_number() -> None:
+    belt = without_errors("stiffness", "k_linear_se_N_m2", "k_quadratic_se_N_m3")
+    normal = next(c for c in verdict_of(belt).cards if c.title.startswith("Normal contact"))
+    assert normal.details[0] == "δ in m; the errors of its coefficients are not known"
+    (picture,) = runs.pictures(without_errors("friction", "mu_sliding_se"))
+    assert "sliding 0.9250" in [text.get_text() for text in picture.figure.legends[0].get_texts()]
 
 
 def test_settings_that_differ_between_artifacts_are_all_told() -> None:

@@ -120,7 +120,8 @@ def _phases(axes: Axes, friction: Sheet, row: int, t: np.ndarray, *, labelled: b
 def _results(axes: Axes, friction: Sheet, row: int) -> None:
     mu, se = float(friction["mu_sliding"][row]), float(friction["mu_sliding_se"][row])
     if np.isfinite(mu):
-        axes.axhline(mu, color=MEASURED, ls="--", lw=1.2, label=f"sliding {mu:.4f} ± {se:.2g}")
+        error = f" ± {se:.2g}" if np.isfinite(se) else ""
+        axes.axhline(mu, color=MEASURED, ls="--", lw=1.2, label=f"sliding {mu:.4f}{error}")
     peak, at = float(friction["mu_sticking"][row]), float(friction["peak_time_s"][row])
     if np.isfinite(peak) and np.isfinite(at):
         axes.plot(at, peak, "v", color=SIMULATED, ms=7, label=f"sticking peak {peak:.4f}")
