@@ -299,3 +299,14 @@ def span(values: np.ndarray) -> tuple[float, float] | None:
 def finite_or_none(value: float) -> float | None:
     """A number, or None in the place of nan and infinity."""
     return value if np.isfinite(value) else None
+
+
+def in_percent(share: float | None) -> float | None:
+    """A share in percent, None where it is not known."""
+    return None if share is None else 100.0 * share
+
+
+def listed(words: Sequence[str], most: int = 8) -> str:
+    """The first of some words, and how many more there are."""
+    text = ", ".join(words[:most])
+    return f"{text} and {len(words) - most} more" if len(words) > most else text

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pytest
 
 from beltid.config import load_config
@@ -16,7 +15,7 @@ from beltid.identify.friction.reduction import reduce_runs
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.stages.simulation.campaign import recording_columns, result_row, simulation_settings
+from beltid.stages.simulation.campaign import recording_columns, simulation_settings
 from beltid.stages.simulation.planned_runs import Picked, PlannedRun, as_resting, planned_runs
 from beltid.stages.simulation.simulated_runs import simulate_rig
 from beltid.tables import schemas
@@ -64,14 +63,6 @@ def test_the_sliding_limit_survives_the_reduction_exactly(minimum: int) -> None:
         assert math.isnan(r.mu_sticking)  # a limit has no build-up
 
 
-def test_a_failed_run_has_a_row_with_its_reason() -> None:
-    run = planned_runs(CONFIG, Picked())[0]
-    row = result_row(run, InputError(["first", "second"]))
-    assert row["status"] == "first; second"
-    assert row["mu"] is None
-    assert result_row(run, Limit(2.0, 1.0, 0.7, 9.0))["status"] == "ok"  # type: ignore[arg-type]
-
-
 def test_settings_of_the_call_win_over_those_of_the_config() -> None:
     config = load_config({"simulation": {"method": "steady", "elements": 40, "steps_per_run": 99}})
     assert simulation_settings(config).method == "steady"
@@ -79,17 +70,6 @@ def test_settings_of_the_call_win_over_those_of_the_config() -> None:
     assert simulation_settings(config, None, 20).elements == 20
     assert simulation_settings(config).elements == 40
     assert simulation_settings(config).steps == 99
-
-
-def test_recordings_of_all_runs_stand_one_after_the_other() -> None:
-    runs = planned_runs(CONFIG, Picked())[:2]
-    columns = recording_columns(runs, [Limit(3.0, 2.0), Limit(5.0, 4.0)], CONFIG)  # type: ignore[list-item]
-    half = len(columns["run"]) // 2
-    assert set(columns["run"][:half]) == {"S001"}
-    assert columns["tension_tight_N"][half - 1] == 3.0
-    assert columns["tension_slack_N"][-1] == 4.0
-    assert np.isnan(columns["temperature_degC"]).all()
-    assert np.all(np.diff(columns["time_s"][:half]) > 0)
 
 
 def test_a_running_rig_is_one_at_rest_with_effective_tensions() -> None:

@@ -87,3 +87,12 @@ def test_speeds_of_the_rig_are_told_only_if_they_are_stated(tmp_path: Path) -> N
         told.append("the rig runs at 0.3 rad/s" in " ".join(found.notes))
         assert rig or "the rig runs at" not in " ".join(found.notes)
     assert told == [False, True]
+
+
+def test_speeds_that_are_stated_as_they_are_built_in_are_told_too(tmp_path: Path) -> None:
+    path, out = recording(tmp_path), tmp_path / "slip.parquet"
+    built_in = list(load_config(None).rig.pulley_speeds_rad_s)
+    for rig, told in (({}, False), ({"pulley_speeds_rad_s": built_in}, True)):
+        source = ConfigSource(load_config({"rig": rig}), "test")
+        summary = fit_slip.run(source, {"speedloss": path}, out, Options())
+        assert any("the rig runs at" in note for note in summary.notes) is told

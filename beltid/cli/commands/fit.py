@@ -122,12 +122,15 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
         return
     if rig is None or table is not None:
         raise typer.BadParameter("it takes a recording, or a table by --table")
-    from beltid.batch.local import local_workers
     from beltid.bench.recording import is_big
     from beltid.stages.workers import Workers
 
-    reduced_by = ("beltid.stages.identification.reduction",)
-    with local_workers(None, reduced_by) if is_big(rig) else Workers() as workers:
+    workers = Workers()
+    if is_big(rig):
+        from beltid.batch.local import local_workers  # slow, and most recordings are small
+
+        workers = local_workers(None, ("beltid.stages.identification.reduction",))
+    with workers:
         workers.prepare()
         from beltid.stages.identification import (
             fit_friction as stage,  # while the workers import, too

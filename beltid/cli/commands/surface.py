@@ -73,7 +73,6 @@ def refine_surface(
 
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
-    from beltid.batch.local import local_workers
     from beltid.stages.simulation import refine_surface as stage
     from beltid.stages.workers import Workers
 
@@ -87,5 +86,10 @@ def refine_surface(
         side=side,
     )
     inputs = {"friction": friction, "stiffness": stiffness}
-    with local_workers(jobs) if bootstrap else Workers() as workers:
+    workers = Workers()
+    if bootstrap:
+        from beltid.batch.local import local_workers  # slow, and mostly there is no check
+
+        workers = local_workers(jobs)
+    with workers:
         execute(run, inputs, "surface_refined.parquet", common, workers)

@@ -16,6 +16,7 @@ from beltid.identify.press.stiffness import StiffnessResult
 from beltid.identify.surface.laws import SPEED_GAP, FrictionLaws, fit_friction_laws
 from beltid.identify.surface.plateau_laws import fit_plateau_laws
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.stages.outcome import in_percent
 from beltid.uncertainty.measured import Measured
 
 
@@ -68,7 +69,7 @@ def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
             "law": law["law"],
             "coefficients": _coefficients(law["parameters"]),
             **{name: law[name] for name in figures},
-            "largest_difference_percent": _percent(law["largest_difference"]),
+            "largest_difference_percent": in_percent(law["largest_difference"]),
             "note": law["note"] or None,
         }
         for law in choice["laws"]
@@ -149,8 +150,8 @@ def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
         {
             "law": law["law"],
             "parameters": _coefficients(law["parameters"]),
-            "rms_misfit_percent": _percent(law["rms_misfit"]),
-            "worst_misfit_percent": _percent(law["worst_misfit"]),
+            "rms_misfit_percent": in_percent(law["rms_misfit"]),
+            "worst_misfit_percent": in_percent(law["worst_misfit"]),
             "criterion": law["criterion"],
             "formula": law["formula"],
         }
@@ -167,7 +168,3 @@ def _coefficients(parameters: list[dict[str, Any]]) -> str:
         error = f"{se:.2g}" if se is not None and np.isfinite(se) else "?"
         texts.append(f"{p['name']} = {p['value']:.5g} ± {error}{unit}")
     return ", ".join(texts)
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share

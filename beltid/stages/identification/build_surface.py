@@ -24,7 +24,7 @@ from beltid.stages.identification.alternatives import (
 )
 from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, ok_rows, rows_of, span
+from beltid.stages.outcome import Outcome, in_percent, ok_rows, rows_of, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import of_other_bench, surface_of, table_columns
 from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties
@@ -206,7 +206,6 @@ def summarise(built: Built) -> Summary:
     surface = surface_of(built.artifact)
     validity = metadata.validity
     arcs = columns["arc_deg"]
-    spread = metadata.rms_arc_spread
     return built.summary(
         "build-surface",
         "friction coefficient over normal force and sliding speed, averaged over arcs",
@@ -217,7 +216,7 @@ def summarise(built: Built) -> Summary:
             "speed_nodes": surface.slip_speed_m_s.size,
             "valid_force_N_m": validity.get("normal_force_N_m"),
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
-            "arc_to_arc_spread_rms_percent": None if spread is None else 100.0 * spread,
+            "arc_to_arc_spread_rms_percent": in_percent(metadata.rms_arc_spread),
             "budget": metadata.budget,
         },
         table=rows_of(

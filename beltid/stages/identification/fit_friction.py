@@ -28,7 +28,7 @@ from beltid.stages.identification.reduction import (
     taken_off,
     with_conditions,
 )
-from beltid.stages.outcome import Outcome, rows_of, rows_per_setting, span
+from beltid.stages.outcome import Outcome, listed, rows_of, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import (
     SECTION,
@@ -232,7 +232,7 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterat
             )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
-        yield f"{TOUCHING} ({_listed(touching)})"
+        yield f"{TOUCHING} ({listed(touching)})"
     if any(run.conditions.side == "back" for run in good):
         yield (
             "measured on the back of the belt: it shares the units with the ribs, not the laws; "
@@ -263,7 +263,7 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
             f"{sum(r.n_missing for r in missing)} samples missing in {counted(len(missing), 'run')}"
         )
     if swapped:
-        lines.append(f"tight and slack cell were swapped in {_listed(swapped)}; corrected")
+        lines.append(f"tight and slack cell were swapped in {listed(swapped)}; corrected")
     if unresolved:
         lines.append(
             f"no mu_sticking for {counted(len(unresolved), 'run')}: the records do not resolve the "
@@ -272,15 +272,10 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     faint = [r.run for r in reduced if r.ok and r.mu_sliding_se > FAINT * r.mu_sliding]
     if faint:
         lines.append(
-            f"standard error of mu above {percent(100 * FAINT)} in {_listed(faint)}: readings near "
+            f"standard error of mu above {percent(100 * FAINT)} in {listed(faint)}: readings near "
             "their resolution or noise, which count for little"
         )
     return tuple(lines)
-
-
-def _listed(runs: Sequence[str]) -> str:
-    text = ", ".join(runs[:8])
-    return f"{text} and {len(runs) - 8} more" if len(runs) > 8 else text
 
 
 def summarise(built: Built) -> Summary:

@@ -46,7 +46,8 @@ KEYS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a recording of the ``speedloss`` bench, find the speeds, write them, sum them up."""
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    stated = {"rig_speeds_stated": _states_speeds(config.config)}
+    build = Build(KIND, config, KEYS, inputs, out, options, stated)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["speedloss"], "speedloss", config.config)
@@ -116,13 +117,17 @@ def _outcome(
 
 def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None, list[str]]:
     rig = config.rig
-    stated = "pulley_speeds_rad_s" in rig.model_fields_set
-    speeds = rig.pulley_speeds_rad_s if stated else None  # the built-in ones are not of this rig
+    speeds = rig.pulley_speeds_rad_s if _states_speeds(config) else None
     try:
         required = required_pulley_speeds(result, rig.pulley_radius_m, config.slip.n_speeds, speeds)
     except InputError as error:  # the sliding speeds themselves are found and worth keeping
         return None, [f"no pulley speeds proposed: {line}" for line in error.problems]
     return required, []
+
+
+def _states_speeds(config: Config) -> bool:
+    """Whether the speeds of the rig are those of this rig, and not the built-in ones."""
+    return "pulley_speeds_rad_s" in config.rig.model_fields_set
 
 
 def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:

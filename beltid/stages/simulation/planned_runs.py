@@ -20,7 +20,7 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
-from beltid.stages.outcome import ok_rows
+from beltid.stages.outcome import listed, ok_rows
 from beltid.stages.tables import is_number
 
 if TYPE_CHECKING:
@@ -233,9 +233,7 @@ def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]
 
 
 def _listed(values: Sequence[float] | np.ndarray) -> str:
-    text = ", ".join(f"{value:.4g}" for value in values[:SHOWN_VALUES])
-    more = len(values) - SHOWN_VALUES
-    return f"{text} and {more} more" if more > 0 else text
+    return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
 
 
 def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) -> np.ndarray:

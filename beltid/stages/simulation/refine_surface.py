@@ -24,7 +24,7 @@ from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.alternatives import friction_formulas, friction_law_rows
 from beltid.stages.identification.conditions import stated_of
-from beltid.stages.outcome import Outcome, finite_or_none, span
+from beltid.stages.outcome import Outcome, finite_or_none, in_percent, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
@@ -527,8 +527,8 @@ def summarise(built: Built) -> Summary:
             "iterations": metadata.iterations,
             "noise_over_stated_errors": metadata.noise_scale,
             "effective_parameters": metadata.effective_parameters,
-            "arc_to_arc_spread_before_percent": _percent(metadata.arc_spread_before),
-            "arc_to_arc_spread_after_percent": _percent(metadata.rms_arc_spread),
+            "arc_to_arc_spread_before_percent": in_percent(metadata.arc_spread_before),
+            "arc_to_arc_spread_after_percent": in_percent(metadata.rms_arc_spread),
             "force_nodes": surface.normal_force_N_m.size,
             "speed_nodes": surface.slip_speed_m_s.size,
             "measured_force_N_m": metadata.measured.get("normal_force_N_m"),
@@ -562,7 +562,3 @@ def _bending_rows(bending: BendingFigures) -> list[dict[str, Any]]:
         {"by": word, "EI": EI, "standard_uncertainty_percent": 100.0 * u / EI}
         for word, (EI, u) in pairs.items()
     ]
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share
