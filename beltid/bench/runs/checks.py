@@ -15,9 +15,6 @@ from beltid.tables.values import absent, outside
 Columns = dict[str, np.ndarray]
 MARKS, MARKED = 0.02, 10.0
 """Share of the samples that may be marks of an overflow, and over how many times the others."""
-LONGEST_MARK: Final = 3
-"""Samples in a row that a mark in a speed lasts at most."""
-NO_ROWS: Final = np.empty(0, dtype=np.int64)
 TRUTH: Final = ("true", "false")
 TRUTHS: Final = {
     **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
@@ -174,15 +171,6 @@ class Checker:
     def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
         """Range, infinity and absence of the numbers of a column."""
         values = self.columns[column.name]
-        notes: list[str] = []
-        marks = lone_marks(values) if column.unit == "rad/s" and column.nullable else NO_ROWS
-        if marks.size:
-            found = ", ".join(f"{v:g}" for v in sorted(set(values[marks].tolist()))[:3])
-            notes.append(
-                f"{marks.size} samples of {column.name} left out, far off all others: {found}"
-            )
-            values = self.columns[column.name] = values.copy()
-            values[marks] = np.nan
         wrong = np.isinf(values) | outside(values, column)
         negative = int((values < 0.0).sum())
         signed = column.low == 0.0 and column.unit == "N" and column.name not in (judged or ())
@@ -204,10 +192,9 @@ class Checker:
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
         elif missing.size == values.size and values.size and column.required and judged is None:
             self.problems.add(no_number(self.name, column))
-        elif marks.size < missing.size < values.size:
-            lost = missing.size - marks.size
-            notes.append(f"{lost} of {values.size} samples of {column.name} are missing")
-        return notes
+        elif missing.size and missing.size < values.size:
+            return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
+        return []
 
     def _is_told(self, row: int) -> bool:
         """Whether a row is known to lack something: a cell that is no number, or its label."""
@@ -244,23 +231,6 @@ class Checker:
                 "must not go backwards (is the label used twice?)"
             ),
         )
-
-
-def lone_marks(values: np.ndarray) -> np.ndarray:
-    """Samples of a speed that stand alone, up to three, and far above nearly all others (k,).
-
-    A pulley that rests most of the time turns for longer than that; an overflow or a lost pulse of
-    an encoder does not last.
-    """
-    size = np.abs(np.where(np.isfinite(values), values, 0.0))
-    if not size.size:
-        return NO_ROWS
-    high = np.concatenate([[False], size > MARKED * np.quantile(size, 0.95), [False]])
-    starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
-    short = ends - starts <= LONGEST_MARK
-    return np.concatenate(
-        [np.arange(a, b) for a, b in zip(starts[short], ends[short], strict=True)] or [NO_ROWS]
-    )
 
 
 def no_number(name: str, column: Column) -> Problem:
