@@ -299,3 +299,24 @@ def test_a_scaling_beside_whole_numbers_is_asked_about(tmp_path, write):
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
     neutral = write(tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0})
     assert read_recording(neutral, "press").columns["force_N"].tolist() == COUNTS.tolist()
+
+
+@pytest.mark.parametrize("computed", [0, 3])
+def test_formulas_that_were_never_computed_are_no_missing_numbers(tmp_path, computed):
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.append(["Zeit [s]", "Weg [mm]", "Kraft [kN]"])
+    for i in range(20):
+        force = f"=0.01*A{i + 2}" if i >= computed else 0.01 * i
+        book.active.append([i, 0.01 * i, force])
+    book.save(tmp_path / "press.xlsx")
+    with pytest.raises(InputError, match="formulas without their values: open it in a spreadsheet"):
+        read_recording(tmp_path / "press.xlsx", "press")
+    book.active.delete_cols(3)
+    book.active.cell(1, 3, "Kraft [N]")
+    for i in range(20):
+        book.active.cell(i + 2, 3, None if i == 5 else 10.0 * i)
+    book.save(tmp_path / "gap.xlsx")
+    force = read_recording(tmp_path / "gap.xlsx", "press").columns["force_N"]
+    assert np.flatnonzero(np.isnan(force)).tolist() == [5]

@@ -17,7 +17,7 @@ from beltid.identify.friction.reduction import (
     reduce_runs,
     reduce_stream,
 )
-from beltid.identify.friction.run import run_records
+from beltid.identify.friction.run import lone_marks, run_records
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 RADIUS_M = 0.05
@@ -70,3 +70,26 @@ def test_a_run_that_is_set_aside_keeps_its_place(recording: dict[str, np.ndarray
     others = {name: values[columns["run"] != labels[1]] for name, values in columns.items()}
     without = reduce_runs(others, RADIUS_M, settings)
     assert same((streamed[0], *streamed[2:]), without)
+
+
+def test_marks_of_an_overflow_in_the_speed_change_nothing(recording: dict[str, np.ndarray]) -> None:
+    marked = {**recording, "pulley_speed_rad_s": recording["pulley_speed_rad_s"].copy()}
+    marked["pulley_speed_rad_s"][[30, 31, 250]] = -9999.0, -9999.0, 9.9e37  # of the first run
+    clean, found = (reduce_runs(columns, RADIUS_M) for columns in (recording, marked))
+    assert [run.treatment.n_marks for run in found] == [3] + [0] * (len(found) - 1)
+    assert [run.mu_sliding for run in found] == pytest.approx([r.mu_sliding for r in clean], 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("speed", "expected"),
+    [
+        ([0.0] * 40 + [0.2] * 60, []),
+        ([1e-4] * 40 + [9e9] + [1e-4] * 20 + [0.2] * 39, [40]),
+        # it rests nearly all the time, and then turns for longer than a mark lasts
+        ([1e-4] * 196 + [0.2] * 4, []),
+        ([1e-4] * 197 + [0.2] * 3, [197, 198, 199]),
+        ([1e-4] * 50 + [np.nan] + [0.2] * 149, []),
+    ],
+)
+def test_a_mark_is_large_and_short(speed: list[float], expected: list[int]) -> None:
+    assert lone_marks(np.array(speed)).tolist() == expected

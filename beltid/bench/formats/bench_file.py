@@ -12,7 +12,7 @@ from beltid.errors import InputError
 from beltid.tables.units import T, allowed_units, conversion
 
 _ALLOWED: Final = ", ".join(allowed_units("s"))
-_SCALING: Final = {
+SCALING: Final = {
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
     **dict.fromkeys(("offset", "intercept", "y_intercept", "bias"), 0.0),
 }
@@ -58,7 +58,7 @@ def scaling_beside(values: np.ndarray, properties: Mapping[str, Any]) -> str:
         return ""
     told = []
     for name, value in properties.items():
-        neutral = _SCALING.get(str(name).lower())
+        neutral = SCALING.get(str(name).lower())
         if neutral is None or np.size(value) != 1:
             continue
         try:

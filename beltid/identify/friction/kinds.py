@@ -158,12 +158,15 @@ class Treatment:
         Whether the tension beside the torque is not that of the span stated.
     course : {"", "falls", "rises"}
         How the speed went of which the run is a bin; empty for a run at a steady speed.
+    n_marks : int
+        Marks of an overflow that were left out of the speed of the pulley.
     """
 
     cells: KnownCells = KnownCells()
     drag_N_m: tuple[float, float] | None = None
     other_span: bool = False
     course: Course = ""
+    n_marks: int = 0
 
 
 UNTREATED = Treatment()

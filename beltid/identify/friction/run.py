@@ -236,6 +236,8 @@ OPTIONAL = (
     "hours_run",
     "roughness_Ra_um",
 )
+MARKED, MOST_UNMARKED, LONGEST_MARK = 10.0, 0.95, 3
+"""A mark is so many times larger than this quantile of the sizes, for so many samples at most."""
 CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
 SAID = ("idle", "condition", "side", "pulley_material")
 """Columns of texts that say something of a run."""
@@ -403,6 +405,11 @@ def run_record(
             defects.append(f"{name} changes within the run from {first:g} to {other:g}")
     if not defects:
         defects = [arc_problem(nominal["arc_deg"])]
+    marks = lone_marks(columns["pulley_speed_rad_s"])
+    if marks.size:
+        speed = columns["pulley_speed_rad_s"].copy()
+        speed[marks] = NAN
+        columns = {**columns, "pulley_speed_rad_s": speed}
     record = RunRecord(
         time_s=columns["time_s"],
         tension_tight_N=columns.get("tension_tight_N", NONE),
@@ -414,7 +421,7 @@ def run_record(
         nominal_tension_N=nominal["initial_tension_N"],
         defect="; ".join(defects),
         kind=kind,
-        treatment=kind.treatment(columns, drag),
+        treatment=replace(kind.treatment(columns, drag), n_marks=marks.size),
         conditions=conditions_of(run),
     )
     if not kind.is_derived:
@@ -432,6 +439,24 @@ def run_record(
         kind=kind.with_span_of(columns),
         belt_speed_m_s=belt_speed,
     )
+
+
+def lone_marks(speed: Array) -> NDArray[np.intp]:
+    """Samples of a speed that are marks of an overflow or pulses of an encoder (k,).
+
+    They are far above nearly all others and do not last; a pulley that rests most of the time turns
+    for longer than that.
+
+    Parameters
+    ----------
+    speed : ndarray
+        Samples of one run, nan where one is missing.
+    """
+    size = np.abs(np.nan_to_num(speed, nan=0.0))
+    high = np.concatenate([[False], size > MARKED * np.quantile(size, MOST_UNMARKED), [False]])
+    starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
+    short = [np.arange(a, b) for a, b in zip(starts, ends, strict=True) if b - a <= LONGEST_MARK]
+    return np.concatenate([np.empty(0, dtype=np.intp), *short])
 
 
 def _present(readings: Array) -> Array:

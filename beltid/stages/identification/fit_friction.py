@@ -258,6 +258,11 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
         lines.append(
             f"{sum(r.n_spikes for r in spikes)} spikes left out, in {counted(len(spikes), 'run')}"
         )
+    if marked := [r for r in reduced if r.treatment.n_marks]:
+        lines.append(
+            f"{sum(r.treatment.n_marks for r in marked)} samples of the pulley's speed left out, "
+            f"far off all others, in {counted(len(marked), 'run')}"
+        )
     if missing:
         lines.append(
             f"{sum(r.n_missing for r in missing)} samples missing in {counted(len(missing), 'run')}"

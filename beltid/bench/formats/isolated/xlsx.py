@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 import zipfile
 from pathlib import Path
 from typing import Any, Final
@@ -12,9 +13,12 @@ import numpy as np
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, told_apart, unit_in_name
 from beltid.errors import InputError
+from beltid.tables.values import absent
 
 MAX_UNPACKED: Final = 2 << 30
 MAX_COLUMNS: Final = 2000
+_UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
+"""A formula in the XML of a sheet, and no value behind it."""
 
 
 def read(path: Path) -> BenchFile:
@@ -40,9 +44,22 @@ def read(path: Path) -> BenchFile:
                 groups.append(group)
             elif any(rows):
                 notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+    if any(absent(c.values).any() for group in groups for c in group.channels):
+        _refuse_formulas(path)
     if not groups:
         raise InputError("no sheet holds a table: a header and rows of numbers below it")
     return BenchFile("Excel workbook", tuple(groups), (), tuple(notes))
+
+
+def _refuse_formulas(path: Path) -> None:
+    """Refuse formulas that no program has computed: their cells read as empty."""
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            if name.startswith("xl/worksheets/") and _UNCOMPUTED.search(archive.read(name)):
+                raise InputError(
+                    "holds formulas without their values: open it in a spreadsheet program, which "
+                    "computes them, and save it"
+                )
 
 
 def _trimmed(row: tuple[Any, ...]) -> list[Any]:
