@@ -43,8 +43,8 @@ def law_file(folder: Path) -> None:
     (folder / "x.json").write_text(json.dumps({"format": "other"}))
 
 
-def falling(folder: Path) -> None:
-    rows = [f"a,22,{i},{i * 1e-3},{1000 - i}" for i in range(200)]
+def softening(folder: Path) -> None:
+    rows = [f"a,22,{i},{i * 1e-3},{400 * max(i - 30, 0) ** 0.3}" for i in range(200)]
     text = "test,temperature_degC,time_s,displacement_mm,force_N\n" + "\n".join(rows)
     (folder / "press.csv").write_text(text)
 
@@ -85,7 +85,7 @@ CASES: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
     "outside-range": (lambda f: None, ("export", "exudyn", ".", "--normal-force", "1")),
     "belt-width": (flat_belt, ("export", "abaqus", ".", "-c", "flat.yaml")),
     "law-file": (law_file, ("export", "csv", "x.json")),
-    "numerics": (falling, ("fit-stiffness", "press.csv", "--force")),
+    "numerics": (softening, ("fit-stiffness", "press.csv", "--force")),
 }
 
 

@@ -20,7 +20,12 @@ from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import AgreementSettings
 from beltid.identify.friction.reduction import FrictionSettings
 from beltid.identify.press.stiffness import StiffnessSettings
-from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.slip.points import (
+    RequiredSpeeds,
+    SlipPoint,
+    SlipResult,
+    required_pulley_speeds,
+)
 from beltid.identify.surface.surface import SurfaceSettings
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects

@@ -70,12 +70,18 @@ def test_signs_make_force_and_travel_rise():
             f"{x}, sign turned" for x in turned
         ]
     # the change since the start tells, whatever an untared cell reads there
-    for zero in (60.0, -60.0, -14.6):
+    for zero in (60.0, -14.6):
         found = prepared(-ramp, zero + ramp)
         assert (found.travel_sign, found.travel_m[-1]) == (-1.0, 0.029)
         assert found.force_N[-1] == zero + 29.0
         assert [n.split(",")[0] for n in found.notes] == ["compression recorded as negative travel"]
     assert prepared(ramp, ramp - 14.5).force_N[-1] == 14.5  # as much pull as push
+
+
+def test_a_cell_that_is_not_tared_needs_free_travel():
+    ramp = np.arange(30.0)
+    with pytest.raises(InputError, match="from -40 N up to -11 N only, and no travel before"):
+        prepared(ramp, ramp - 40.0)
 
 
 def test_missing_samples_and_spikes_are_left_out():

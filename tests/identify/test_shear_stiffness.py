@@ -173,6 +173,29 @@ def test_the_stiffness_comes_back_within_what_is_stated(
     assert np.std(off) < 0.05
 
 
+def test_noise_does_not_choose_the_samples_that_it_likes(curves: dict[Setting, Curve]) -> None:
+    """The mean slope of loud recordings is that of a quiet one, at 8 % for each of them."""
+    one = {setting: curve for setting, curve in curves.items() if setting == (40.0, 270.0)}
+    (quiet,) = build_ups(recording(one, np.random.default_rng(0), noise=0.01))
+    loud = [
+        build_ups(recording(one, np.random.default_rng(seed), noise=4.0))[0].slope_N_m
+        for seed in range(200)
+    ]
+    # the counted samples gave 1.3 % less; 8 % over the root of 200 is 0.6 %
+    assert np.nanmean(loud) == pytest.approx(quiet.slope_N_m, rel=0.012)
+
+
+def test_gains_count_by_what_they_do_to_the_slopes(curves: dict[Setting, Curve]) -> None:
+    """Those of both cells and of the speed scale all slopes; of one cell half the difference."""
+    found = fitted(recording(curves, np.random.default_rng(1)))
+    per_gain = found.shares["tension_gain"] / BENCH.tension_gain
+    assert found.shares["pulley_speed"] == pytest.approx(per_gain * BENCH.pulley_speed, rel=1e-3)
+    of_one = BENCH.cell_gain / math.sqrt(2.0)
+    assert found.shares["cell_gain"] == pytest.approx(per_gain * of_one, rel=1e-3)
+    whole = found.shear_stiffness_u_N_m2 / found.shear_stiffness_N_m2
+    assert math.hypot(*found.shares.values()) == pytest.approx(whole, rel=1e-9)
+
+
 def test_ribs_too_stiff_to_be_seen_have_a_bound_and_no_value() -> None:
     """The simulated rig as it is: its patches stick or slide, the ribs do not shear."""
     rig = ShearRig(math.inf)

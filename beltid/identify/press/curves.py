@@ -39,6 +39,7 @@ RATE_SPAN = 2.0
 """Cycles whose speeds differ by this factor tell how force and loss depend on the rate."""
 MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
 TURN_SHARE = 0.3  # most of the nodes that a turn of the crosshead may reach to
+LEAST_TURN = 2.0e-3  # share of the largest force below which a turn does nothing
 FEWEST_NODES = 12  # that tell how far a turn reaches
 
 
@@ -334,7 +335,8 @@ def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tup
     m = n / integrated_autocorrelation_time(left)
     floor = n * (1e-10 * float(np.max(plain))) ** 2  # of rounding
     before, after = (max(float(r @ r), floor) for r in (trials[0, 0][1], left))
-    if m * np.log(before / after) <= 2.0 * ((low > 0) + (top > 0)) * np.log(m):
+    gain = m * np.log(before / after) - 2.0 * ((low > 0) + (top > 0)) * np.log(m)
+    if gain <= 0.0 or np.max(np.abs(middle - plain)) < LEAST_TURN * np.max(plain):
         return plain, np.zeros(n)
     share = half_width / plain
     nearest = (
@@ -344,7 +346,8 @@ def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tup
     other = middle.copy()
     other[:low] = unloading[:low] / (1.0 - nearest[0])
     other[n - top :] = loading[n - top :] / (1.0 + nearest[1])
-    return middle, other - middle
+    # no more than the turn itself does
+    return middle, np.clip(other - middle, -np.abs(middle - plain), np.abs(middle - plain))
 
 
 def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:

@@ -138,6 +138,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     before, after = _free_samples(travel, force, noise)
     zero = _load_cell_zero(before)
     force = force - (zero or 0.0)
+    _require_positive(label, force)
     position = _without_yield(label, travel, force, settings.machine_compliance_m_N)
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
@@ -179,6 +180,14 @@ def _require_samples(label: str, travel: Array) -> None:
     if travel.size < MIN_SAMPLES:
         found = f"test {label}: {travel.size} usable samples"
         raise InputError(f"{found}, must be at least {MIN_SAMPLES}")
+
+
+def _require_positive(label: str, force: Array) -> None:
+    if np.max(force) <= 0.0:
+        raise InputError(
+            f"test {label}: the force goes from {force[0]:.3g} N up to {np.max(force):.3g} N only, "
+            "and no travel before contact tells the zero of the load cell: begin out of contact"
+        )
 
 
 def _without_yield(label: str, travel: Array, force: Array, compliance_m_N: float) -> Array:

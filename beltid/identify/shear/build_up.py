@@ -124,14 +124,17 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             status=f"{n} samples before {100 * SHARE:g} % of the plateau difference, must be "
             f">= {FEWEST}: sample at {needed:g} Hz or more, or turn the pulley more slowly",
         )
-    x = _travel(channels, t[:n], R)
-    slope, slope_se, steepening = _slope(x, difference[:n], rest, channels.steps)
+    x = _travel(channels, t[:sliding], R)
+    # up to where a line crosses the level: the count goes with the noise of the last samples
+    line = np.polynomial.Polynomial.fit(x[:n], difference[:n], 1)
+    n = max(int(np.count_nonzero(line(x) < level)), FEWEST)
+    slope, slope_se, steepening = _slope(x[:n], difference[:n], rest, channels.steps)
     if not slope > 0.0:
         return replace(found, status=f"the tensions do not part: slope {slope:.3g} N/m")
     if steepening > STEEPENS:  # slip flattens it
         why = "the tensions part faster and faster: take-up of the bench, or load cells that lag"
         return replace(found, status=why)
-    return replace(found, slope_N_m=slope, slope_se_N_m=slope_se)
+    return replace(found, slope_N_m=slope, slope_se_N_m=slope_se, n_samples=n)
 
 
 def _round_up(rate: float) -> float:

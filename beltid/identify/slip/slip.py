@@ -41,15 +41,11 @@ from beltid.identify.estimators.statistics import (
 from beltid.identify.slip.points import (
     OK,
     SIGNIFICANT,
-    RequiredSpeeds,
     SlipPoint,
     SlipResult,
     mark_gross_slip,
-    required_pulley_speeds,
 )
 from beltid.laws.capstan import sliding_speed
-
-__all__ = ["RequiredSpeeds", "SlipPoint", "SlipResult", "fit_slip", "required_pulley_speeds"]
 
 Array = NDArray[np.float64]
 Runs = Mapping[str, Mapping[str, Array]]

@@ -14,8 +14,14 @@ from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
-from beltid.identify.slip.points import GROSS_SLIP, OK
-from beltid.identify.slip.slip import RequiredSpeeds, SlipPoint, SlipResult, required_pulley_speeds
+from beltid.identify.slip.points import (
+    GROSS_SLIP,
+    OK,
+    RequiredSpeeds,
+    SlipPoint,
+    SlipResult,
+    required_pulley_speeds,
+)
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
