@@ -97,10 +97,10 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
 
     lay_on = rig.lay_on
 
-    def fails_at_82_degrees_and_411_N(model: Any) -> Any:
+    def fails_at_82_degrees_and_411_N(model: Any, *room: Any) -> Any:
         if model.point.beta > 1.4 and model.point.T_0 > 410:
             raise ConvergenceError("no equilibrium")
-        return lay_on(model)
+        return lay_on(model, *room)
 
     monkeypatch.setattr(rig, "lay_on", fails_at_82_degrees_and_411_N)
     call = ("simulate-rig", "surface.parquet", "stiffness.parquet")

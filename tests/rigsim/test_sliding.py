@@ -298,3 +298,19 @@ def test_steady_belt_rests_and_every_point_slides() -> None:
     )
     assert sliding.stretch == laid.stretch
     assert sliding.residual < 1e-9
+
+
+def test_states_found_in_one_room_are_those_found_in_rooms_of_their_own() -> None:
+    """Runs of a rig share the arrays of the linearised system; a state keeps what is its own."""
+    model = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12)).model(at())
+    slower = replace(model, point=at(omega=0.02))
+    room = model.workspace()
+    laid = lay_on(model, room)
+    shared = [laid, slide(slower, laid, room), slide(model, laid, room)]
+    own = [lay_on(model), slide(slower, laid), slide(model, laid)]
+    for state, alone in zip(shared, own, strict=True):
+        np.testing.assert_array_equal(state.q, alone.q)
+        np.testing.assert_array_equal(state.force, alone.force)
+        np.testing.assert_array_equal(state.points.F_N, alone.points.F_N)
+        assert state.lookups == np.count_nonzero(alone.points.F_N > 0.0)
+    assert abs(shared[1].T_A - shared[2].T_A) > 1.0  # other speeds, other states
