@@ -14,8 +14,8 @@ half-normal; the height is integrated out in closed form, the rest by importance
 sampling.
 
 What the bench does not know of its tail and its drifts has one sign in all runs. Each drift, and
-each slow part of the tail beyond the longest record, is a hypothesis of its own; they differ in the
-prior only.
+each slow part of the tail as long as half the longest record or longer, is a hypothesis of its own;
+they differ in the prior only.
 """
 
 from __future__ import annotations
@@ -545,7 +545,7 @@ def _deviations(range_m: tuple[float, float]) -> Array:
 
 
 def _slow_parts(longest: float, height: float) -> list[tuple[float, Array, Array]]:
-    """None, and parts of the tail beyond the record: probability, mean and sd (RANK,) of each."""
+    """None, and slow parts of the tail: probability, mean and sd (RANK,) of each."""
     chance, part, scatter = SLOW_PART
     reach = np.log(np.clip(longest / 3.0 * SLOW_LENGTHS, 2e-4, 1.0))
     tails = height * tail_coefficients(reach, *np.zeros((2, reach.size)))
