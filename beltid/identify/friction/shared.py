@@ -253,7 +253,7 @@ UNLIKE = np.array([[0.01, 0.0], [0.03, 0.0], [0.01, 0.05], [0.1, 0.0]])
 """What family and drift do not tell, one row a hypothesis: deviations of the tail from its family,
 as the standard deviation of each of some exponentials with lengths within two thirds of the record,
 relative to the height; and the same of each slow decay of the build-up, relative to the level."""
-UNLIKE_BEFORE = np.array([0.6, 0.3, 0.05, 0.05])
+UNLIKE_BEFORE = np.array([0.75, 0.15, 0.05, 0.05])
 """Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
 too small for quiet records of another family, or widens all others."""
 DRIFTING = 0.08
