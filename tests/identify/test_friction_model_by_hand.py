@@ -225,20 +225,37 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     assert height == pytest.approx(of_height / total, rel=0.02)
 
 
-@pytest.mark.parametrize(("share", "large"), [(0.0, False), (0.4, True)])
-def test_the_record_says_whether_its_tail_is_of_the_family(share, large):
-    """One exponential is; two whose lengths differ tenfold are not, in so quiet a record."""
+def posterior_of_tail(share, length):
+    """Of 3 mm and a share of another length, in 60 mm of a very quiet record."""
     x, noise = np.linspace(0.0, 0.06, 200), 1e-4
     design = np.zeros((x.size, shared.SHARED))
     design[:, :RANK] = tail_basis(x) / noise
     design -= design.mean(axis=0)  # the level is free
-    z = 0.05 * ((1.0 - share) * np.exp(-x / 3e-3) + share * np.exp(-x / 30e-3)) / noise
+    z = 0.05 * ((1.0 - share) * np.exp(-x / 3e-3) + share * np.exp(-x / length)) / noise
     # zeros of the cells that do not drift, by their rest
     given = shared.Given(1e12 * np.eye(2), np.zeros(2), 200.0, (1e-3, 3.0 * 0.06))
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
-    found = shared.posterior(design.T @ design, design.T @ z, given, before)
-    probability = found.weights.sum(axis=1)[-1]
+    return shared.posterior(design.T @ design, design.T @ z, given, before)
+
+
+@pytest.mark.parametrize(("share", "large"), [(0.0, False), (0.4, True)])
+def test_the_record_says_whether_its_tail_is_of_the_family(share, large):
+    """One exponential is; two whose lengths differ fivefold are not, in so quiet a record."""
+    probability = posterior_of_tail(share, 15e-3).weights.sum(axis=1)[-1]
     assert probability > 0.99 if large else probability < shared.UNLIKE_BEFORE[-1]
+
+
+@pytest.mark.parametrize("length", [30e-3, 80e-3])
+def test_a_part_of_the_tail_as_long_as_the_record_is_told(length):
+    """Between the lengths that are tried, too: what is left of it at the end is in the mean."""
+    found = posterior_of_tail(0.3, length)
+    basis = tail_basis(np.array([0.0, 0.06]))
+    drop = basis[0] - basis[1]  # what the record shows; the rest of the tail is to be inferred
+    left, sd = basis[1] @ found.mean[:RANK], np.linalg.norm(basis[1] @ found.factor[:RANK])
+    true = 0.05 * 0.3 * np.exp(-0.06 / length)
+    assert drop @ found.mean[:RANK] == pytest.approx(0.05 - true, rel=0.02)
+    assert abs(left - true) < 2.0 * sd
+    assert sd < 0.5 * true
 
 
 def test_the_slope_of_the_evidence_is_its_difference_quotient():

@@ -14,8 +14,8 @@ half-normal; the height is integrated out in closed form, the rest by importance
 sampling.
 
 What the bench does not know of its tail and its drifts has one sign in all runs. Each drift, and
-each slow part of the tail beyond the longest record, is a hypothesis of its own; they differ in the
-prior only.
+each slow part of the tail as long as half the longest record or longer, is a hypothesis of its own;
+they differ in the prior only.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ UNLIKE = np.array([[0.01, 0.0], [0.03, 0.0], [0.01, 0.05], [0.1, 0.0]])
 """What family and drift do not tell, one row a hypothesis: deviations of the tail from its family,
 as the standard deviation of each of some exponentials with lengths within two thirds of the record,
 relative to the height; and the same of each slow decay of the build-up, relative to the level."""
-UNLIKE_BEFORE = np.array([0.6, 0.3, 0.05, 0.05])
+UNLIKE_BEFORE = np.array([0.75, 0.15, 0.05, 0.05])
 """Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
 too small for quiet records of another family, or widens all others."""
 DRIFTING = 0.08
@@ -266,8 +266,10 @@ median initial tension, and one of the friction itself, over the sliding of a ru
 BEFORE = np.append(1.0 - DRIFTING, DRIFTING * np.array([0.45, 0.45, 0.1]))
 """Probabilities of them."""
 SLOW_PART = (0.05, 0.25, 0.15)
-"""Probability that a part of the tail decays over a length beyond the longest record, its size
-relative to the height and the standard deviation of that."""
+"""Probability that a part of the tail decays over a length about the longest record or beyond, its
+size relative to the height and the standard deviation of that."""
+SLOW_LENGTHS = np.array([0.5, 1.0, 2.0, 4.0])
+"""Lengths of such a part, over the longest record: a tail between two of them is not told apart."""
 STILL = 1e-6
 """Relative change of the tension in a second that is none: no rest is known better [1/s]."""
 TREND = 0.4
@@ -543,11 +545,11 @@ def _deviations(range_m: tuple[float, float]) -> Array:
 
 
 def _slow_parts(longest: float, height: float) -> list[tuple[float, Array, Array]]:
-    """None, and parts of the tail beyond the record: probability, mean and sd (RANK,) of each."""
+    """None, and slow parts of the tail: probability, mean and sd (RANK,) of each."""
     chance, part, scatter = SLOW_PART
-    reach = np.log(np.clip(longest / 3.0 * np.array([1.0, 4.0]), 2e-4, 1.0))
-    tails = height * tail_coefficients(reach, np.zeros(2), np.zeros(2))
-    parts = [(0.5 * chance, part * tail, scatter * tail) for tail in tails]
+    reach = np.log(np.clip(longest / 3.0 * SLOW_LENGTHS, 2e-4, 1.0))
+    tails = height * tail_coefficients(reach, *np.zeros((2, reach.size)))
+    parts = [(chance / reach.size, part * tail, scatter * tail) for tail in tails]
     return [(1.0 - chance, np.zeros(RANK), np.zeros(RANK)), *parts]
 
 
