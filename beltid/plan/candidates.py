@@ -221,7 +221,7 @@ def simulate_candidates(
     rough = np.log([0.2 * force.min(), 2.0 * force.max()])
     start = usual_surface(rough, np.log(speeds)) if measured is None else measured
     acting = acting_forces(rig, start)
-    log_force = knots_for(float(acting[:, 0].min()), float(acting[:, 1].max()), measured, KNOTS)
+    log_force = knots_for(float(acting[:, 1].min()), float(acting[:, 2].max()), measured, KNOTS)
     curves = Curves(log_force, np.log(speeds))
     present = usual_surface(log_force, curves.log_speed) if measured is None else measured
     log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()

@@ -17,6 +17,7 @@ alike. It follows the effects alone, in the size that the stated errors leave th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -49,7 +50,7 @@ __all__ = ["MeasuredRun", "RefinedSurface", "refine_surface"]
 
 Array = NDArray[np.float64]
 
-KNOTS = 12
+KNOTS = 12  # over the range of the surface
 FINER_MESH = 1.5  # elements over the default: the mesh must not add a bias of its own
 MODEL_ERROR = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
@@ -217,8 +218,10 @@ def refine_surface(
     if empty:
         raise InputError(f"no run at the speeds {', '.join(empty)}")
     acting = acting_forces(rig, bench.surface)
-    low, high = float(acting[:, 0].min()), float(acting[:, 1].max())
-    curves = Curves(np.linspace(np.log(low), np.log(high), KNOTS), np.log(rig.speeds))
+    lowest, low = acting[:, :2].min(axis=0)
+    high = acting[:, 2].max()
+    curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
+    forces = np.geomspace(low, high, nodes)
     grid_f, grid_v = np.exp(curves.log_force), rig.speeds
     start = np.log(bench.surface.mu(grid_f[None, :], grid_v[:, None])).ravel()
     measured = np.log([run.mu for run in runs])
@@ -237,7 +240,7 @@ def refine_surface(
     solution = fit.model.solve_surface(fit.smoothness)
     found = _found((*effects, shared), fit.model, fit.smoothness)
     return RefinedSurface(
-        surface=_tabulated(curves, fit.parameters, solution.covariance, nodes),
+        surface=_tabulated(curves, fit.parameters, solution.covariance, forces),
         curves=curves,
         parameters=fit.parameters,
         covariance=solution.covariance,
@@ -247,7 +250,7 @@ def refine_surface(
         misfit_before=np.expm1(fit.log_mu_before - measured),
         misfit_after=np.expm1(last.log_mu - measured),
         weight=fit.weight,
-        force_range=acting,
+        force_range=acting[:, 1:],
         errors=errors * np.sqrt(variance / fit.weight),
         noise_scale=float(np.sqrt(np.mean(variance))),
         J=last.J,
@@ -424,14 +427,25 @@ def _weights(misfit: Array) -> Array:
     return np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER))
 
 
-def _tabulated(curves: Curves, parameters: Array, covariance: Array, nodes: int) -> FrictionSurface:
-    """The curves on a grid of force nodes and speeds, with standard errors."""
-    log_force = np.linspace(curves.log_force[0], curves.log_force[-1], nodes)
-    basis = curves.basis(log_force)
+def _knots(lowest: float, low: float, high: float) -> Array:
+    """Knots in ln f: as many as nodes over the range of the surface, and on to the lowest force.
+
+    Where there are fewer knots than nodes the covariance of the nodes is singular.
+    """
+    inside, gap = np.linspace(low, high, KNOTS, retstep=True)
+    below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
+    return np.concatenate([below, inside])
+
+
+def _tabulated(
+    curves: Curves, parameters: Array, covariance: Array, forces: Array
+) -> FrictionSurface:
+    """The curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
+    basis = curves.basis(np.log(forces))
     k = curves.log_force.size
     mu = np.exp(basis @ parameters.reshape(-1, k).T)
     se = np.empty_like(mu)
     for j in range(curves.log_speed.size):
         block = covariance[j * k : (j + 1) * k, j * k : (j + 1) * k]
         se[:, j] = mu[:, j] * np.sqrt(np.einsum("nk,kl,nl->n", basis, block, basis))
-    return FrictionSurface(np.exp(log_force), np.exp(curves.log_speed), mu, se)
+    return FrictionSurface(forces, np.exp(curves.log_speed), mu, se)

@@ -25,11 +25,11 @@ from beltid.rigsim.steady import StaticState, lay_on, slide
 Array = NDArray[np.float64]
 
 FINE_NODES = 48  # of the surface that is simulated, between the knots
-FORCE_SHARE = 5.0e-4
-"""Of the friction of a run that acts below the lowest knot, where the nearest value holds.
+SHARES = (5.0e-4, 5.0e-3)
+"""Of the friction of a run: what acts below the lowest knot, and below the range of the surface.
 
-A law that goes on rising there is held back: with a share of 0.5 % the whole surface came out
-0.02 % too high, and 0.03 % at low forces."""
+Below the lowest knot the nearest value holds. A law that goes on rising there is held back: with a
+share of 0.5 % the whole surface came out 0.02 to 0.04 % too high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,8 @@ def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
 
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
-    """Range of the line force at each speed (m, 2): from a small share of the load to the peaks."""
-    acting: list[list[tuple[float, float]]] = [[] for _ in rig.speeds]
+    """Line forces at each speed (m, 3) [N/m]: below which the two :data:`SHARES` act, and peaks."""
+    acting: list[list[tuple[float, float, float]]] = [[] for _ in rig.speeds]
     by_speed = [start] * rig.speeds.size
     for i, (_, state) in enumerate(rig.slide(by_speed)):
         points = state.points
@@ -195,11 +195,10 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
         f, load = points.f_look[touching].ravel(), points.F_look[touching].ravel()
         order = np.argsort(f)
         share = np.cumsum(load[order]) / load.sum()
-        acting[rig.label[i]].append(
-            (float(np.interp(FORCE_SHARE, share, f[order])), float(f.max()))
-        )
+        lowest, low = np.interp(SHARES, share, f[order]).tolist()
+        acting[rig.label[i]].append((lowest, low, float(f.max())))
     ranges = []
-    for pairs in acting:
-        low, high = np.array(pairs).T
-        ranges.append((low.min(), high.max()))
+    for of_runs in acting:
+        lowest, low, high = np.array(of_runs).T
+        ranges.append((lowest.min(), low.min(), high.max()))
     return np.array(ranges)

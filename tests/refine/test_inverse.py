@@ -62,6 +62,14 @@ def test_a_run_that_is_far_off_loses_its_weight():
     assert errors("5pk", refined.surface, runs, f, TWO)[0] < 0.003
 
 
+def test_nodes_are_knots_and_knots_go_on_below_them():
+    # nodes between fewer knots would have a singular covariance, which a formula is fitted by
+    refined = solved("5pk")
+    knots, nodes = np.exp(refined.curves.log_force), refined.surface.normal_force_N_m
+    np.testing.assert_allclose(knots[-nodes.size :], nodes, rtol=1e-9)
+    assert knots[0] < 0.3 * nodes[0]
+
+
 def test_peaks_of_the_force_belong_to_the_range():
     # reference table (docs/verification.md): peak 9695 N/m where the mean of (8) is 5308 N/m
     _, _, f = bench_and_runs("5pk")

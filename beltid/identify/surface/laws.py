@@ -26,12 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
+from beltid.identify.surface.curves import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
 
 Array = NDArray[np.float64]
 
 ROUNDING = 1.0e-20  # squares of relative misfits below are rounding
-SPEED_GAP = 0.03  # speeds closer than this share are one setting
 FORCE_SPREAD = 0.05  # forces within this share of each other do not show an exponent
 SCAN = 49  # values of the speed scale that are tried
 MOST_STARTS = 3  # the search starts from the best local minima of the scan, at most so many

@@ -13,7 +13,8 @@ from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessResult
-from beltid.identify.surface.laws import SPEED_GAP, FrictionLaws, fit_friction_laws
+from beltid.identify.surface.curves import SPEED_GAP
+from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
 from beltid.identify.surface.plateau_laws import fit_plateau_laws
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stages.outcome import in_percent
