@@ -189,7 +189,10 @@ def _zip(*names: str) -> bytes:
         (b"<html><table>", "is an XML or HTML page, export the samples as CSV"),
         (b'<?xml version="1.0"?>\n<a>', "is an XML or HTML page"),
         (b'{"time_s": [0, 1]}', "is a JSON file, save the samples as CSV or Parquet"),
-        (HEADER.encode("utf-16-le"), "UTF-16 without its mark: dialect: {encoding: utf-16-le}"),
+        (
+            HEADER.encode("utf-16-le"),
+            "without a byte order mark: set dialect: {encoding: utf-16-le}",
+        ),
     ],
 )
 def test_what_is_not_read_is_named_with_what_helps(tmp_path, content, words):
