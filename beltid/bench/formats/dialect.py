@@ -182,7 +182,7 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
     laid_out = Layout(
-        told_apart(header),
+        distinct_names(header),
         unit_cells,
         separator,
         NumberSigns(),
@@ -431,7 +431,7 @@ def without_unit(name: str) -> str:
     return where.sub("", name).strip()
 
 
-def told_apart(names: Sequence[str]) -> tuple[str, ...]:
+def distinct_names(names: Sequence[str]) -> tuple[str, ...]:
     """Names of channels; those that stand several times get their position: ``Kraft #2 [N]``."""
     positions: dict[str, int] = {}
     apart = []

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import SCALING, BenchFile, scaling_beside
+from beltid.bench.formats.bench_file import SCALING, BenchFile, unapplied_scaling
 from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
 from beltid.errors import InputError
 
@@ -92,7 +92,7 @@ class _Content:
         )
         array = np.squeeze(_unpacked(np.asarray(values), item.attrs))
         scaling = {n: item.attrs[n] for n in item.attrs if n.lower() in SCALING}
-        if array.ndim == 1 and (unit is not None or scaling_beside(array, scaling)):
+        if array.ndim == 1 and (unit is not None or unapplied_scaling(array, scaling)):
             told = {"data": array, "unit": "" if unit is None else _text_or_number(unit)}
             return {**scaling, **told}
         return array

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, scaling_beside
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, unapplied_scaling
 from beltid.errors import InputError
 
 MAX_DEPTH: Final = 6
@@ -170,5 +170,5 @@ def _channel_struct(key: str, members: Mapping[str, Any]) -> Channel | None:
         str(unit),
         values.ravel().astype(float),
         None if clock is None else clock.ravel().astype(float),
-        scaling_beside(values, members),
+        unapplied_scaling(values, members),
     )

@@ -19,7 +19,7 @@ from beltid.bench.formats.bench_file import (
     Group,
     even_times,
     in_seconds,
-    scaling_beside,
+    unapplied_scaling,
 )
 from beltid.errors import InputError
 
@@ -88,7 +88,7 @@ def _channel(
         unit,
         np.asarray(values, dtype=float),
         _time(channel, len(values), origin, times),
-        scaling_beside(values, channel.properties),
+        unapplied_scaling(values, channel.properties),
     )
 
 

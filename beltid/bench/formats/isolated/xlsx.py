@@ -11,7 +11,13 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, told_apart, unit_in_name
+from beltid.bench.formats.dialect import (
+    SEARCHED,
+    TableHead,
+    distinct_names,
+    find_head,
+    unit_in_name,
+)
 from beltid.errors import InputError
 from beltid.tables.values import absent
 
@@ -89,7 +95,9 @@ def _group(title: str, rows: list[list[Any]]) -> Group | None:
 def _columns(head: TableHead) -> list[tuple[str, str]]:
     """Name and unit of every column; a unit in brackets stays in the name, too."""
     units = [*head.units, *[""] * len(head.names)]
-    return [(n, u or unit_in_name(n)) for n, u in zip(told_apart(head.names), units, strict=False)]
+    return [
+        (n, u or unit_in_name(n)) for n, u in zip(distinct_names(head.names), units, strict=False)
+    ]
 
 
 def _shown(cell: Any) -> str:
