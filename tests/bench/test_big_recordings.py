@@ -243,7 +243,7 @@ def relabelled(old: bytes, new: bytes) -> bytes:
     ("label", "words"),
     [
         (b"R\xfc1", "byte 0xFC is not UTF-8; if the file is in another encoding, say which"),
-        (b"R\x001", "holds a zero byte: damaged, or not a text file"),
+        (b"R\x001", "contains a zero byte: damaged, or not a text file"),
         (b"R\r1", "1 cells, must be 8"),
     ],
 )
