@@ -442,7 +442,7 @@ def test_all_types_of_numbers_are_read_alike(tmp_path: Path, column: str, values
 
 
 def test_a_folder_and_a_file_that_hold_the_same_column_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg is there, and its folder"):
+    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg exists, but its folder"):
         list(open_big(parts(tmp_path, "arc_deg=99/a.parquet", {})))
 
 
