@@ -163,7 +163,7 @@ class Content:
 
 
 def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
-    """Return the content of one or several files; `besides` are skipped as no recordings."""
+    """Return the content of one or several files, without those in `besides`."""
     if not is_many(path):
         return _file_content(path)
     sources = sources_of(path, besides)
@@ -231,17 +231,17 @@ def _root(path: Path) -> Path:
     return Path(*parts) if parts else Path()
 
 
-def _files(path: Path, besides: set[Path]) -> list[Path]:
+def _files(path: Path, excluded: set[Path]) -> list[Path]:
     """List the files of a folder or pattern in natural order; all must be of one kind."""
     if path.parts.count("**") > 1 and not path.is_dir():
         raise InputError(f"{path}: contains ** more than once, which matches the same files again")
     from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
 
     try:
-        found = _candidates(path)
+        candidates = _candidates(path)
     except PermissionError:
         raise InputError(f"{path}: no permission to open the folder") from None
-    files = [f for f in found if f.absolute() not in besides and not may_be_artifact(f)]
+    files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
     if path.is_dir() and not files:  # only subfolders: a table in parts
         files = parquet_files(path)
     elif path.is_dir():
@@ -257,24 +257,24 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
 
 def parquet_files(folder: Path) -> list[Path]:
     """List the Parquet files of a folder and its subfolders in natural order."""
-    found = (
+    files = (
         path
         for path in folder.rglob("*.parquet")
         if path.is_file()
         and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
     )
-    return sorted(found, key=lambda path: natural(path.as_posix()))
+    return sorted(files, key=lambda path: natural(path.as_posix()))
 
 
 def _candidates(path: Path) -> list[Path]:
     """List the files of a folder or pattern that may be recordings."""
     if path.is_dir():
-        found = [f for f in path.iterdir() if f.is_file()]
+        files = [f for f in path.iterdir() if f.is_file()]
     else:
-        found = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
+        files = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
     return [
         f
-        for f in found
+        for f in files
         if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
     ]
 
@@ -289,5 +289,5 @@ def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
         most = max(kinds, key=lambda ending: kinds[ending])
         raise InputError(
             f"{path}: holds files of several kinds ({shown}); "
-            f"name those that are runs, such as {path / f'*{most}'}"
+            f"name only the runs, such as {path / f'*{most}'}"
         )

@@ -43,10 +43,10 @@ _QUARTER_S: Final = 900
 _ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
 
 NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
-UNLIKE: Final = "has a date or a zone where the first time has none, or has none where it has"
+UNLIKE: Final = "must be like the first time: with or without a date, with or without a zone"
 UNKNOWN_ZONE: Final = "is in an unknown time zone, must be one such as Europe/Berlin"
 TWICE: Final = (
-    "comes twice in its time zone, where the clock is set back, or never: write times with their "
+    "occurs twice or never in its time zone, because the clock is changed: write times with their "
     "offset, such as +02:00"
 )
 DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
@@ -201,24 +201,24 @@ class Clock:
         wrong: dict[str, list[np.ndarray]] = {}
         shapes = list(_shapes(times))
         for rows, digits, shape in sorted(shapes, key=lambda rows_alike: int(rows_alike[0][0])):
-            found = _CLOCK.fullmatch(shape)
-            if found is None:
+            match = _CLOCK.fullmatch(shape)
+            if match is None:
                 wrong.setdefault(NOT_READ, []).append(rows)
                 continue
             if not self.first:
-                self._learn(times[int(rows[0])].as_py().strip(), found, digits)
-            if (found["a"] is not None, found["zone"] is not None) != (self.dated, self.zoned):
+                self._learn(times[int(rows[0])].as_py().strip(), match, digits)
+            if (match["a"] is not None, match["zone"] is not None) != (self.dated, self.zoned):
                 wrong.setdefault(UNLIKE, []).append(rows)
                 continue
-            values, bad = _time_of_day(found, digits)
+            values, bad = _time_of_day(match, digits)
             wrong.setdefault(NOT_READ, []).append(rows[bad])
             if self.dated:
-                days, no_day, unclear = self._days(found, digits)
+                days, no_day, unclear = self._days(match, digits)
                 wrong.setdefault(NOT_READ, []).append(rows[no_day])
                 wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
                 values += (days - self.first_day) * DAY_S
                 read = np.flatnonzero(~(bad | no_day | unclear))
-                zone = self.zone if found["zone"] is None else found["place"]
+                zone = self.zone if match["zone"] is None else match["place"]
                 if zone and not _is_zone(zone):
                     wrong.setdefault(UNKNOWN_ZONE, []).append(rows)
                 elif zone:
@@ -228,30 +228,30 @@ class Clock:
             seconds[rows] = values
         return seconds, {why: rows for why, parts in wrong.items() if (rows := _joined(parts)).size}
 
-    def _learn(self, text: str, found: re.Match[str], digits: np.ndarray) -> None:
+    def _learn(self, text: str, match: re.Match[str], digits: np.ndarray) -> None:
         """Learn the form of the times from the first one."""
-        self.first, self.dated, self.zoned = text, found["a"] is not None, found["zone"] is not None
+        self.first, self.dated, self.zoned = text, match["a"] is not None, match["zone"] is not None
         if self.dated:
-            a, b = (int(_number(digits[:1], found.span(part))[0]) for part in "ab")
-            is_day_first = found["mark"] == "." or a > 12 or a == b
+            a, b = (int(_number(digits[:1], match.span(part))[0]) for part in "ab")
+            is_day_first = match["mark"] == "." or a > 12 or a == b
             self.day_first = is_day_first or (None if b <= 12 else False)
-            self.first_day = int(self._days(found, digits[:1])[0][0])
+            self.first_day = int(self._days(match, digits[:1])[0][0])
 
     def _days(
-        self, found: re.Match[str], digits: np.ndarray
+        self, match: re.Match[str], digits: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return days from 1970-01-01, and masks of invalid and of ambiguous dates."""
-        a, b, c = (_number(digits, found.span(part)) for part in "abc")
+        a, b, c = (_number(digits, match.span(part)) for part in "abc")
         unclear = np.zeros(len(digits), dtype=bool)
-        if len(found["a"]) == 4:
+        if len(match["a"]) == 4:
             year, month, day = a, b, c
         else:
-            year = c + (2000 if len(found["c"]) < 4 else 0)
+            year = c + (2000 if len(match["c"]) < 4 else 0)
             day, month = (b, a) if self.day_first is False else (a, b)
         months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
         days = months.astype("datetime64[D]") + (day - 1)
         bad = (month < 1) | (month > 12) | (days.astype("datetime64[M]") != months)
-        if len(found["a"]) < 4 and self.day_first is None and self.first_day:
+        if len(match["a"]) < 4 and self.day_first is None and self.first_day:
             # on the first day itself the order does not matter
             unclear = days.astype(np.int64) != self.first_day
         return days.astype(np.int64), bad & ~unclear, unclear
@@ -360,7 +360,7 @@ class Clock:
             notes.append(f"{self.name} is read as times of {self.zone}, as the config states")
         if self.midnights:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
-            notes.append(f"{self.name} passes midnight {times}: the seconds go on")
+            notes.append(f"{self.name} passes midnight {times}: the seconds continue")
         return notes
 
 
@@ -370,8 +370,8 @@ def _are_dated(times: Any) -> bool:
 
     if pa.types.is_timestamp(times.type) or pa.types.is_time(times.type):
         return bool(pa.types.is_timestamp(times.type))
-    found = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
-    return found is not None and found["a"] is not None
+    match = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
+    return match is not None and match["a"] is not None
 
 
 def _is_zone(name: str) -> bool:
@@ -458,24 +458,24 @@ def _number(signs: np.ndarray, span: tuple[int, int], most: int = 9) -> np.ndarr
     return numbers
 
 
-def _time_of_day(found: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _time_of_day(match: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return seconds from midnight less the offset of the zone, and a mask of invalid times."""
-    hour, minute, second = (_number(signs, found.span(part)) for part in "hms")
+    hour, minute, second = (_number(signs, match.span(part)) for part in "hms")
     bad = (hour > 23) | (minute > 59) | (second > 59)
-    if found["half"]:
+    if match["half"]:
         bad |= (hour < 1) | (hour > 12)
-        hour = hour % 12 + (12 if found["half"] in "pP" else 0)
+        hour = hour % 12 + (12 if match["half"] in "pP" else 0)
     values = (hour * 3600 + minute * 60 + second).astype(float)
-    if found["f"]:
-        length = min(len(found["f"]), 9)
-        values += _number(signs, found.span("f")) / 10**length
-    if found["zh"]:
-        ahead = _number(signs, found.span("zh")) * 3600
-        if found["zm"]:
-            ahead += _number(signs, found.span("zm")) * 60
-        values -= ahead if found["sign"] == "+" else -ahead
-    elif found["zone"] in _ZONES_MIN:
-        values -= _ZONES_MIN[found["zone"]] * 60
+    if match["f"]:
+        length = min(len(match["f"]), 9)
+        values += _number(signs, match.span("f")) / 10**length
+    if match["zh"]:
+        ahead = _number(signs, match.span("zh")) * 3600
+        if match["zm"]:
+            ahead += _number(signs, match.span("zm")) * 60
+        values -= ahead if match["sign"] == "+" else -ahead
+    elif match["zone"] in _ZONES_MIN:
+        values -= _ZONES_MIN[match["zone"]] * 60
     return values, bad
 
 

@@ -164,9 +164,9 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
     if not skipped and not names <= set(header):
-        found = _search(top[:SEARCHED], dialect.separator)
-        if found is not None and (found[0].header_row, found[1]) != (at, separator):
-            head, separator = found
+        titled = _search(top[:SEARCHED], dialect.separator)
+        if titled is not None and (titled[0].header_row, titled[1]) != (at, separator):
+            head, separator = titled
             at, header, fields = head.header_row, head.names, head.fields
             notes.append(f"header found in line {at + 1}")
     fields = fields or fields_of([[row] for row in top[:at] if row.startswith("#")])
@@ -296,10 +296,10 @@ def best_separator(head: str, wanted: set[str]) -> str:
 
 
 def _number_signs(
-    found: Layout, dialect: DialectSection, notes: list[str], place: str
+    table: Layout, dialect: DialectSection, notes: list[str], place: str
 ) -> NumberSigns:
     """Detect the number signs in the first rows; InputError if numbers contradict each other."""
-    columns = found.first_cells()
+    columns = table.first_cells()
     cells = (cell for column in columns for cell in column)
     signs = NumberSigns.of(cells, dialect.decimal, dialect.thousands)
     if dialect.decimal is None and signs.decimal == ",":
@@ -307,7 +307,7 @@ def _number_signs(
     if dialect.thousands is None and signs.thousands:
         notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
     if dialect.decimal is None and dialect.thousands is None:
-        for name, column in zip(found.header, columns, strict=True):
+        for name, column in zip(table.header, columns, strict=True):
             if pair := contradiction(column, signs):
                 raise InputError(
                     f'{place}: column {name} holds "{pair[0]}" and "{pair[1]}": if the point marks '
@@ -422,8 +422,8 @@ def unit_in_name(name: str) -> str:
     """Extract the unit from a name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; "" if none."""
     if len(name) > LONGEST_NAME:
         return ""
-    found = _IN_NAME.search(name) or _AFTER_NAME.search(name)
-    unit = found[1].strip() if found else ""
+    match = _IN_NAME.search(name) or _AFTER_NAME.search(name)
+    unit = match[1].strip() if match else ""
     return unit if unit and is_unit(unit) else ""
 
 

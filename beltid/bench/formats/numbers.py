@@ -75,13 +75,13 @@ class NumberSigns:
         """Detect the signs in some cells; stated signs take precedence."""
         decimals, groups = set(), set()
         for cell in cells:
-            found = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
-            if found is None:
+            match = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
+            if match is None:
                 point = _DECIMAL.fullmatch(_FORTRAN.sub("E", cell.replace(_MINUS, "-")))
                 decimals |= {point["point"]} if point else set()
-            elif found["point"] or found["more"] or found["sign"] in "' ":
-                groups.add(found["sign"])
-                decimals |= {found["point"] or _OTHER.get(found["sign"], "")} - {""}
+            elif match["point"] or match["more"] or match["sign"] in "' ":
+                groups.add(match["sign"])
+                decimals |= {match["point"] or _OTHER.get(match["sign"], "")} - {""}
         if decimal is None:
             implied = _OTHER.get(thousands or "")
             decimal = implied or ("," if decimals == {","} else ".")
@@ -95,16 +95,16 @@ class NumberSigns:
         plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
         if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
             return float(plain)
-        found = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
-        if found is None:
+        match = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
+        if match is None:
             return NO_NUMBER
-        sign, point = found["sign"], found["point"]
+        sign, point = match["sign"], match["point"]
         if point not in (None, self.decimal) or sign == self.decimal:
             other = point or _OTHER[sign]
             return (
                 f'{NO_NUMBER} (if its decimal sign is "{other}": dialect: {{decimal: "{other}"}})'
             )
-        if sign == self.thousands or point or found["more"] or sign in "' ":
+        if sign == self.thousands or point or match["more"] or sign in "' ":
             digits = text.translate(_TO_PLAIN).replace(sign, "")
             return float(digits.replace(",", "."))
         as_decimal, as_thousands = text.replace(sign, "."), text.replace(sign, "")
