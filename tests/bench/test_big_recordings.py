@@ -243,7 +243,7 @@ def relabelled(old: bytes, new: bytes) -> bytes:
     ("label", "words"),
     [
         (b"R\xfc1", "byte 0xFC is not UTF-8; if the file is in another encoding, say which"),
-        (b"R\x001", "holds a zero byte: damaged, or not a text file"),
+        (b"R\x001", "contains a zero byte: damaged, or not a text file"),
         (b"R\r1", "1 cells, must be 8"),
     ],
 )
@@ -442,7 +442,7 @@ def test_all_types_of_numbers_are_read_alike(tmp_path: Path, column: str, values
 
 
 def test_a_folder_and_a_file_that_hold_the_same_column_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg is there, and its folder"):
+    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg exists, but its folder"):
         list(open_big(parts(tmp_path, "arc_deg=99/a.parquet", {})))
 
 

@@ -126,7 +126,7 @@ def test_samples_that_stand_in_another_file_are_not_read(tmp_path):
     with h5py.File(path, "w") as file:
         raw = str(tmp_path / "raw.bin")
         file.create_dataset("tension_tight_N", (100,), dtype="f8", external=[(raw, 0, 800)])
-    with pytest.raises(InputError, match="draws its samples from another file"):
+    with pytest.raises(InputError, match="takes its samples from another file"):
         read_recording(path, "rig")
 
 
@@ -134,7 +134,7 @@ def test_bombs(tmp_path):
     path = tmp_path / "rig.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("R001.csv", b"0" * (8 << 20))
-    with pytest.raises(InputError, match="packed more than 1000 times"):
+    with pytest.raises(InputError, match="compressed more than 1000 to 1"):
         read_recording(path, "rig")
     book = tmp_path / "rig.xlsx"
     with zipfile.ZipFile(book, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -49,7 +49,9 @@ def test_comments_and_heads_between_the_rows_are_left_out_and_told(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     recording = read(path)
     assert_is_the_press(recording)
-    assert "3 lines of comments (#) and repeated heads left out between the rows" in recording.notes
+    assert (
+        "3 lines of comments (#) and repeated headers left out between the rows" in recording.notes
+    )
     lines[23] += "x"
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match=r"P22\.csv:24: "):  # those before it stay counted
@@ -80,7 +82,7 @@ def test_a_big_recording_leaves_them_out_as_well(tmp_path):
     big = open_big(path)
     (run,) = list(big)
     np.testing.assert_array_equal(run.columns["time_s"], T)
-    assert "2 lines of comments (#) and repeated heads left out between the rows" in big.notes
+    assert "2 lines of comments (#) and repeated headers left out between the rows" in big.notes
 
 
 def test_quoted_cells_with_blanks_around_them(tmp_path):
@@ -189,7 +191,10 @@ def _zip(*names: str) -> bytes:
         (b"<html><table>", "is an XML or HTML page, export the samples as CSV"),
         (b'<?xml version="1.0"?>\n<a>', "is an XML or HTML page"),
         (b'{"time_s": [0, 1]}', "is a JSON file, save the samples as CSV or Parquet"),
-        (HEADER.encode("utf-16-le"), "UTF-16 without its mark: dialect: {encoding: utf-16-le}"),
+        (
+            HEADER.encode("utf-16-le"),
+            "without a byte order mark: set dialect: {encoding: utf-16-le}",
+        ),
     ],
 )
 def test_what_is_not_read_is_named_with_what_helps(tmp_path, content, words):

@@ -211,7 +211,7 @@ def test_a_folder_of_several_kinds_is_not_guessed_at(tmp_path, runs):
     (found,) = problems(folder)
     assert "holds files of several kinds (" in found
     assert "4 .csv" in found
-    assert found.endswith("name those that are runs, such as runs/*.csv")
+    assert found.endswith("name only the runs, such as runs/*.csv")
     (folder / "list.txt").unlink()
     values = {"arc_deg": 40, "initial_tension_N": 50}
     config = load_config({"runs": {"rig": {"values": values}}})

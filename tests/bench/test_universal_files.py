@@ -124,7 +124,7 @@ def test_negative_numbers_without_a_blank_between_them(tmp_path):
         (lambda d: d[:-8], r"P1.unv:\d+: damaged universal file: the dataset that begins"),
         (lambda d: d[: len(d) // 4] + d[len(d) // 4 + 4 :], "damaged universal file"),
         (lambda d: d.replace(b"        50", b"        51"), "50 samples follow, the header"),
-        (lambda d: d.replace(b"        17", b"        18"), "a function that is none of time left"),
+        (lambda d: d.replace(b"        17", b"        18"), "a function that is not of time left"),
         (lambda d: d.replace(b"         4        50", b"         6        50"), "complex values"),
         (lambda d: b"    -1\n   151\nmodel\n    -1\n", "dataset 151 left out"),
     ],
@@ -140,7 +140,7 @@ def test_numbers_of_another_computer_and_lengths_that_lie(tmp_path):
     path = tmp_path / "P1.unv"
     data = both((4, 1, "<"))
     for old, new, words in (
-        (b"58b     1     2", b"58b     1     1", "not of IEEE 754"),
+        (b"58b     1     2", b"58b     1     1", "must be in IEEE 754"),
         (
             b"58b     1     2          11         400",
             b"58b     1     2          11       40000",

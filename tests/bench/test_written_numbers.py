@@ -97,8 +97,8 @@ def test_the_other_decimal_sign_further_down_is_refused(tmp_path):
     early = ["0.5"] * 300
     (found,) = problems(press(tmp_path, [*early, "1.000,85"]))
     assert found == (
-        'P1.csv:302: force_N (column "Kraft [N]") = "1.000,85", must be a number (with "," as its '
-        'sign: dialect: {decimal: ","})'
+        'P1.csv:302: force_N (column "Kraft [N]") = "1.000,85", must be a number (if its decimal '
+        'sign is ",": dialect: {decimal: ","})'
     )
     assert forces(press(tmp_path, [*early, "1,000.85"]))[-1] == 1000.85  # no other reading
 

@@ -1,11 +1,11 @@
-"""The files of a recording, before anything is known about what they hold.
+"""Find the files of a recording and detect their formats, before any channel is read.
 
 ============ ===================================================================
 Module       Responsibility
 ============ ===================================================================
-``sources``  the files: one, or one per run in a folder or zip file
-``archives`` files packed with gzip or zip
-``sniff``    which format the bytes are, by content; the text of a text file
-``ahead``    items made by a thread of their own
+``sources``  list the files: one, or one per run in a folder or zip file
+``archives`` unpack gzip and zip files
+``sniff``    detect the format from the bytes; decode text files
+``ahead``    produce items in a separate thread
 ============ ===================================================================
 """

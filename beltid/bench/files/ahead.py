@@ -1,4 +1,4 @@
-"""Items that a thread makes while those before are in use."""
+"""Produce the next items in a thread while the current one is in use."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ T = TypeVar("T")
 
 
 def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
-    """The same items, made by a thread of their own.
+    """Yield the same items, produced in a separate thread.
 
-    It pays where making and using them let go of the interpreter: reading, Arrow, numpy.
+    Worthwhile if producing and using them release the interpreter lock: reading, Arrow, numpy.
 
     Parameters
     ----------
     items : iterable
-        What makes them, None not among them; what it raises is raised here.
+        Produces the items, none of which may be None; its exceptions are raised here.
     waiting : int
-        Items that are finished and wait for their use, at most; one more is being made.
+        Maximum number of finished items that wait; one more is in production.
     """
-    source, maker = iter(items), ThreadPoolExecutor(1)
-    made: deque[Future[T | None]] = deque()
+    source, worker = iter(items), ThreadPoolExecutor(1)
+    pending: deque[Future[T | None]] = deque()
     try:
         while True:
-            while len(made) < waiting + 2:
-                made.append(maker.submit(next, source, None))
-            item = made.popleft().result()
+            while len(pending) < waiting + 2:
+                pending.append(worker.submit(next, source, None))
+            item = pending.popleft().result()
             if item is None:
                 return
             yield item
     finally:
-        maker.shutdown(cancel_futures=True)
+        worker.shutdown(cancel_futures=True)
         getattr(source, "close", lambda: None)()

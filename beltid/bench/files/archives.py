@@ -1,4 +1,4 @@
-"""Packed recordings: one file packed with gzip, several in a zip file."""
+"""Unpack recordings: one file packed with gzip, or several in a zip file."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from beltid.errors import InputError
 
 MAX_FILES: Final = 5000
 MAX_RATIO: Final = 1000
-"""Most by which a file in a zip file may be packed: recordings never reach it, bombs do."""
+"""Largest compression ratio in a zip file: recordings never reach it, zip bombs do."""
 
 
 def unpacked(data: bytes, path: Path) -> bytes:
-    """Bytes of a gzip file without the packing.
+    """Unpack the bytes of a gzip file.
 
     Raises
     ------
     InputError
-        If the packed file is damaged or unpacks to more than the limit.
+        If the file is damaged, empty, or unpacks to more than the limit.
     """
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
@@ -40,13 +40,13 @@ def unpacked(data: bytes, path: Path) -> bytes:
 
 
 def natural(name: str) -> tuple[tuple[int, str], ...]:
-    """Key that sorts run2 before run10."""
-    parts = re.split(r"([0-9]{1,18})", name)  # int() is for these only
+    """Return a sort key that puts run2 before run10."""
+    parts = re.split(r"([0-9]{1,18})", name)  # int() sees digits only
     return tuple((int(p), "") if i % 2 else (-1, p) for i, p in enumerate(parts) if p)
 
 
 def members(data: bytes, path: Path) -> Iterator[str]:
-    """Names of the files in a zip file, in the order a person counts; InputError if refused."""
+    """Yield the file names in a zip file in natural order; InputError if it is refused."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = [e for e in archive.infolist() if not e.is_dir()]
@@ -61,7 +61,7 @@ def members(data: bytes, path: Path) -> Iterator[str]:
     if not names:
         raise InputError(f"{path}: the zip file is empty")
     if len(names) > MAX_FILES:
-        raise InputError(f"{path}: holds {len(names)} files, at most {MAX_FILES} are read")
+        raise InputError(f"{path}: holds {len(names)} files, must be at most {MAX_FILES}")
     endings = {PurePosixPath(name).suffix.lower() for name in names}
     if len(endings) > 1:
         raise InputError(
@@ -73,18 +73,18 @@ def members(data: bytes, path: Path) -> Iterator[str]:
         raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
     for entry in entries:
         if entry.file_size > MAX_RATIO * max(entry.compress_size, 1) and entry.file_size > 1 << 20:
-            raise InputError(f"{path}: {entry.filename} is packed more than {MAX_RATIO} times")
+            raise InputError(f"{path}: {entry.filename} is compressed more than {MAX_RATIO} to 1")
         if entry.flag_bits & 1:
-            raise InputError(f"{path}: {entry.filename} is locked with a password")
+            raise InputError(f"{path}: {entry.filename} is protected by a password")
     yield from sorted(names, key=natural)
 
 
 def member_bytes(data: bytes, path: Path, member: str) -> bytes:
-    """Bytes of one file in a zip file; InputError if it is damaged, empty or too large."""
+    """Unpack one file of a zip file; InputError if it is damaged, empty or too large."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(member) as file:
             plain = file.read(MAX_BYTES + 1)
-    except Exception:  # each way of packing has errors of its own
+    except Exception:  # each compression method raises its own errors
         raise InputError(
             f"{path}: {member} in the zip file is damaged or cut off", code="damaged"
         ) from None

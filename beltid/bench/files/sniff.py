@@ -1,4 +1,4 @@
-"""What some bytes are, whatever the file is called: their format, and the text of a text file."""
+"""Detect the format of a file from its bytes, not from its name, and decode text files."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ UNREAD: Final = {
     b"<!DOCTYPE": "an XML or HTML page, export the samples as CSV",
     b"{": "a JSON file, save the samples as CSV or Parquet",
 }
-"""First bytes of files that are not read -> what they are, and what helps."""
+"""First bytes of formats that are not read -> what the file is, and what to do."""
 UNREAD_IN_ZIP: Final = (
     (b"mimetypeapplication/vnd.oasis", "an OpenDocument file (.ods), save it as .xlsx"),
     (b".npy", "a file of NumPy arrays, save the samples as CSV, Parquet or .mat"),
 )
-"""What stands at the name of the first file in a zip file -> what that is, and what helps."""
+"""Bytes at the name of the first file in a zip file, what the file is, and what to do."""
 _NAME_IN_ZIP: Final = slice(30, 90)
 _MARK_OF_TAR: Final = slice(257, 262)
 _SIGNATURES: Final = (
@@ -63,20 +63,20 @@ _SIGNATURES: Final = (
     (b"\xef\xbb\xbfLabVIEW Measurement", LVM),
 )
 _UFF: Final = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]")
-"""A line of -1, then the number of a dataset."""
+"""A line with -1, then a line with the number of a dataset."""
 _HDF5_BEHIND_HEADER: Final = slice(512, 520)
 CUT_OFF: Final = "the last line does not end: if the file was cut off, its last number is wrong"
 
 
 def sniff(data: bytes | memoryview, name: str = "") -> str:
-    """Format of some bytes.
+    """Detect the format of a file.
 
     Parameters
     ----------
     data : bytes
-        The file, or for packed files all of it.
+        The first bytes of the file; all of them for a packed file.
     name : str
-        Name of the file: it decides only where the content cannot (.mat of version 4).
+        Name of the file: used only if the content is not conclusive (.mat of version 4).
 
     Returns
     -------
@@ -92,7 +92,7 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return "xlsx" if _is_workbook(bytes(data)) else ZIP
     if len(head) > 128 and head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-        return "mat"  # with a header text of its own
+        return "mat"  # with its own header text
     if name.lower().endswith(".mat"):
         return "mat"
     if _UFF.match(head):
@@ -101,14 +101,14 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
 
 
 def unread(data: bytes | memoryview) -> str:
-    """What a file is that no reader is there for, and what helps; "" for any other."""
+    """Say what a file without a reader is, and what to do; "" for any other file."""
     head = bytes(data[:512])
     if head[_MARK_OF_TAR] == b"ustar":
         return "a tar archive, unpack it"
     if head.startswith(b"PK\x03\x04"):
         name = head[_NAME_IN_ZIP]
-        return next((words for mark, words in UNREAD_IN_ZIP if mark in name), "")
-    return next((words for first, words in UNREAD.items() if head.startswith(first)), "")
+        return next((advice for mark, advice in UNREAD_IN_ZIP if mark in name), "")
+    return next((advice for first, advice in UNREAD.items() if head.startswith(first)), "")
 
 
 def _is_workbook(data: bytes) -> bool:
@@ -122,7 +122,7 @@ def _is_workbook(data: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A text with single line feeds, the encoding that was used, and what was found out."""
+    """A text with single line feeds, the encoding that was used, and notes."""
 
     text: str
     encoding: str
@@ -130,10 +130,10 @@ class Decoded:
 
 
 def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
-    """Text of a file.
+    """Decode the text of a file.
 
-    What is not UTF-8 is read as latin-1 only where every encoding of western Europe that a
-    measuring computer uses (latin-1, cp1252) gives the same text.
+    A file that is not UTF-8 is read as latin-1 only if all western European encodings that
+    measuring computers use (latin-1, cp1252) give the same text.
 
     Parameters
     ----------
@@ -142,25 +142,26 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
     name : str
         Name of the file, for messages.
     encoding : str or None
-        What the user states; None: found out.
+        Encoding set by the user; None to detect it.
 
     Raises
     ------
     InputError
-        If the bytes are not text, or not in the encoding, or cannot be told apart.
+        If the bytes are not text, are not in the encoding, or the encoding is ambiguous.
     """
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
-    elif data[:3] == codecs.BOM_UTF8:  # the mark of the file itself comes before the config
+    elif data[:3] == codecs.BOM_UTF8:  # the byte order mark overrides the config
         encoding = "utf-8"
     elif b"\0" in data[:65536] and not (encoding or "").lower().startswith(("utf-16", "utf-32")):
         for parity, order in ((1, "utf-16-le"), (0, "utf-16-be")):
             if not any(data[parity:1000:2]):
                 raise InputError(
-                    f"{name}: looks like UTF-16 without its mark: dialect: {{encoding: {order}}}",
+                    f"{name}: looks like UTF-16 without a byte order mark: set "
+                    f"dialect: {{encoding: {order}}}",
                     code="encoding",
                 )
-        raise InputError(f"{name}: is not a text file, nor of another format that is known")
+        raise InputError(f"{name}: is neither a text file nor in any other known format")
     used = encoding or "utf-8"
     notes: tuple[str, ...] = ()
     if used.lower().replace("_", "-") in ("utf-8", "utf8"):
@@ -178,7 +179,7 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
         text, used = data.decode("latin-1"), "latin-1"
         notes = ("not UTF-8, read as latin-1",)
     if "\0" in text:
-        raise InputError(f"{name}: is not a text file, nor of another format that is known")
+        raise InputError(f"{name}: is neither a text file nor in any other known format")
     if text and text[-1] not in "\r\n":
         notes += (CUT_OFF,)
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
@@ -186,5 +187,5 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
 
 
 def _ambiguous(data: bytes) -> bool:
-    """Whether encodings differ here: those of DOS and Mac have letters at 0x80 to 0x9F."""
+    """Whether the encodings differ: those of DOS and Mac have letters at 0x80 to 0x9F."""
     return any(0x80 <= byte < 0xA0 for byte in data.translate(None, bytes(range(0x80))))

@@ -1,4 +1,4 @@
-"""The files of a recording: one file, or one per run in a folder, a pattern or a zip file."""
+"""List the files of a recording: one file, or one per run in a folder, pattern or zip file."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Source:
     Attributes
     ----------
     name : str
-        Its name for messages.
+        Name for messages.
     path : Path
         The file, or the zip file that holds it.
     inside : PurePath
-        Where it is in the folder or zip file; its name alone outside of one.
+        Path within the folder or zip file; for a single file its name.
     data : bytes
-        The bytes, or those of the zip file, where they have been read already.
+        Bytes of the file, or of the zip file, if already read.
     is_member : bool
         Whether it is in a zip file.
     """
@@ -44,47 +44,47 @@ class Source:
     is_member: bool = False
 
     def read(self) -> bytes:
-        """Its bytes."""
+        """Return the bytes of the file."""
         if self.is_member:
             return member_bytes(self.data, self.path, str(self.inside))
         return self.data or read_bytes(self.path)
 
     def first_bytes(self, count: int = 4) -> bytes:
-        """Its first bytes."""
+        """Return the first bytes of the file."""
         if self.data:
             return self.read()[:count]
         with opened(self.path) as file:
             return file.read(count)
 
     def loaded(self) -> Source:
-        """The same with its bytes in memory, out of the zip file."""
+        """Return a copy with its bytes in memory, unpacked from the zip file."""
         return replace(self, data=self.read(), is_member=False)
 
 
 def is_many(path: Path) -> bool:
-    """Whether a path stands for several files: a folder or a pattern."""
+    """Whether a path names several files: a folder or a pattern."""
     return path.is_dir() or (not path.exists() and glob.has_magic(str(path)))
 
 
 def exists(path: Path) -> bool:
-    """Whether there is a file, a folder or something that matches a pattern."""
+    """Whether the file or folder exists, or any file matches the pattern."""
     return path.exists() or (glob.has_magic(str(path)) and any(glob.iglob(str(path))))
 
 
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
-    """Files that a path stands for.
+    """List the files that a path names.
 
     Parameters
     ----------
     path : Path
         A file, a zip file, a folder, or a pattern with ``*`` and ``?``.
     besides : sequence of Path
-        Files that are no recordings even if they are found: a table of the runs.
+        Files that are not recordings and are skipped, such as a table of the runs.
 
     Raises
     ------
     InputError
-        If there is none, or a folder holds files of several kinds.
+        If there is no file, or a folder holds files of several kinds.
     """
     if not is_many(path):
         return sources_in(read_bytes(path), path)
@@ -94,19 +94,19 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
 
 
 def unread_sources(path: Path) -> list[Source]:
-    """The same, but a single file, which may be large, is neither read nor unpacked."""
+    """List the same files, but neither read nor unpack a single file, which may be large."""
     return sources_of(path) if is_many(path) else [Source(str(path), path, PurePath(path.name))]
 
 
 def sources_in(data: bytes, path: Path) -> list[Source]:
-    """Files that the bytes of a file are: itself, or those in a zip file."""
+    """List the file itself, or the files in it if the bytes are a zip file."""
     if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):
         return [Source(str(path), path, PurePath(path.name), data)]
-    found = list(members(data, path))
-    names = [f"{path}/{m}" if len(found) > 1 else str(path) for m in found]
+    packed = list(members(data, path))
+    names = [f"{path}/{member}" if len(packed) > 1 else str(path) for member in packed]
     return [
         Source(name, path, PurePosixPath(member), data, is_member=True)
-        for name, member in zip(names, found, strict=True)
+        for name, member in zip(names, packed, strict=True)
     ]
 
 
@@ -116,15 +116,15 @@ def refuse_large(path: Path, sources: Sequence[Source]) -> None:
     Raises
     ------
     InputError
-        If they are.
+        If the files are too large.
     """
     if size_of(sources) > MAX_BYTES:
         raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
 
 
 def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
-    """A note of the folders in a folder of recordings that hold more files of their kind."""
-    from beltid.artifacts.artifact import may_be_artifact  # results stand beside recordings
+    """Note the subfolders that hold files of the same kind but are not read."""
+    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
 
     if not path.is_dir():
         return []
@@ -140,22 +140,22 @@ def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
 
 
 def size_of(sources: Sequence[Source]) -> int:
-    """Bytes of the files on the disk."""
-    with contextlib.suppress(OSError):  # what is not there is told by the one who reads it
+    """Return the total size of the files on disk [byte]."""
+    with contextlib.suppress(OSError):  # the reader reports missing files
         return sum(source.path.stat().st_size for source in sources)
     return 0
 
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What a file, or the files that a path stands for, hold.
+    """Checksum and kind of a file, or of all files that a path names.
 
     Attributes
     ----------
     sha256 : str
-        SHA-256 of the file; of the names and contents of the files where there are several.
+        SHA-256 of the file; for several files, of their names and contents.
     is_parquet : bool
-        Whether it is one Parquet file, as artifacts are.
+        Whether it is a single Parquet file, as artifacts are.
     """
 
     sha256: str
@@ -163,7 +163,7 @@ class Content:
 
 
 def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
-    """Content of a file, or of several; `besides` are files that are no recordings."""
+    """Return the content of one or several files, without those in `besides`."""
     if not is_many(path):
         return _file_content(path)
     sources = sources_of(path, besides)
@@ -172,51 +172,51 @@ def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
 
 
 def are_parquet(sources: Sequence[Source]) -> bool:
-    """Whether all files are Parquet, by their first bytes."""
+    """Whether the first bytes of all files are those of Parquet."""
     return all(source.first_bytes() == b"PAR1" for source in sources)
 
 
 class FileState(NamedTuple):
-    """What the file system says of a file; it changes when the file is replaced or written."""
+    """State of a file in the file system; changes when the file is replaced or written."""
 
     name: str
-    """Where it stands."""
+    """Path of the file."""
     modified_ns: int
-    """Time of its last change [ns]."""
+    """Time of the last change [ns]."""
     size: int
-    """Bytes in it."""
+    """Size [byte]."""
     number: int
-    """Its number on the disk."""
+    """Inode number."""
 
 
 Signature = tuple[FileState, ...]
 
 
 def signature_of(path: Path) -> Signature:
-    """What the file system says of a file, or of each of the files that a path may stand for.
+    """Return the state of a file, or of every file that a path names.
 
-    What is not there is left out: what is wrong with it is said by the one who reads it.
+    Missing files are left out; the reader reports them.
     """
     states = []
     with contextlib.suppress(OSError):
-        files = _found(path) if is_many(path) else [path]
+        files = _candidates(path) if is_many(path) else [path]
         if path.is_dir() and {file.suffix.lower() for file in files} <= {".parquet"}:
             files += parquet_files(path)  # a table in parts
         for file in files:
-            found = file.stat()
-            states.append(FileState(str(file), found.st_mtime_ns, found.st_size, found.st_ino))
+            stat = file.stat()
+            states.append(FileState(str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
     return tuple(sorted(states))
 
 
 def _file_content(path: Path) -> Content:
-    """Content of a file of any size, read in parts."""
+    """Return the content of a file of any size, read in parts."""
     with opened(path) as file:
         is_parquet = file.peek(4)[:4] == b"PAR1"
         return Content(hashlib.file_digest(file, "sha256").hexdigest(), is_parquet)
 
 
 def folder_of(path: Path) -> Path:
-    """Folder beside which results belong: of a pattern the part before its first sign."""
+    """Return the folder that contains the path; for a pattern, the part before its wildcards."""
     if not path.exists() and glob.has_magic(str(path)):
         return _root(path)
     return path.parent
@@ -231,20 +231,18 @@ def _root(path: Path) -> Path:
     return Path(*parts) if parts else Path()
 
 
-def _files(path: Path, besides: set[Path]) -> list[Path]:
-    """Files of a folder or pattern in the order of their names; those of one kind only."""
+def _files(path: Path, excluded: set[Path]) -> list[Path]:
+    """List the files of a folder or pattern in natural order; all must be of one kind."""
     if path.parts.count("**") > 1 and not path.is_dir():
-        raise InputError(
-            f"{path}: ** stands in it more than once, which finds the same files again"
-        )
-    from beltid.artifacts.artifact import may_be_artifact  # results stand beside recordings
+        raise InputError(f"{path}: contains ** more than once, which matches the same files again")
+    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
 
     try:
-        found = _found(path)
+        candidates = _candidates(path)
     except PermissionError:
-        raise InputError(f"{path}: no permission to look into it") from None
-    files = [f for f in found if f.absolute() not in besides and not may_be_artifact(f)]
-    if path.is_dir() and not files:  # folders in it: a table in parts
+        raise InputError(f"{path}: no permission to open the folder") from None
+    files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
+    if path.is_dir() and not files:  # only subfolders: a table in parts
         files = parquet_files(path)
     elif path.is_dir():
         files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
@@ -253,30 +251,30 @@ def _files(path: Path, besides: set[Path]) -> list[Path]:
         what = "holds no recording" if path.is_dir() else "no file matches this pattern"
         raise InputError(f"{path}: {what}")
     if len(files) > MAX_FILES:
-        raise InputError(f"{path}: {len(files)} files, at most {MAX_FILES} are read")
+        raise InputError(f"{path}: {len(files)} files, must be at most {MAX_FILES}")
     return sorted(files, key=lambda f: natural(f.as_posix()))
 
 
 def parquet_files(folder: Path) -> list[Path]:
-    """Parquet files of a folder and of the folders in it, in the order of their names."""
-    found = (
+    """List the Parquet files of a folder and its subfolders in natural order."""
+    files = (
         path
         for path in folder.rglob("*.parquet")
         if path.is_file()
         and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
     )
-    return sorted(found, key=lambda path: natural(path.as_posix()))
+    return sorted(files, key=lambda path: natural(path.as_posix()))
 
 
-def _found(path: Path) -> list[Path]:
-    """Files of a folder or pattern that recordings may be among."""
+def _candidates(path: Path) -> list[Path]:
+    """List the files of a folder or pattern that may be recordings."""
     if path.is_dir():
-        found = [f for f in path.iterdir() if f.is_file()]
+        files = [f for f in path.iterdir() if f.is_file()]
     else:
-        found = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
+        files = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
     return [
         f
-        for f in found
+        for f in files
         if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
     ]
 
@@ -291,5 +289,5 @@ def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
         most = max(kinds, key=lambda ending: kinds[ending])
         raise InputError(
             f"{path}: holds files of several kinds ({shown}); "
-            f"name those that are runs, such as {path / f'*{most}'}"
+            f"name only the runs, such as {path / f'*{most}'}"
         )

@@ -1,20 +1,20 @@
-"""The bytes of a file -> named channels with unit, time and header fields, or rows of numbers.
+"""Read the bytes of a file into named channels with units, times and header fields, or into rows.
 
-Nothing here knows what a channel is good for; `beltid.bench.channels` decides which column it is.
+These modules do not know what a channel measures; `beltid.bench.channels` assigns it to a column.
 
 ============== ================================================================
 Module         Responsibility
 ============== ================================================================
-``bench_file`` what is found in a file: groups of channels, header fields
+``bench_file`` contents of a file: groups of channels, header fields
 ``numbers``    decimal signs and thousands separators: cells -> numbers
 ``clock``      clock times and time stamps -> seconds from the first sample
-``rows``       rows of a table: numbers, texts, where they stand in the file
-``dialect``    how a table is written: title lines, header, row of units, separators
-``csv_table``  CSV -> rows, at once or in blocks, exact about places
-``parquet``    Parquet files and tables of Arrow -> rows in blocks
+``rows``       rows of a table: numbers, texts, line numbers in the file
+``dialect``    layout of a table: title lines, header, row of units, separators
+``csv_table``  CSV -> rows, at once or in blocks, with exact line numbers
+``parquet``    Parquet files and Arrow tables -> rows in blocks
 ``lvm``        LabVIEW measurement files
 ``uff``        universal files: time records in datasets 58 and 58b
-``frames``     DataFrames, Arrow tables and dicts -> tables of Arrow
-``isolated``   formats whose libraries read in a child process
+``frames``     DataFrames, Arrow tables and dicts -> Arrow tables
+``isolated``   formats that their libraries read in a child process
 ============== ================================================================
 """

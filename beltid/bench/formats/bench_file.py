@@ -1,4 +1,4 @@
-"""What is found in a file of a bench, before anybody asks what it is good for."""
+"""Contents of a bench file, before its channels are assigned to columns."""
 
 from __future__ import annotations
 
@@ -16,47 +16,48 @@ SCALING: Final = {
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
     **dict.fromkeys(("offset", "intercept", "y_intercept", "bias"), 0.0),
 }
-"""Properties that tell how counts of a converter become numbers -> the value of no effect.
+"""Properties that scale the counts of a converter -> the value that has no effect.
 
-No format defines them; what one does define (`scale_factor`, ``NI_Scale``), its reader applies.
+No format defines these; those that a format defines (`scale_factor`, ``NI_Scale``) are applied by
+its reader.
 """
 
 
 def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
-    """Times of evenly spaced samples [s], shape (n,), as the decimals that a table would hold.
+    """Return the times of evenly spaced samples [s], shape (n,), rounded to a picosecond.
 
-    Rounded to a picosecond: 3 * 0.02 is 0.06 then, as in a file that writes its times.
+    With rounding, 3 * 0.02 is 0.06, as in a file that lists its times.
     """
     return np.round(start_s + step_s * np.arange(n), 12)
 
 
 def in_seconds(times: T, unit: str) -> T:
-    """Times that a format tells in a unit of its own [s]; without a unit they are in seconds.
+    """Convert times to seconds; times without a unit are taken as seconds.
 
     Raises
     ------
     InputError
-        If the unit is none of time.
+        If the unit is not a unit of time.
     """
-    known = conversion(unit, "s") or conversion(unit.lower(), "s")
-    if known is None and unit.strip():
+    to_seconds = conversion(unit, "s") or conversion(unit.lower(), "s")
+    if to_seconds is None and unit.strip():
         raise InputError(f"the time is in {unit.strip()}, must be one of {_ALLOWED}")
-    return times if known is None or known.factor == 1.0 else known.apply(times)
+    return times if to_seconds is None or to_seconds.factor == 1.0 else to_seconds.apply(times)
 
 
-def scaling_beside(values: np.ndarray, properties: Mapping[str, Any]) -> str:
-    """What is told beside whole numbers of how to scale them, such as ``slope = 0.02``; else "".
+def unapplied_scaling(values: np.ndarray, properties: Mapping[str, Any]) -> str:
+    """List the scaling properties of a channel of counts, such as ``slope = 0.02``; else "".
 
     Parameters
     ----------
     values : ndarray
-        Samples as the file holds them: of other than whole numbers nothing is said.
+        Samples as stored in the file; "" is returned unless they are integers.
     properties : mapping
-        What the file tells about the channel.
+        Properties of the channel in the file.
     """
     if values.dtype.kind not in "iu":
         return ""
-    told = []
+    scalings = []
     for name, value in properties.items():
         neutral = SCALING.get(str(name).lower())
         if neutral is None or np.size(value) != 1:
@@ -66,13 +67,13 @@ def scaling_beside(values: np.ndarray, properties: Mapping[str, Any]) -> str:
         except (TypeError, ValueError):
             continue
         if number != neutral:
-            told.append(f"{name} = {number:g}")
-    return ", ".join(told)
+            scalings.append(f"{name} = {number:g}")
+    return ", ".join(scalings)
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A line of a header: name, value as text, unit as written ("" where none is told)."""
+    """A header entry: name, value as text, unit as written ("" if none is given)."""
 
     name: str
     text: str
@@ -86,15 +87,15 @@ class Channel:
     Attributes
     ----------
     name : str
-        As the file calls it.
+        Name in the file.
     unit : str
-        As the file writes it, "" where none is told.
+        Unit as written in the file, "" if none is given.
     values : ndarray
         float64 with nan where a sample is missing, or an object array of str and None.
     time_s : ndarray or None
-        Time of every sample [s], where the format itself tells it; None where it does not.
+        Time of every sample [s] if the format stores it, else None.
     scaling : str
-        What the file tells of a scaling that was not applied, see `scaling_beside`.
+        Scaling in the file that was not applied, see `unapplied_scaling`.
     """
 
     name: str
@@ -105,28 +106,28 @@ class Channel:
 
     @property
     def is_text(self) -> bool:
-        """Whether it holds texts rather than numbers."""
+        """Whether the channel holds texts, not numbers."""
         return bool(self.values.dtype.kind == "O")
 
     def first_texts(self) -> list[str]:
-        """The first of its texts; none where it holds numbers."""
+        """Return the texts among the first 200 values; none for a channel of numbers."""
         return [text for text in self.values[:200] if text] if self.is_text else []
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Channels that the file keeps together: a group, a sheet, a struct, a raster, a segment.
+    """Channels that belong together in the file: a group, sheet, struct, raster or segment.
 
     Attributes
     ----------
     name : str
-        As the file calls it, "" where it has no name.
+        Name in the file, "" if it has none.
     channels : tuple of Channel
         Channels in the order of the file.
     fields : tuple of Field
         Header fields of this group.
     first_row : int
-        Line or row of the first sample in the file, from 1; 0 where the format has no rows.
+        Line or row of the first sample in the file, from 1; 0 if the format has no rows.
     """
 
     name: str
@@ -137,7 +138,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class BenchFile:
-    """Everything that was found in a file.
+    """Everything read from a file.
 
     Attributes
     ----------
@@ -148,7 +149,7 @@ class BenchFile:
     fields : tuple of Field
         Header fields of the whole file.
     notes : tuple of str
-        What was found out or left out.
+        What was detected or left out.
     """
 
     format: str

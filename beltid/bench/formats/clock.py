@@ -1,8 +1,7 @@
-"""Clock times and time stamps as the time of a recording: seconds from its first sample.
+"""Convert clock times and time stamps to the time of a recording: seconds from its first sample.
 
-Times of day (``13:45:02,125``, ``1:45:02 PM``), alone or with a date in front or in a column
-beside, with or without a zone; and the times and time stamps of Arrow. All that reads a date is
-here.
+Reads times of day (``13:45:02,125``, ``1:45:02 PM``), alone, after a date or with a column of
+dates, with or without a zone, and the times and time stamps of Arrow. Dates are read only here.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from beltid.errors import PlaceOf, Problems
 
 DAY_S: Final = 86400.0
 MIDNIGHT_S: Final = 0.5 * DAY_S
-"""A time of day that falls by more has passed midnight: a 12-hour clock cannot fall by as much."""
+"""A larger drop in the time of day means midnight: a 12-hour clock cannot drop by as much."""
 LONGEST: Final = 80
 MOST_SHAPES: Final = 50
-"""Ways in which times of one length are written, at most: am and pm, signs of zones."""
+"""Maximum number of ways to write times of one length: am and pm, signs of zones."""
 _DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{4}|\d{1,2})"
 _TIME: Final = (
     r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:(?:[.,]|:(?=(?:\d{3}){1,2}(?!\d)))(?P<f>\d{1,30}))?"
@@ -34,27 +33,27 @@ _PLACE: Final = r"(?P<place>[A-Z][A-Za-z]+(?:/[A-Z][A-Za-z_]+){1,2})"
 _ZONE: Final = rf"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|{_OFFSET}|{_PLACE}))?"
 _CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*", re.ASCII)
 _CLOCK_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
-"""What spreadsheets leave of a clock time: minutes and seconds, or hours and minutes."""
+"""A clock time cut by a spreadsheet: minutes and seconds, or hours and minutes."""
 _DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
 _DATE_IN: Final = re.compile(
     r"(?<!\d)(?:\d{4}([-/.])\d{1,2}\1\d{1,2}|\d{1,2}([-/.])\d{1,2}\2(?:\d{4}|\d\d))(?!\d)", re.ASCII
 )
 _QUARTER_S: Final = 900
-"""Clocks are set to summer time and back at full quarters of an hour."""
+"""Clocks change to summer time and back at full quarters of an hour."""
 _ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
 
 NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
-UNLIKE: Final = "has a date or a zone where the first time has none, or has none where it has"
-UNKNOWN_ZONE: Final = "is in a time zone that is not known, must be one such as Europe/Berlin"
+UNLIKE: Final = "must be like the first time: with or without a date, with or without a zone"
+UNKNOWN_ZONE: Final = "is in an unknown time zone, must be one such as Europe/Berlin"
 TWICE: Final = (
-    "comes twice in its time zone, where the clock is set back, or never: write times with their "
+    "occurs twice or never in its time zone, because the clock is changed: write times with their "
     "offset, such as +02:00"
 )
 DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell is a date alone; spreadsheets write midnight behind it."""
+    """Whether a cell is a date without a time; spreadsheets may append midnight."""
     return len(cell) <= LONGEST and bool(_DATE_ALONE.fullmatch(cell))
 
 
@@ -64,9 +63,9 @@ def is_clock(cell: str) -> bool:
 
 
 def written_as(cells: Sequence[str]) -> str:
-    """What the first filled cells of a column are: "date", "clock", or "" for anything else.
+    """Classify the first filled cells of a column as "date", "clock", or "" for anything else.
 
-    A clock time of which only a part is written is one, too: its reader refuses it.
+    A clock time that was cut counts as a clock time; its reader refuses it.
     """
     if cells and all(map(is_date, cells)):
         return "date"
@@ -74,7 +73,7 @@ def written_as(cells: Sequence[str]) -> str:
 
 
 def day_in(text: str) -> str | None:
-    """The day in a text as ISO 8601; None if there is none, or month and day may be swapped.
+    """Return the day in a text as ISO 8601; None if it has none or day and month are ambiguous.
 
     Examples
     --------
@@ -83,25 +82,28 @@ def day_in(text: str) -> str | None:
     """
     import pyarrow as pa
 
-    found, clock = _DATE_IN.search(text), Clock("")
-    if found is None or clock.read(pa.array([f"{found[0]} 00:00:00"]))[1]:
+    date, clock = _DATE_IN.search(text), Clock("")
+    if date is None or clock.read(pa.array([f"{date[0]} 00:00:00"]))[1]:
         return None
     return None if clock.day_first is None else str(np.datetime64(clock.first_day, "D"))
 
 
 def holds_clock(kind: Any) -> bool:
-    """Whether an Arrow type holds times of day, time stamps, or texts that may be such."""
+    """Whether an Arrow type holds times of day, time stamps, or texts that may be either."""
     import pyarrow as pa
 
-    of = pa.types
-    kind = kind.value_type if of.is_dictionary(kind) else kind
+    is_a = pa.types
+    kind = kind.value_type if is_a.is_dictionary(kind) else kind
     return bool(
-        of.is_timestamp(kind) or of.is_time(kind) or of.is_string(kind) or of.is_large_string(kind)
+        is_a.is_timestamp(kind)
+        or is_a.is_time(kind)
+        or is_a.is_string(kind)
+        or is_a.is_large_string(kind)
     )
 
 
 def holds_dates(kind: Any) -> bool:
-    """Whether an Arrow type holds dates, time stamps, or texts that may be such."""
+    """Whether an Arrow type holds dates, time stamps, or texts that may be either."""
     import pyarrow as pa
 
     return bool(pa.types.is_date(kind) or (holds_clock(kind) and not pa.types.is_time(kind)))
@@ -109,26 +111,25 @@ def holds_dates(kind: Any) -> bool:
 
 @dataclass(slots=True)
 class Clock:
-    """The clock times of one channel, read block by block; the first of them tells how.
+    """Reader of the clock times of one channel, block by block; the first time sets the form.
 
     Attributes
     ----------
     name : str
         Name of the channel, for messages.
     zone : str
-        Time zone of stamps that carry none, such as "Europe/Berlin"; None: they count as they
-        stand.
+        Time zone of time stamps without a zone, such as "Europe/Berlin"; None: no conversion.
     first : str
-        The first time, as it is written.
+        The first time as written.
     dated, zoned : bool
         Whether the first time has a date, and a zone.
     day_first : bool or None
-        Whether the day stands before the month in dates such as 20/11/2026; None: not told, and the
-        first date is another one if they are swapped.
+        Whether the day comes before the month in dates such as 20/11/2026; None if that is
+        ambiguous.
     first_day : int
         Day of the first time, counted from 1970-01-01; seconds are counted from its midnight.
     midnights : int
-        How often a time of day has passed midnight.
+        Number of times that a time of day has passed midnight.
     """
 
     name: str
@@ -141,7 +142,7 @@ class Clock:
     midnights: int = 0
 
     def read(self, times: Any, dates: Any = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Seconds of clock times.
+        """Convert clock times to seconds.
 
         Parameters
         ----------
@@ -153,36 +154,36 @@ class Clock:
         Returns
         -------
         seconds : ndarray
-            Seconds from midnight before the first time, shape (n,); a time of day without a date
-            from its own midnight; nan where there is none.
+            Seconds from the midnight before the first time, shape (n,); for a time of day without a
+            date, from its own midnight; nan where there is no time.
         wrong : dict of str to ndarray
-            What is wrong -> the rows in which it is.
+            Reason -> the rows that cannot be read for this reason.
         """
         import pyarrow as pa
         import pyarrow.compute as pc
 
         times = _plain(times)
         if dates is not None and not _are_dated(times):
-            alone = pc.replace_substring_regex(_plain(dates).cast(pa.string()), r"[T ]00:00.*", "")
-            times = pc.binary_join_element_wise(alone, times.cast(pa.string()), " ")
+            days = pc.replace_substring_regex(_plain(dates).cast(pa.string()), r"[T ]00:00.*", "")
+            times = pc.binary_join_element_wise(days, times.cast(pa.string()), " ")
         if not (pa.types.is_string(times.type) or pa.types.is_large_string(times.type)):
             return self._of_arrow(times)
         return self._of_texts(times)
 
     def _of_arrow(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Seconds of Arrow's own times of day and time stamps; these are UTC where zones are."""
+        """Convert Arrow's times of day and time stamps; stamps with a zone are stored as UTC."""
         import pyarrow as pa
 
         self.dated = pa.types.is_timestamp(times.type)
         self.zoned = self.dated and times.type.tz is not None
         per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[times.type.unit]
         counts = times.cast(pa.int32() if times.type.bit_width == 32 else pa.int64())
-        there = np.flatnonzero(~np.asarray(times.is_null()))
-        if not self.first and there.size:
-            self.first = str(times[int(there[0])])
+        filled = np.flatnonzero(~np.asarray(times.is_null()))
+        if not self.first and filled.size:
+            self.first = str(times[int(filled[0])])
             if self.dated:
-                self.first_day = counts[int(there[0])].as_py() // (86400 * per_second)
-        # whole numbers until midnight of the first day is taken off: nanoseconds are 19 digits
+                self.first_day = counts[int(filled[0])].as_py() // (86400 * per_second)
+        # subtract the first midnight as integers: nanoseconds have 19 digits
         whole = (
             np.asarray(counts.cast(pa.int64()).fill_null(0)) - self.first_day * 86400 * per_second
         )
@@ -190,34 +191,34 @@ class Clock:
         seconds[np.asarray(times.is_null())] = np.nan
         wrong = {}
         if self.dated and not self.zoned and self.zone:
-            ahead, unclear = _ahead_of_utc(seconds[there] + self.first_day * DAY_S, self.zone)
-            seconds[there] -= ahead
-            wrong = {TWICE: there[unclear]} if unclear.any() else {}
+            ahead, unclear = _ahead_of_utc(seconds[filled] + self.first_day * DAY_S, self.zone)
+            seconds[filled] -= ahead
+            wrong = {TWICE: filled[unclear]} if unclear.any() else {}
         return seconds, wrong
 
     def _of_texts(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         seconds = np.full(len(times), np.nan)
         wrong: dict[str, list[np.ndarray]] = {}
         shapes = list(_shapes(times))
-        for rows, digits, shape in sorted(shapes, key=lambda found: int(found[0][0])):
-            found = _CLOCK.fullmatch(shape)
-            if found is None:
+        for rows, digits, shape in sorted(shapes, key=lambda rows_alike: int(rows_alike[0][0])):
+            match = _CLOCK.fullmatch(shape)
+            if match is None:
                 wrong.setdefault(NOT_READ, []).append(rows)
                 continue
             if not self.first:
-                self._learn(times[int(rows[0])].as_py().strip(), found, digits)
-            if (found["a"] is not None, found["zone"] is not None) != (self.dated, self.zoned):
+                self._learn(times[int(rows[0])].as_py().strip(), match, digits)
+            if (match["a"] is not None, match["zone"] is not None) != (self.dated, self.zoned):
                 wrong.setdefault(UNLIKE, []).append(rows)
                 continue
-            values, bad = _time_of_day(found, digits)
+            values, bad = _time_of_day(match, digits)
             wrong.setdefault(NOT_READ, []).append(rows[bad])
             if self.dated:
-                days, no_day, unclear = self._days(found, digits)
+                days, no_day, unclear = self._days(match, digits)
                 wrong.setdefault(NOT_READ, []).append(rows[no_day])
                 wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
                 values += (days - self.first_day) * DAY_S
                 read = np.flatnonzero(~(bad | no_day | unclear))
-                zone = self.zone if found["zone"] is None else found["place"]
+                zone = self.zone if match["zone"] is None else match["place"]
                 if zone and not _is_zone(zone):
                     wrong.setdefault(UNKNOWN_ZONE, []).append(rows)
                 elif zone:
@@ -227,31 +228,31 @@ class Clock:
             seconds[rows] = values
         return seconds, {why: rows for why, parts in wrong.items() if (rows := _joined(parts)).size}
 
-    def _learn(self, text: str, found: re.Match[str], digits: np.ndarray) -> None:
-        """What the first time tells of the others."""
-        self.first, self.dated, self.zoned = text, found["a"] is not None, found["zone"] is not None
+    def _learn(self, text: str, match: re.Match[str], digits: np.ndarray) -> None:
+        """Learn the form of the times from the first one."""
+        self.first, self.dated, self.zoned = text, match["a"] is not None, match["zone"] is not None
         if self.dated:
-            one, two = (int(_number(digits[:1], found.span(part))[0]) for part in "ab")
-            told = found["mark"] == "." or one > 12 or one == two
-            self.day_first = told or (None if two <= 12 else False)
-            self.first_day = int(self._days(found, digits[:1])[0][0])
+            a, b = (int(_number(digits[:1], match.span(part))[0]) for part in "ab")
+            is_day_first = match["mark"] == "." or a > 12 or a == b
+            self.day_first = is_day_first or (None if b <= 12 else False)
+            self.first_day = int(self._days(match, digits[:1])[0][0])
 
     def _days(
-        self, found: re.Match[str], digits: np.ndarray
+        self, match: re.Match[str], digits: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Days from 1970-01-01; which dates are none; which may be two."""
-        one, two, three = (_number(digits, found.span(part)) for part in "abc")
+        """Return days from 1970-01-01, and masks of invalid and of ambiguous dates."""
+        a, b, c = (_number(digits, match.span(part)) for part in "abc")
         unclear = np.zeros(len(digits), dtype=bool)
-        if len(found["a"]) == 4:
-            year, month, day = one, two, three
+        if len(match["a"]) == 4:
+            year, month, day = a, b, c
         else:
-            year = three + (2000 if len(found["c"]) < 4 else 0)
-            day, month = (two, one) if self.day_first is False else (one, two)
+            year = c + (2000 if len(match["c"]) < 4 else 0)
+            day, month = (b, a) if self.day_first is False else (a, b)
         months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
         days = months.astype("datetime64[D]") + (day - 1)
         bad = (month < 1) | (month > 12) | (days.astype("datetime64[M]") != months)
-        if len(found["a"]) < 4 and self.day_first is None and self.first_day:
-            # of one and the same day the order does not matter
+        if len(match["a"]) < 4 and self.day_first is None and self.first_day:
+            # on the first day itself the order does not matter
             unclear = days.astype(np.int64) != self.first_day
         return days.astype(np.int64), bad & ~unclear, unclear
 
@@ -264,18 +265,18 @@ class Clock:
         *,
         from_first: bool = True,
     ) -> np.ndarray:
-        """Time of samples [s]: midnight passed is counted on, any other step back is wrong.
+        """Return the times of samples [s], continued past midnight; report any other step back.
 
         Parameters
         ----------
         seconds : ndarray
-            As `read` returns them, shape (n,).
+            Seconds from `read`, shape (n,).
         place : callable
-            Index of a sample -> its place in words, and its line.
+            Index of a sample -> its location as text, and its line.
         problems : Problems
-            Collects times that go back, and such as are told too coarsely for their samples.
+            Collects times that go back and times that are too coarse for the samples.
         runs : ndarray of int, optional
-            Number of the run of every sample, shape (n,); each has a time of its own.
+            Number of the run of every sample, shape (n,); each run has its own time.
         from_first : bool
             Whether to count from the first sample of the run.
 
@@ -297,12 +298,12 @@ class Clock:
             back = np.flatnonzero((steps < 0) & (self.dated | (steps >= -MIDNIGHT_S)))
             if back.size:
                 self._report_back(back, rows, time, place, problems)
-                time[rows] = np.maximum.accumulate(time[rows])  # told once what is wrong
+                time[rows] = np.maximum.accumulate(time[rows])  # reported once
             elif 2 * np.count_nonzero(steps == 0) > max(steps.size, 9):
                 where, line = place(int(rows[0]))
                 problems.add(
                     f"{where}: {self.name} stays the same from sample to sample more often than "
-                    "it changes: it is written too coarsely to be the time of the samples",
+                    "it changes: its resolution is too coarse for the time of the samples",
                     line,
                     "numbers",
                 )
@@ -311,7 +312,7 @@ class Clock:
                 self.midnights += int(nights[-1])
             if from_first:
                 time[rows] -= time[rows[0]]
-        return np.round(time, 9)  # what no clock writes is rounding
+        return np.round(time, 9)  # finer digits are rounding errors
 
     def _report_back(
         self,
@@ -325,13 +326,13 @@ class Clock:
         fall = before - after
         cause = "must not go backwards"
         if not self.dated and fall >= 11 * 3600:
-            cause = "is it of 12 hours, without am and pm?"
+            cause = "is it a 12-hour clock without am and pm?"
         elif 3000 <= fall <= 3600 and not self.zoned:
             cause = "the end of summer time? Then the times need their zone, such as +02:00"
         where, line = place(int(rows[back[0] + 1]))
-        more = f"; {back.size - 1} more times it goes back" if back.size > 1 else ""
-        text = f"{where}: {self.name} goes back from {_shown(before)} to {_shown(after)}, not by "
-        problems.add(f"{text}midnight: {cause}{more}", line, "numbers")
+        more = f"; it goes back {back.size - 1} more times" if back.size > 1 else ""
+        text = f"{where}: {self.name} goes back from {_shown(before)} to {_shown(after)} without "
+        problems.add(f"{text}passing midnight: {cause}{more}", line, "numbers")
 
     def report_wrong(
         self,
@@ -340,7 +341,7 @@ class Clock:
         place: PlaceOf,
         problems: Problems,
     ) -> None:
-        """Note what `read` found wrong."""
+        """Report the rows that `read` could not convert."""
         for why, rows in wrong.items():
 
             def text(i: int, why: str = why) -> str:
@@ -350,31 +351,31 @@ class Clock:
             problems.unread.update(place(int(row))[0] for row in rows)
 
     def notes(self) -> list[str]:
-        """How the time came about, in words."""
+        """Return notes on how the time was obtained."""
         if not self.first:
             return []
         what = "time stamps" if self.dated else "times of day"
-        found = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
+        notes = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
         if self.zone and self.dated and not self.zoned:
-            found.append(f"{self.name} is read as times of {self.zone}, as the config states")
+            notes.append(f"{self.name} is read as times of {self.zone}, as the config states")
         if self.midnights:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
-            found.append(f"{self.name} passes midnight {times}: the seconds go on")
-        return found
+            notes.append(f"{self.name} passes midnight {times}: the seconds continue")
+        return notes
 
 
 def _are_dated(times: Any) -> bool:
-    """Whether Arrow's times, or the first of their texts, have a date of their own."""
+    """Whether Arrow times, or the first of their texts, include a date."""
     import pyarrow as pa
 
     if pa.types.is_timestamp(times.type) or pa.types.is_time(times.type):
         return bool(pa.types.is_timestamp(times.type))
-    found = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
-    return found is not None and found["a"] is not None
+    match = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
+    return match is not None and match["a"] is not None
 
 
 def _is_zone(name: str) -> bool:
-    """Whether a name is that of a time zone."""
+    """Whether a time zone of this name exists."""
     try:
         zoneinfo.ZoneInfo(name)
     except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
@@ -383,12 +384,12 @@ def _is_zone(name: str) -> bool:
 
 
 def _ahead_of_utc(local_s: np.ndarray, zone: str) -> tuple[np.ndarray, np.ndarray]:
-    """How far the clocks of a zone are ahead of UTC [s], and which times come twice or never.
+    """Return the offset of a zone from UTC [s], and a mask of times that occur twice or never.
 
     Parameters
     ----------
     local_s : ndarray
-        What the clocks show [s], counted from 1970-01-01, shape (n,).
+        Local clock time [s] from 1970-01-01, shape (n,).
     zone : str
         Name of the zone.
     """
@@ -410,7 +411,7 @@ def _ahead_of_utc(local_s: np.ndarray, zone: str) -> tuple[np.ndarray, np.ndarra
 
 
 def _plain(values: Any) -> Any:
-    """An Arrow array in one piece, dictionaries decoded."""
+    """Return an Arrow array in one chunk, with dictionaries decoded."""
     import pyarrow as pa
 
     if isinstance(values, pa.ChunkedArray):
@@ -421,9 +422,9 @@ def _plain(values: Any) -> Any:
 
 
 def _shapes(texts: Any) -> Iterator[tuple[np.ndarray, np.ndarray, str]]:
-    """Rows written alike but for their digits: the rows, their bytes, and how they are written.
+    """Yield groups of rows that differ only in digits: rows, their bytes, and the common pattern.
 
-    Texts written in more ways than times can be come with an empty one.
+    The pattern is empty for texts that are too long or written in too many ways to be times.
     """
     import pyarrow as pa
 
@@ -450,31 +451,31 @@ def _shapes(texts: Any) -> Iterator[tuple[np.ndarray, np.ndarray, str]]:
 
 
 def _number(signs: np.ndarray, span: tuple[int, int], most: int = 9) -> np.ndarray:
-    """Whole numbers that stand at one place of all texts."""
+    """Read the integers in the same columns of all texts."""
     start, end = span[0], min(span[1], span[0] + most)
     powers = 10 ** np.arange(end - start - 1, -1, -1, dtype=np.int64)
-    found: np.ndarray = (signs[:, start:end].astype(np.int64) - ord("0")) @ powers
-    return found
+    numbers: np.ndarray = (signs[:, start:end].astype(np.int64) - ord("0")) @ powers
+    return numbers
 
 
-def _time_of_day(found: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds from midnight, less the offset where one is told; and which are none."""
-    hour, minute, second = (_number(signs, found.span(part)) for part in "hms")
+def _time_of_day(match: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return seconds from midnight less the offset of the zone, and a mask of invalid times."""
+    hour, minute, second = (_number(signs, match.span(part)) for part in "hms")
     bad = (hour > 23) | (minute > 59) | (second > 59)
-    if found["half"]:
+    if match["half"]:
         bad |= (hour < 1) | (hour > 12)
-        hour = hour % 12 + (12 if found["half"] in "pP" else 0)
+        hour = hour % 12 + (12 if match["half"] in "pP" else 0)
     values = (hour * 3600 + minute * 60 + second).astype(float)
-    if found["f"]:
-        length = min(len(found["f"]), 9)
-        values += _number(signs, found.span("f")) / 10**length
-    if found["zh"]:
-        ahead = _number(signs, found.span("zh")) * 3600
-        if found["zm"]:
-            ahead += _number(signs, found.span("zm")) * 60
-        values -= ahead if found["sign"] == "+" else -ahead
-    elif found["zone"] in _ZONES_MIN:
-        values -= _ZONES_MIN[found["zone"]] * 60
+    if match["f"]:
+        length = min(len(match["f"]), 9)
+        values += _number(signs, match.span("f")) / 10**length
+    if match["zh"]:
+        ahead = _number(signs, match.span("zh")) * 3600
+        if match["zm"]:
+            ahead += _number(signs, match.span("zm")) * 60
+        values -= ahead if match["sign"] == "+" else -ahead
+    elif match["zone"] in _ZONES_MIN:
+        values -= _ZONES_MIN[match["zone"]] * 60
     return values, bad
 
 
@@ -483,7 +484,7 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _shown(seconds: float) -> str:
-    """Seconds from a midnight as a time of day."""
+    """Format seconds from midnight as a time of day."""
     whole, milliseconds = divmod(round(seconds % DAY_S * 1000), 1000)
     text = f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
     return f"{text}.{milliseconds:03d}" if milliseconds else text

@@ -1,4 +1,4 @@
-"""CSV rows: read by Arrow where they are clean, row by row with the place of what is wrong."""
+"""Read CSV rows with Arrow, or row by row with line numbers if anything is wrong."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ from beltid.bench.formats.rows import Rows, Texts
 from beltid.errors import InputError, Problems
 
 CHUNK: Final = 16 << 20
-"""Bytes that are read at a time."""
+"""Bytes read at a time."""
 ARROW_BLOCK: Final = 1 << 20
-"""Bytes that a thread of Arrow reads at a time."""
+"""Bytes that an Arrow thread reads at a time."""
 LONGEST_ROW: Final = 64 << 20
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
-"""Blanks that part no cells."""
+"""Blanks that do not separate cells."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """A column that is to be read.
+    """A column to read.
 
     Attributes
     ----------
     index : int or str
-        Its position in the rows of the file, or its name where columns are read by name.
+        Position in the rows of the file, or the name for formats read by name.
     is_text : bool
-        Whether it holds labels rather than numbers.
+        Whether it holds labels, not numbers.
     shown : str
-        How messages call it.
+        Name in messages.
     clock : Clock or None
-        Reader of its clock times; None for numbers and labels.
+        Reader of the clock times; None for numbers and labels.
     date : int, str or None
-        Where the dates of its clock times are.
+        Column with the dates of the clock times.
     """
 
     index: Any
@@ -62,21 +62,21 @@ def read_rows(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
     Parameters
     ----------
     layout : Layout
-        The rows and how they are written.
+        The rows and their layout.
     wanted : mapping
-        Our names of the columns -> where they stand.
+        Our column names -> columns of the file.
     name : str
         File name for messages.
 
     Returns
     -------
     Rows
-        The columns; rows with none of the wanted cells filled are left out.
+        The columns, without rows in which all wanted cells are empty.
 
     Raises
     ------
     UnicodeDecodeError
-        If rows that are not clean are not UTF-8.
+        If rows that Arrow cannot read are not UTF-8.
     """
     if layout.separator == BLANK:
         layout = replace(layout, body=_SPACING.sub(b"", layout.body))
@@ -92,34 +92,34 @@ def csv_blocks(
     name: str,
     notes: list[str],
 ) -> Iterator[Rows]:
-    """Blocks of rows of a CSV file of any size.
+    """Yield the rows of a CSV file of any size in blocks.
 
     Parameters
     ----------
     chunks : iterable of bytes
-        The file from its first row on.
+        The file, starting at its first row.
     layout : Layout
-        Its header; the body is not used.
+        Layout of the file; its body is not used.
     wanted : mapping of str to Wanted
         Columns to read.
     encoding : str
-        Encoding of the file: UTF-8 or another one that holds ASCII.
+        Encoding of the file: UTF-8 or another superset of ASCII.
     name : str
         File name for messages.
     notes : list of str
-        Takes what is found out at the end of the file.
+        Receives the notes made at the end of the file.
 
     Raises
     ------
     InputError
-        If a row is too long, or bytes are not text.
+        If a row is too long, or the bytes are not text.
     """
     asides = 0
     for line, data in _whole_rows(chunks, layout.first_line, name, notes):
         if b"\0" in data:
             at = line + data.count(b"\n", 0, data.index(b"\0"))
             raise InputError(
-                f"{name}:{at}: holds a zero byte: damaged, or not a text file", code="damaged"
+                f"{name}:{at}: contains a zero byte: damaged, or not a text file", code="damaged"
             )
         try:
             body = data if encoding == "utf-8" else data.decode(encoding).encode()
@@ -137,7 +137,7 @@ def csv_blocks(
 
 
 def file_chunks(path: Path) -> Iterator[bytes]:
-    """The bytes of a file, plain or packed with gzip, in chunks.
+    """Yield the bytes of a plain or gzip file in chunks.
 
     Raises
     ------
@@ -157,21 +157,21 @@ def file_chunks(path: Path) -> Iterator[bytes]:
 
 
 def _line_feeds(data: bytes) -> int:
-    """How many line feeds there are; `bytes.count` takes three times as long."""
+    """Count line feeds; `bytes.count` takes three times as long."""
     return int(np.count_nonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")))
 
 
 def _whole_rows(
     chunks: Iterable[bytes], line: int, name: str, notes: list[str]
 ) -> Iterator[tuple[int, bytes]]:
-    """The same bytes, in parts that end with a line feed outside of quotation marks.
+    """Split the bytes into parts that end with a line feed outside quotation marks.
 
-    Each comes with the number of its first line, the first one with `line`; line feeds are single.
+    Yield the number of the first line with each part, starting at `line`; line feeds are single.
     """
     rest = b""
     for chunk in chunks:
         end = chunk.rfind(b"\n") + 1
-        # a quotation mark without its partner: a cell may go on after the last line feed
+        # an odd number of quotation marks: a cell may continue after the last line feed
         quotes = rest.count(b'"') + (chunk.count(b'"', 0, end) if b'"' in chunk else 0)
         if end and (quotes % 2 == 0 or len(rest) + end > LONGEST_ROW):
             data = _single_feeds(b"".join((rest, memoryview(chunk)[:end])))
@@ -193,10 +193,10 @@ def _single_feeds(data: bytes) -> bytes:
 
 
 def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
-    """Read with Arrow; None if a row or a cell is not as expected."""
+    """Read with Arrow; return None if any row or cell is not as expected."""
     body = layout.body
     if b'"' in body and any(line.count(b'"') % 2 for line in body.split(b"\n")):
-        return None  # a cell over several lines: line numbers need the exact reader
+        return None  # a cell over several lines: only the exact reader counts lines correctly
     names = [f"c{i}" for i in range(len(layout.header))]
     table = _arrow_table(layout, wanted, names)
     if table is None:
@@ -206,29 +206,29 @@ def _read_clean(layout: Layout, wanted: Mapping[str, Wanted]) -> Rows | None:
         lines = _filled_lines(body, layout.first_line)
         if len(lines) != table.num_rows:
             return None
-    read = {key: table.column(names[w.index]) for key, w in wanted.items()}
+    columns = {key: table.column(names[w.index]) for key, w in wanted.items()}
     numbers: dict[str, np.ndarray] = {}
     for key, w in wanted.items():
         if w.clock is not None:
             dates = None if w.date is None else table.column(names[w.date])
-            numbers[key], wrong = w.clock.read(read[key], dates)
+            numbers[key], wrong = w.clock.read(columns[key], dates)
             if wrong:
                 return None
         elif not w.is_text and layout.signs.thousands:
-            ungrouped = layout.signs.of_arrow(read[key])
+            ungrouped = layout.signs.of_arrow(columns[key])
             if ungrouped is None:
                 return None
             numbers[key] = ungrouped
         elif not w.is_text:
-            numbers[key] = read[key].to_numpy()
+            numbers[key] = columns[key].to_numpy()
     texts = {
-        key: Texts.of_arrow(read[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
+        key: Texts.of_arrow(columns[key], MISSING_WORDS) for key, w in wanted.items() if w.is_text
     }
     return Rows(numbers, texts, lines)
 
 
 def _arrow_table(layout: Layout, wanted: Mapping[str, Wanted], names: list[str]) -> Any:
-    """The wanted columns as Arrow reads them, under the names given; None if it cannot."""
+    """Read the wanted columns into an Arrow table with the given names; None if Arrow fails."""
     import pyarrow as pa
     from pyarrow import csv as pa_csv
 
@@ -238,8 +238,8 @@ def _arrow_table(layout: Layout, wanted: Mapping[str, Wanted], names: list[str])
         else pa.float64()
         for w in wanted.values()
     } | {names[w.date]: pa.string() for w in wanted.values() if w.date is not None}
-    # A thread of Arrow may be the last to let go of what it reads. If that belonged to Python and
-    # the program ended just then, it would be aborted.
+    # An Arrow thread may be the last to release its input. If that input belonged to Python and
+    # the interpreter exited at that moment, the process would abort.
     in_arrow = pa.BufferOutputStream()
     in_arrow.write(layout.body)
     try:
@@ -260,7 +260,7 @@ def _arrow_table(layout: Layout, wanted: Mapping[str, Wanted], names: list[str])
 
 
 def _filled_lines(body: bytes, first_line: int) -> np.ndarray:
-    """Line numbers of the lines that are not empty."""
+    """Return the numbers of the lines that are not empty."""
     ends = np.flatnonzero(np.frombuffer(body, dtype=np.uint8) == ord("\n"))
     if not body.endswith(b"\n"):
         ends = np.append(ends, len(body))
@@ -269,7 +269,7 @@ def _filled_lines(body: bytes, first_line: int) -> np.ndarray:
 
 
 def _read_row_by_row(layout: Layout, wanted: Mapping[str, Wanted], name: str) -> Rows:
-    """Read every row by itself, noting the line of everything that is wrong."""
+    """Read row by row and report every fault with its line."""
     import pyarrow as pa
 
     width, problems = len(layout.header), Problems()

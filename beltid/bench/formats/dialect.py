@@ -1,4 +1,4 @@
-"""How a table is written: title lines, header, row of units; in a text its separators, too."""
+"""Detect the layout of a table: title lines, header, row of units, separators of text files."""
 
 from __future__ import annotations
 
@@ -20,67 +20,67 @@ if TYPE_CHECKING:
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 BLANK: Final = " "
-"""Any number of blanks; they separate where no other sign does."""
+"""Any number of blanks; they separate cells if no other sign does."""
 MAX_COLUMNS: Final = 2000
 MAX_LINES: Final = 50_000_000
-"""Lines of a file that is read at once; blank ones take memory, too."""
+"""Maximum number of lines in a file that is read at once; blank lines take memory, too."""
 LONGEST_LINE: Final = 1 << 24
-"""Characters of a line, at most: cells take far more memory than their text."""
+"""Maximum length of a line [characters]: cells take far more memory than their text."""
 TOP: Final = 10_000
-"""Lines among which the header and the row of units are, after those that are skipped."""
+"""Lines searched for the header and the row of units, after the skipped lines."""
 _NAMES: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'", BLANK: "blank"}
 FIRST_BYTES: Final = 20_000
 FIRST_ROWS: Final = 200
-"""Rows that show how a table writes its numbers and times."""
+"""Rows used to detect how numbers and times are written."""
 SEARCHED: Final = 400
-"""Rows in which the header is looked for."""
+"""Rows searched for a header below title lines."""
 CELL_LINES: Final = 10
-"""Lines over which a cell of the header may go."""
+"""Maximum number of lines in a cell of the header."""
 BLOCK: Final = 5
-"""Rows that must look alike to be the begin of the numbers."""
+"""Number of similar rows that mark the beginning of the numbers."""
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
-"""Units that no column of ours has, but that stand in a row of units."""
+"""Units that none of our columns has, but that occur in a row of units."""
 LONGEST_NAME: Final = 300
-"""Longer names of channels are not searched for a unit."""
+"""Longest channel name [characters] that is searched for a unit."""
 _COMMENT: Final = re.compile(rb"^#[^\n]*", re.MULTILINE)
 _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
-"""A line that ends within a quoted cell."""
+"""A line that ends inside a quoted cell."""
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
-"""The form of clock times, where a unit stands otherwise."""
+"""Format of clock times in place of a unit."""
 _IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""What tells channels of one name apart."""
+"""Number that distinguishes channels of the same name."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What was found at the top of a CSV file.
+    """Layout of a CSV file, as detected at its top.
 
     Attributes
     ----------
     header : tuple of str
         Names of the columns in the file.
     unit_cells : tuple of str
-        Cells of the row of units, empty without one.
+        Cells of the row of units, empty if there is none.
     separator : str
         Sign between cells.
     signs : NumberSigns
-        How numbers are written.
+        Decimal sign and thousands separator.
     body : bytes
         The rows as UTF-8, with single line feeds.
     first_line : int
         Line number of the first row in the file, from 1.
     notes : tuple of str
-        What was found out rather than stated.
+        What was detected, not set by the user.
     header_line : int
         Line number of the header, from 1.
     fields : tuple of Field
-        What the lines above the header tell.
+        Header fields from the lines above the header.
     head : tuple of bytes
-        The lines of the header and of the row of units, as they stand in the body if repeated.
+        Lines of the header and the row of units, as they appear when repeated in the body.
     """
 
     header: tuple[str, ...]
@@ -95,9 +95,9 @@ class Layout:
     head: tuple[bytes, ...] = ()
 
     def first_cells(self) -> list[list[str]]:
-        """Filled cells of the first rows, column by column."""
+        """Return the filled cells of the first rows, column by column."""
         first = self.body[:FIRST_BYTES]
-        if len(self.body) > FIRST_BYTES:  # not the row that is cut
+        if len(self.body) > FIRST_BYTES:  # drop the row that is cut
             first = first[: first.rfind(b"\n") + 1] or first
         columns: list[list[str]] = [[] for _ in self.header]
         for line in first.decode(errors="replace").split("\n")[:FIRST_ROWS]:
@@ -108,13 +108,13 @@ class Layout:
 
 
 def blank_asides(found: Layout) -> tuple[Layout, int]:
-    """A layout in whose body comments and repeated heads are blank; how many lines that are.
+    """Blank the comments and repeated headers in the body; return the layout and their number.
 
-    A comment begins with # and has not the cells of a row: a label may begin with # as well.
+    A comment begins with # and has fewer cells than a row, since a label may begin with #, too.
     """
     body, separator = found.body, found.separator.encode()
     comments: list[bytes] = []
-    if b"#" in body:  # quicker to see than a line that begins with it
+    if b"#" in body:  # faster than searching for lines that begin with it
         width = len(found.header)
         comments = [
             line for line in _COMMENT.findall(body) if line.count(separator) + 1 < max(width, 2)
@@ -128,13 +128,13 @@ def blank_asides(found: Layout) -> tuple[Layout, int]:
 
 
 def asides_note(count: int) -> list[str]:
-    """How many lines `blank_asides` found, in words."""
-    words = "lines of comments (#) and repeated heads left out between the rows"
-    return [f"{count} {words}"] if count else []
+    """Note the number of lines that `blank_asides` left out."""
+    text = "lines of comments (#) and repeated headers left out between the rows"
+    return [f"{count} {text}"] if count else []
 
 
 def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str]) -> Layout:
-    """Find the header and how cells and decimals are marked.
+    """Detect the header, the separator and the decimal sign.
 
     Parameters
     ----------
@@ -143,30 +143,30 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     name : str
         File name for messages.
     dialect : DialectSection
-        What the config states.
+        Settings of the config.
     wanted : iterable of str
-        Names in the file of the columns that are looked for.
+        Names in the file of the wanted columns.
 
     Raises
     ------
     InputError
-        If there is no header, or nothing after it.
+        If there is no header, or no row below it.
     """
-    _refuse_monstrous(text, name)
+    _refuse_huge(text, name)
     notes: list[str] = []
     names, skipped = set(wanted), dialect.skip_lines
     top = _whole_cells(text.split("\n", skipped + TOP)[: skipped + TOP], skipped)
     at = _header_row(top, skipped, name, notes)
     separator = dialect.separator or best_separator(top[at], names)
-    if not dialect.separator and _set_apart_by_blanks(top, at):
+    if not dialect.separator and _is_separated_by_blanks(top, at):
         separator = BLANK
     row = top[at].strip() if separator == BLANK else top[at]
     header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
     if not skipped and not names <= set(header):
-        found = _search(top[:SEARCHED], dialect.separator)
-        if found is not None and (found[0].header_row, found[1]) != (at, separator):
-            head, separator = found
+        titled = _search(top[:SEARCHED], dialect.separator)
+        if titled is not None and (titled[0].header_row, titled[1]) != (at, separator):
+            head, separator = titled
             at, header, fields = head.header_row, head.names, head.fields
             notes.append(f"header found in line {at + 1}")
     fields = fields or fields_of([[row] for row in top[:at] if row.startswith("#")])
@@ -176,13 +176,13 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     place = f"{name}:{at + 1}"
     if len(header) > MAX_COLUMNS:
-        raise InputError(f"{place}: {len(header)} columns, at most {MAX_COLUMNS} are read")
+        raise InputError(f"{place}: {len(header)} columns, must be at most {MAX_COLUMNS}")
     unit_cells, first = _units_row(top, at + 1, separator, stated=dialect.units_row)
     body = "".join(text.split("\n", first)[first:])
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
-    laid_out = Layout(
-        told_apart(header),
+    unsigned = Layout(
+        distinct_names(header),
         unit_cells,
         separator,
         NumberSigns(),
@@ -193,12 +193,12 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
         fields,
         tuple(row.encode() for row in top[at:first] if row.strip()),
     )
-    signs = _number_signs(laid_out, dialect, notes, place)
-    return replace(laid_out, signs=signs, notes=tuple(notes))
+    signs = _number_signs(unsigned, dialect, notes, place)
+    return replace(unsigned, signs=signs, notes=tuple(notes))
 
 
-def _refuse_monstrous(text: str, name: str) -> None:
-    """Refuse what fills memory or time by its lines alone."""
+def _refuse_huge(text: str, name: str) -> None:
+    """Refuse a text with too many lines, or a line too long, for memory or time."""
     if text.count("\n") > MAX_LINES:
         raise InputError(f"{name}: more than {MAX_LINES:,} lines, split the recording")
     start = 0
@@ -211,9 +211,9 @@ def _refuse_monstrous(text: str, name: str) -> None:
 
 
 def _whole_cells(top: Sequence[str], skip: int) -> list[str]:
-    """Lines in which quoted cells over several lines, as spreadsheets write them, are on one.
+    """Join quoted cells that span several lines, as spreadsheets write them, into one line.
 
-    The lines that they go on in are blank, so that all others keep their number.
+    Their continuation lines become blank, so that all other lines keep their number.
     """
     lines = list(top)
     for at in range(skip, min(skip + SEARCHED, len(lines))):
@@ -228,7 +228,7 @@ def _whole_cells(top: Sequence[str], skip: int) -> list[str]:
 
 
 def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> int:
-    """Index of the header: after skipped, blank and comment (#) lines, and a mark of Excel."""
+    """Find the header: after skipped, blank and comment (#) lines, and the ``sep=`` of Excel."""
     comments = 0
     for at in range(skip, len(top)):
         row = top[at].strip()
@@ -238,21 +238,21 @@ def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> i
             if comments:
                 notes.append(f"{comments} lines beginning with # before the header left out")
             return at
-    raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them are skipped)")
+    raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
 
 
-def _set_apart_by_blanks(top: Sequence[str], at: int) -> bool:
-    """Whether blanks, and no other sign, part the header and the rows into as many cells."""
+def _is_separated_by_blanks(top: Sequence[str], at: int) -> bool:
+    """Whether only blanks separate the header and the rows, into equally many cells."""
     below = next((row for row in top[at + 1 :] if row.strip()), "")
     cells = len(top[at].split())
-    is_parted = any(sign in top[at] for sign in SEPARATORS)
-    return not is_parted and cells > 1 and len(below.split()) == cells
+    has_separator = any(sign in top[at] for sign in SEPARATORS)
+    return not has_separator and cells > 1 and len(below.split()) == cells
 
 
 def _units_row(
     top: Sequence[str], start: int, separator: str, *, stated: bool
 ) -> tuple[tuple[str, ...], int]:
-    """Cells of the row of units below the header, stated or plain to see; where the rows begin."""
+    """Return the row of units below the header, stated or detected, and where the rows begin."""
     below = next((i for i in range(start, len(top)) if top[i].strip()), None)
     if below is None:
         return (), start
@@ -261,7 +261,7 @@ def _units_row(
 
 
 def _search(top: Sequence[str], stated: str | None) -> tuple[TableHead, str] | None:
-    """The header above the first numbers and its separator, under title lines."""
+    """Find the header below title lines and above the first numbers, and its separator."""
     best: tuple[TableHead, str] | None = None
     for separator in (stated,) if stated else SEPARATORS:
         head = find_head([cells_or_line(line, separator) for line in top])
@@ -271,7 +271,7 @@ def _search(top: Sequence[str], stated: str | None) -> tuple[TableHead, str] | N
 
 
 def cells_or_line(line: str, separator: str) -> list[str]:
-    """Cells of a line; the line itself where it is none of a CSV file."""
+    """Split a line into cells; one cell with the whole line if it is not valid CSV."""
     try:
         return _cells(line, separator, "")
     except InputError:
@@ -286,7 +286,7 @@ def _cells(row: str, separator: str, place: str) -> list[str]:
 
 
 def best_separator(head: str, wanted: set[str]) -> str:
-    """The separator under which most wanted names are found, then the most frequent one."""
+    """Choose the separator that yields the most wanted names, then the most cells."""
 
     def score(separator: str) -> tuple[int, int]:
         cells = {cell.strip().strip('"') for cell in head.split(separator)}
@@ -296,10 +296,10 @@ def best_separator(head: str, wanted: set[str]) -> str:
 
 
 def _number_signs(
-    found: Layout, dialect: DialectSection, notes: list[str], place: str
+    table: Layout, dialect: DialectSection, notes: list[str], place: str
 ) -> NumberSigns:
-    """How the numbers of the first rows are written; InputError if they contradict each other."""
-    columns = found.first_cells()
+    """Detect the number signs in the first rows; InputError if numbers contradict each other."""
+    columns = table.first_cells()
     cells = (cell for column in columns for cell in column)
     signs = NumberSigns.of(cells, dialect.decimal, dialect.thousands)
     if dialect.decimal is None and signs.decimal == ",":
@@ -307,10 +307,10 @@ def _number_signs(
     if dialect.thousands is None and signs.thousands:
         notes.append(f'thousands separator "{signs.thousands}" found in the numbers')
     if dialect.decimal is None and dialect.thousands is None:
-        for name, column in zip(found.header, columns, strict=True):
-            if two := contradiction(column, signs):
+        for name, column in zip(table.header, columns, strict=True):
+            if pair := contradiction(column, signs):
                 raise InputError(
-                    f'{place}: column {name} holds "{two[0]}" and "{two[1]}": if the point marks '
+                    f'{place}: column {name} holds "{pair[0]}" and "{pair[1]}": if the point marks '
                     'thousands, set dialect: {thousands: "."}, else {decimal: "."}',
                     code="numbers",
                 )
@@ -319,14 +319,14 @@ def _number_signs(
 
 @dataclass(frozen=True, slots=True)
 class TableHead:
-    """What stands above the numbers of a table.
+    """Header lines above the numbers of a table.
 
     Attributes
     ----------
     names : tuple of str
         Cells of the header.
     units : tuple of str
-        Cells of the row of units, empty without one.
+        Cells of the row of units, empty if there is none.
     header_row, first_row : int
         Index of the header and of the first row of numbers.
     fields : tuple of Field
@@ -369,7 +369,7 @@ def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
 
 
 def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str, ...]:
-    """Names of the columns; one that is blank stands in the row above: cells merged over two."""
+    """Return the column names; a blank one is taken from the row above (merged cells)."""
     names = [cell.strip() for cell in rows[above[-1]]]
     upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
     if sum(1 for cell in upper if cell.strip()) > 1:  # a title is one cell
@@ -379,7 +379,7 @@ def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str,
 
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
-    """Whether at least two columns hold numbers only, and most of the cells are numbers."""
+    """Whether at least two columns, and at least half of those in use, hold only numbers."""
     width = max(len(row) for row in block)
     columns = [[row[i].strip() if i < len(row) else "" for row in block] for i in range(width)]
     numeric = [
@@ -401,82 +401,86 @@ def _is_ruler(row: Sequence[str]) -> bool:
 def is_units_row(cells: Sequence[str]) -> bool:
     """Whether a row holds units: no number, and at least half of its cells are known units."""
     filled = [cell.strip() for cell in cells if cell.strip()]
-    known = sum(1 for cell in filled if is_unit(cell))
-    real = sum(1 for cell in filled if is_known_unit(cell) or canonical_unit(cell) in ("V", "mV"))
+    units = sum(1 for cell in filled if is_unit(cell))
+    own_units = sum(
+        1 for cell in filled if is_known_unit(cell) or canonical_unit(cell) in ("V", "mV")
+    )
     return (
-        real > 0 and 2 * known >= len(filled) and not any(is_number(c) and c != "1" for c in filled)
+        own_units > 0
+        and 2 * units >= len(filled)
+        and not any(is_number(c) and c != "1" for c in filled)
     )
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit, of ours or another one of benches."""
+    """Whether a text is one of our units or another unit common on benches."""
     known = is_known_unit(text) or canonical_unit(text) in OTHER_UNITS
     return known or bool(_CLOCK_FORM.fullmatch(text.strip("[]() ")))
 
 
 def unit_in_name(name: str) -> str:
-    """Unit that stands in a channel's name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; else ""."""
+    """Extract the unit from a name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; "" if none."""
     if len(name) > LONGEST_NAME:
         return ""
-    found = _IN_NAME.search(name) or _AFTER_NAME.search(name)
-    unit = found[1].strip() if found else ""
+    match = _IN_NAME.search(name) or _AFTER_NAME.search(name)
+    unit = match[1].strip() if match else ""
     return unit if unit and is_unit(unit) else ""
 
 
 def without_unit(name: str) -> str:
-    """The name of a channel without the unit that stands in it."""
+    """Remove the unit from the name of a channel."""
     if not unit_in_name(name):
         return name.strip()
-    where = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
-    return where.sub("", name).strip()
+    pattern = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
+    return pattern.sub("", name).strip()
 
 
-def told_apart(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of channels; those that stand several times get their position: ``Kraft #2 [N]``."""
+def distinct_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Number the channel names that occur several times: ``Kraft #2 [N]``."""
     positions: dict[str, int] = {}
-    apart = []
+    distinct = []
     for name in names:
         positions[name] = positions.get(name, 0) + 1
         if name and names.count(name) > 1:
             bare = without_unit(name)
             name = f"{bare} #{positions[name]}{name[len(bare) :]}"
-        apart.append(name)
-    return tuple(apart)
+        distinct.append(name)
+    return tuple(distinct)
 
 
 def without_position(name: str) -> str:
-    """The name of a channel without its position among those of its name."""
+    """Remove the number that `distinct_names` added."""
     return POSITION.sub("", name)
 
 
 def side_by_side(names: Sequence[str]) -> list[list[int]]:
-    """Columns of recordings that stand side by side in one table; none where it holds one.
+    """Split the columns of a table with several recordings side by side; [] if it holds one.
 
-    Each has the same names, one after the other; a name that stands once is that of all.
+    All recordings have the same names in the same order; a name that occurs once belongs to all.
 
     Parameters
     ----------
     names : sequence of str
-        Names of the columns, told apart.
+        Names of the columns from `distinct_names`.
 
     Returns
     -------
     list of list of int
         Indices of the columns of each recording.
     """
-    found: dict[str, list[int]] = {}
+    repeated: dict[str, list[int]] = {}
     for i, name in enumerate(names):
         if POSITION.search(name):
-            found.setdefault(without_position(name), []).append(i)
-    counts = {len(indices) for indices in found.values()}
-    if len(found) < 2 or len(counts) != 1 or counts == {1}:
+            repeated.setdefault(without_position(name), []).append(i)
+    counts = {len(indices) for indices in repeated.values()}
+    if len(repeated) < 2 or len(counts) != 1 or counts == {1}:
         return []
-    alone = [i for i, name in enumerate(names) if name and not POSITION.search(name)]
-    return [sorted([*alone, *part]) for part in zip(*found.values(), strict=True)]
+    shared = [i for i, name in enumerate(names) if name and not POSITION.search(name)]
+    return [sorted([*shared, *part]) for part in zip(*repeated.values(), strict=True)]
 
 
 def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
-    """Header fields of title lines: ``name, value[, unit]`` or ``name: value`` in one cell."""
+    """Read header fields from title lines: ``name, value[, unit]`` or one cell ``name: value``."""
     fields = []
     for row in rows:
         cells = [cell.strip().strip('"').strip() for cell in row]
@@ -486,7 +490,7 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
             continue
         cells[0] = cells[0].lstrip("#%").strip()
         if len(cells) == 1:
-            name, mark, text = _parted(cells[0])
+            name, mark, text = _split_field(cells[0])
             if mark and name:
                 fields.append(read_field(name, text, ""))
         elif len(cells) <= 3 and cells[0]:
@@ -496,14 +500,14 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
     return tuple(fields)
 
 
-def _parted(text: str) -> tuple[str, str, str]:
+def _split_field(text: str) -> tuple[str, str, str]:
     mark = next((m for m in ("=", ":") if m in text), "")
     name, _, value = text.partition(mark) if mark else (text, "", "")
     return name.strip(), mark, value.strip()
 
 
 def read_field(name: str, text: str, unit: str = "") -> Field:
-    """A field whose unit stands in a cell of its own, in its name, or after the number."""
+    """Build a header field; its unit is given, in the name, or after the number."""
     unit = unit or unit_in_name(name)
     number = re.match(r"\s*([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,].*)$", text)
     if not unit and number and is_unit(number[2]):

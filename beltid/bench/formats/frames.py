@@ -1,4 +1,4 @@
-"""Tables in memory as tables of Arrow: DataFrame, mapping, Arrow table."""
+"""Convert tables in memory (DataFrame, mapping, Arrow table) to Arrow tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def arrow_of(frame: Any, name: str, needed: Collection[str]) -> pa.Table:
-    """A table of Arrow with the columns of a table in memory; values of several types are texts.
+    """Convert a table in memory to an Arrow table; columns of mixed types become texts.
 
     Parameters
     ----------
@@ -24,24 +24,24 @@ def arrow_of(frame: Any, name: str, needed: Collection[str]) -> pa.Table:
     name : str
         Name of the frame, for messages.
     needed : collection of str
-        Columns that must be lists of one length; others that are not are left out.
+        Columns that must be 1-D and of equal length; any other column that is not is left out.
 
     Raises
     ------
     InputError
-        If the frame is no table, or a column that is needed is none of it.
+        If the frame is not a table, or a needed column is not 1-D or has another length.
     """
     import pyarrow as pa
 
-    columns = {str(theirs): frame[theirs] for theirs in _names_of(frame, name)}
-    axes = {theirs: np.ndim(values) for theirs, values in columns.items()}
+    columns = {str(column): frame[column] for column in _names_of(frame, name)}
+    axes = {column: np.ndim(values) for column, values in columns.items()}
     problems = [
-        f"{name}: column {theirs} has {n} axes, must be a list"
-        for theirs, n in axes.items()
-        if theirs in needed and n != 1
+        f"{name}: column {column} has {n} axes, must be a list"
+        for column, n in axes.items()
+        if column in needed and n != 1
     ]
-    lists = {theirs: values for theirs, values in columns.items() if axes[theirs] == 1}
-    lengths = {len(values) for theirs, values in lists.items() if theirs in needed}
+    lists = {column: values for column, values in columns.items() if axes[column] == 1}
+    lengths = {len(values) for column, values in lists.items() if column in needed}
     if len(lengths) > 1:
         problems.append(f"{name}: the columns have different lengths {sorted(lengths)}")
     if problems:

@@ -1,4 +1,4 @@
-"""LabVIEW measurement files (.lvm): segments, each with a header of its own."""
+"""Read LabVIEW measurement files (.lvm): segments, each with its own header."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from beltid.errors import InputError, Problems
 
 END: Final = "***End_of_Header***"
 HEADER: Final = 10_000
-"""Characters in which the separator is looked for."""
+"""Characters searched for the separator."""
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
-"""The line that names the separator holds it, too."""
+"""The header line that names the separator, which is written with the separator itself."""
 _TECHNICAL: Final = re.compile(
     r"LabVIEW Measurement|(Writer|Reader)_Version|(Decimal_)?Separator|Multi_Headings|X_Columns|"
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label"
 )
-"""Keys of headers that tell how the numbers are written."""
+"""Header keys that describe the format, not the measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Segment:
-    """One segment: its channels, its first line, and its start in absolute time [s]."""
+    """One segment: its channels, header fields, first line and start in absolute time [s]."""
 
     channels: tuple[Channel, ...]
     fields: tuple[Field, ...]
@@ -56,10 +56,10 @@ def read(text: str, name: str) -> BenchFile:
     Raises
     ------
     InputError
-        With every line that cannot be read.
+        With every line that cannot be read, or if there are no samples.
     """
-    told = _SEPARATOR.search(text, 0, HEADER)
-    reader = _Reader(text.split("\n"), told[1] if told else "\t", name)
+    separator = _SEPARATOR.search(text, 0, HEADER)
+    reader = _Reader(text.split("\n"), separator[1] if separator else "\t", name)
     header, at = reader.header(0)
     reader.signs = NumberSigns("," if header.cell("Decimal_Separator") == "," else ".")
     reader.x_columns = header.cell("X_Columns").lower() or "one"
@@ -71,30 +71,30 @@ def read(text: str, name: str) -> BenchFile:
     reader.problems.raise_if_any()
     if not segments:
         raise InputError(f"{name}: holds no samples, only a header")
-    groups, notes = _joined(segments)
+    groups, notes = _join(segments)
     return BenchFile("LabVIEW measurement (.lvm)", groups, header.fields, notes)
 
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """Keys of a header and their cells, one per channel."""
+    """Keys of a header and their cells, one cell per channel."""
 
     lines: dict[str, list[str]]
 
     def cell(self, key: str, index: int = 0) -> str:
-        """Cell of a channel; "" where there is none."""
+        """Return the cell of a channel; "" if there is none."""
         cells = self.lines.get(key, [])
         return cells[index] if index < len(cells) else ""
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What it tells beyond how the numbers are written."""
-        told = {key: self.cell(key) for key in self.lines if not _TECHNICAL.fullmatch(key)}
-        return tuple(Field(key, text) for key, text in told.items() if text)
+        """Header fields that describe the measurement."""
+        texts = {key: self.cell(key) for key in self.lines if not _TECHNICAL.fullmatch(key)}
+        return tuple(Field(key, text) for key, text in texts.items() if text)
 
     @property
     def clock_s(self) -> float | None:
-        """Absolute time of the start [s], counted from 1970-01-01; None where it is not told."""
+        """Absolute start time [s], counted from 1970-01-01; None if it is not given."""
         import pyarrow as pa
 
         clock = Clock("")
@@ -103,7 +103,7 @@ class _Header:
 
 
 class _Reader:
-    """Reads the segments of one file."""
+    """Reader of the segments of one file."""
 
     def __init__(self, lines: Sequence[str], separator: str, name: str) -> None:
         self.lines = lines
@@ -114,46 +114,46 @@ class _Reader:
         self.problems = Problems()
 
     def next_filled(self, at: int) -> int:
-        """First line from `at` that is not blank."""
+        """Return the index of the first line from `at` that is not blank."""
         while at < len(self.lines) and not self.lines[at].strip():
             at += 1
         return at
 
     def cells(self, at: int) -> list[str]:
-        """Cells of a line."""
+        """Split a line into cells."""
         return [cell.strip() for cell in self.lines[at].split(self.separator)]
 
     def header(self, at: int) -> tuple[_Header, int]:
-        """The header that begins at a line, and the line after its end."""
-        found: dict[str, list[str]] = {}
+        """Read the header that begins at a line; return it and the line after it."""
+        lines: dict[str, list[str]] = {}
         special = False
         for i in range(at, len(self.lines)):
             key, *cells = self.cells(i)
             special = special or key.startswith("***Start_Special")
             if not special and key == END:
-                return _Header(found), i + 1
+                return _Header(lines), i + 1
             if not special and key:
-                found[key] = cells
+                lines[key] = cells
             special = special and not key.startswith("***End_Special")
         raise InputError(
-            f"{self.name}:{at + 1}: the header does not end with {END}, the file is cut off"
+            f"{self.name}:{at + 1}: the header does not end with {END}: the file is cut off"
         )
 
     def segment(self, at: int) -> tuple[_Segment | None, int]:
-        """The segment that begins at a line, and the line after its last sample."""
+        """Read the segment that begins at a line; return it and the line after its last sample."""
         header = _Header({})
         if not self.cells(at)[0].startswith("X_Value"):
             header, at = self.header(at)
             at = self.next_filled(at)
         if at == len(self.lines):
-            raise InputError(f"{self.name}:{at}: the file ends after a header, it is cut off")
+            raise InputError(f"{self.name}:{at}: the file ends after a header: it is cut off")
         names = [cell for cell in self.cells(at) if cell != "Comment"]
         while names and not names[-1]:
             names.pop()
         first = at + 1
         rows, last = self._rows(first, len(names))
         if not rows:
-            self.problems.add(f"{self.name}:{first}: no samples below the names of the channels")
+            self.problems.add(f"{self.name}:{first}: no samples below the channel names")
             return None, last
 
         def place(row: int) -> tuple[str, int]:
@@ -164,11 +164,13 @@ class _Reader:
             for name, cells in zip(names, zip(*rows, strict=True), strict=True)
         ]
         channels = self._channels(names, header, columns, first)
-        fields = tuple(f for f in header.fields if f.name not in ("Date", "Time"))  # of channels
+        fields = tuple(
+            f for f in header.fields if f.name not in ("Date", "Time")
+        )  # given per channel
         return _Segment(channels, fields, first + 1, header.clock_s), last
 
     def _rows(self, at: int, width: int) -> tuple[list[list[str]], int]:
-        """Cells of the samples that begin at a line, and the line after them."""
+        """Read the samples that begin at a line; return their cells and the line after them."""
         rows: list[list[str]] = []
         while at < len(self.lines) and self.lines[at].strip():
             if self.lines[at].startswith("Channels" + self.separator):
@@ -183,7 +185,7 @@ class _Reader:
     def _channels(
         self, names: Sequence[str], header: _Header, columns: Sequence[np.ndarray], first: int
     ) -> tuple[Channel, ...]:
-        """Channels of a segment; where X stands in the file, and how often, the file says."""
+        """Build the channels of a segment; the X columns are arranged as the file states."""
         if self.x_columns == "multi":
             pairs = [(i, i + 1) for i in range(0, len(names) - 1, 2)]
         else:
@@ -197,7 +199,7 @@ class _Reader:
             if stated.isdecimal() and float(stated) > rows:
                 self.problems.add(
                     f"{self.name}:{first + rows}: {names[y]} has {rows} samples, its "
-                    f"header tells {stated}: the file is cut off"
+                    f"header states {stated}: the file is cut off"
                 )
             if length == 0:
                 continue
@@ -227,11 +229,11 @@ class _Reader:
         return even_times(start, step, length) if step > 0 else None
 
 
-def _joined(segments: Sequence[_Segment]) -> tuple[tuple[Group, ...], tuple[str, ...]]:
-    """Segments that go on without a gap are one group: LabVIEW writes a header per block."""
+def _join(segments: Sequence[_Segment]) -> tuple[tuple[Group, ...], tuple[str, ...]]:
+    """Join segments without a gap into one group: LabVIEW writes a header per block."""
     parts: list[list[_Segment]] = []
     for segment in segments:
-        if parts and _goes_on(parts[-1][-1], segment):
+        if parts and _continues(parts[-1][-1], segment):
             parts[-1].append(segment)
         else:
             parts.append([segment])
@@ -241,24 +243,24 @@ def _joined(segments: Sequence[_Segment]) -> tuple[tuple[Group, ...], tuple[str,
         groups.append(Group(name, _concatenated(part), part[0].fields, part[0].first_line))
     notes = []
     if len(parts) < len(segments):
-        notes.append(f"{len(segments)} segments that go on without a gap joined to {len(parts)}")
+        notes.append(f"{len(segments)} segments without gaps between them joined into {len(parts)}")
     return tuple(groups), tuple(notes)
 
 
-def _goes_on(before: _Segment, after: _Segment) -> bool:
-    """Whether a segment starts one step after the end of the one before."""
+def _continues(before: _Segment, after: _Segment) -> bool:
+    """Whether a segment starts one time step after the end of the previous one."""
     if [c.name for c in before.channels] != [c.name for c in after.channels]:
         return False
-    one, two = before.channels[0].time_s, after.channels[0].time_s
-    if one is None or two is None or len(one) < 2:
+    t_before, t_after = before.channels[0].time_s, after.channels[0].time_s
+    if t_before is None or t_after is None or len(t_before) < 2:
         return False
-    step = (one[-1] - one[0]) / (len(one) - 1)
-    if abs(two[0] - one[-1] - step) <= 0.5 * step:
+    step = (t_before[-1] - t_before[0]) / (len(t_before) - 1)
+    if abs(t_after[0] - t_before[-1] - step) <= 0.5 * step:
         return True
     if before.clock_s is None or after.clock_s is None or after.clock_s == before.clock_s:
         return False
-    late = (after.clock_s + two[0]) - (before.clock_s + one[-1]) - step
-    return bool(abs(late) <= 1.5 * step)
+    gap = (after.clock_s + t_after[0]) - (before.clock_s + t_before[-1]) - step
+    return bool(abs(gap) <= 1.5 * step)
 
 
 def _concatenated(part: Sequence[_Segment]) -> tuple[Channel, ...]:
@@ -273,7 +275,7 @@ def _concatenated(part: Sequence[_Segment]) -> tuple[Channel, ...]:
             assert time is not None
             if times:
                 step = (times[-1][-1] - times[-1][0]) / max(len(times[-1]) - 1, 1)
-                if abs(time[0] - times[-1][-1] - step) > 0.5 * step:  # its own clock: shift it
+                if abs(time[0] - times[-1][-1] - step) > 0.5 * step:  # time restarts: shift it
                     time = time - time[0] + times[-1][-1] + step
             times.append(time)
         values = np.concatenate([piece.values for piece in pieces])

@@ -1,9 +1,9 @@
-"""How numbers are written: decimal signs and thousands separators, told or plain to see.
+"""Read written numbers with stated or detected decimal signs and thousands separators.
 
-A number is read only where no other reading is left. ``1,000.12`` and ``1.000,85`` have both
-signs, ``1,234,567`` has two groups, and an apostrophe or a blank is never a decimal sign.
-``1,250`` alone may be 1.25 or 1250: the decimal sign of the file decides that it is a decimal,
-nothing but the config or another number of the file that it is not.
+A number is read only if it has a single meaning. ``1,000.12`` and ``1.000,85`` have both signs,
+``1,234,567`` has two groups, and an apostrophe or a blank is never a decimal sign. ``1,250`` alone
+may be 1.25 or 1250: it is 1.25 if the decimal sign of the file is the comma, and 1250 only if the
+config or another number of the file shows that the comma separates thousands.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ MISSING_WORDS: Final = frozenset(
         *("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
     )
 )
-"""What stands for a missing number: words of people, of spreadsheets, of compilers."""
+"""Texts that people, spreadsheets and compilers write for a missing number."""
 _FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)", re.ASCII)
-"""The exponent of a number in double precision, as Fortran writes it."""
+"""Exponent of a double-precision number in Fortran notation."""
 NO_NUMBER: Final = "must be a number"
 _INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
 _DECIMAL: Final = re.compile(r"[-+]?\d*(?P<point>[.,])\d+([eE][-+]?\d+)?", re.ASCII)
@@ -46,7 +46,7 @@ _OTHER: Final = {",": ".", ".": ","}
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell reads as a number, with either decimal sign, in groups of three or not."""
+    """Whether a cell is a number, with either decimal sign, with or without digit groups."""
     grouped = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
     plain = _FORTRAN.sub("E", text.replace(",", ".").replace(_MINUS, "-"))
     return bool(grouped or NUMBER.fullmatch(plain))
@@ -54,15 +54,15 @@ def is_number(text: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class NumberSigns:
-    """The signs with which a file writes its numbers.
+    """Decimal sign and thousands separator of the numbers in a file.
 
     Attributes
     ----------
     decimal : {".", ","}
         Decimal sign.
     thousands : {"", ".", ",", "'", " "}
-        Sign between groups of three digits; "" where none is known. A blank stands for all
-        blanks, also those that do not break.
+        Sign between groups of three digits; "" if unknown. A blank stands for all blanks,
+        including non-breaking ones.
     """
 
     decimal: str = "."
@@ -72,47 +72,49 @@ class NumberSigns:
     def of(
         cls, cells: Iterable[str], decimal: str | None = None, thousands: str | None = None
     ) -> NumberSigns:
-        """The signs that some cells show, after those that are stated."""
+        """Detect the signs in some cells; stated signs take precedence."""
         decimals, groups = set(), set()
         for cell in cells:
-            found = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
-            if found is None:
+            match = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
+            if match is None:
                 point = _DECIMAL.fullmatch(_FORTRAN.sub("E", cell.replace(_MINUS, "-")))
                 decimals |= {point["point"]} if point else set()
-            elif found["point"] or found["more"] or found["sign"] in "' ":
-                groups.add(found["sign"])
-                decimals |= {found["point"] or _OTHER.get(found["sign"], "")} - {""}
+            elif match["point"] or match["more"] or match["sign"] in "' ":
+                groups.add(match["sign"])
+                decimals |= {match["point"] or _OTHER.get(match["sign"], "")} - {""}
         if decimal is None:
-            told = _OTHER.get(thousands or "")
-            decimal = told or ("," if decimals == {","} else ".")
+            implied = _OTHER.get(thousands or "")
+            decimal = implied or ("," if decimals == {","} else ".")
         if thousands is None:
             thousands = next((sign for sign in sorted(groups) if sign != decimal), "")
         return cls(decimal, thousands)
 
     def number(self, text: str) -> float | str:
-        """A cell as a number, or why it is none."""
+        """Convert a cell to a number, or say why it is not one."""
         text = _FORTRAN.sub("E", text.replace(_MINUS, "-"))
         plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
         if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
             return float(plain)
-        found = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
-        if found is None:
+        match = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
+        if match is None:
             return NO_NUMBER
-        sign, point = found["sign"], found["point"]
+        sign, point = match["sign"], match["point"]
         if point not in (None, self.decimal) or sign == self.decimal:
-            theirs = point or _OTHER[sign]
-            return f'{NO_NUMBER} (with "{theirs}" as its sign: dialect: {{decimal: "{theirs}"}})'
-        if sign == self.thousands or point or found["more"] or sign in "' ":
+            other = point or _OTHER[sign]
+            return (
+                f'{NO_NUMBER} (if its decimal sign is "{other}": dialect: {{decimal: "{other}"}})'
+            )
+        if sign == self.thousands or point or match["more"] or sign in "' ":
             digits = text.translate(_TO_PLAIN).replace(sign, "")
             return float(digits.replace(",", "."))
-        one, other = text.replace(sign, "."), text.replace(sign, "")
+        as_decimal, as_thousands = text.replace(sign, "."), text.replace(sign, "")
         return (
-            f'may be {one} or {other}: set dialect: {{decimal: "{sign}"}} or '
+            f'may be {as_decimal} or {as_thousands}: set dialect: {{decimal: "{sign}"}} or '
             f'{{thousands: "{sign}"}}'
         )
 
     def of_arrow(self, cells: Any) -> np.ndarray | None:
-        """Texts of Arrow with the known thousands separator as numbers; None if any is unclear."""
+        """Convert Arrow texts with the known thousands separator; None if any is ambiguous."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -120,8 +122,8 @@ class NumberSigns:
             self.thousands,
             *(s for s, plain in _PLAIN_SIGNS.items() if plain == self.thousands),
         ]
-        one, point = f"({'|'.join(map(re.escape, signs))})", re.escape(self.decimal)
-        whole = rf"([1-9][0-9]{{0,2}}({one}[0-9]{{3}})+|[0-9]+)"
+        group, point = f"({'|'.join(map(re.escape, signs))})", re.escape(self.decimal)
+        whole = rf"([1-9][0-9]{{0,2}}({group}[0-9]{{3}})+|[0-9]+)"
         pattern = rf"[-+]?({whole}({point}[0-9]*)?|{point}[0-9]+)([eE][-+]?[0-9]+)?"
         cells = pc.replace_substring(pc.utf8_trim_whitespace(cells), _MINUS, "-")
         if not pc.all(pc.match_substring_regex(cells, f"^{pattern}$"), min_count=0).as_py():
@@ -141,26 +143,26 @@ def numbers_or_problems(
     place: PlaceOf,
     problems: Problems,
 ) -> np.ndarray:
-    """Cells of a column as numbers; nan where one is missing, or is none, which is noted.
+    """Convert the cells of a column to numbers; nan where one is missing or cannot be read.
 
     Parameters
     ----------
     cells : sequence of str or None, ndarray
         The cells, shape (n,).
     signs : NumberSigns
-        How the numbers are written.
+        Decimal sign and thousands separator.
     shown : str
-        How messages call the column.
+        Name of the column in messages.
     place : callable
-        Index of a cell -> its place in words, and its line.
+        Index of a cell -> its location as text, and its line.
     problems : Problems
-        Collects what is no number, or may be two: what is alike is told once.
+        Collects cells that are not numbers or are ambiguous; similar ones are reported once.
     """
     numbers = np.full(len(cells), np.nan)
     wrong: dict[str, dict[int, str]] = {}
     for i, cell in enumerate(cells):
-        word = "" if cell is None else cell.strip()
-        value = np.nan if word in MISSING_WORDS else signs.number(word)
+        stripped = "" if cell is None else cell.strip()
+        value = np.nan if stripped in MISSING_WORDS else signs.number(stripped)
         if not isinstance(value, str):
             numbers[i] = value
             continue
@@ -175,9 +177,9 @@ def numbers_or_problems(
 
 
 def contradiction(cells: Sequence[str], signs: NumberSigns) -> tuple[str, str] | None:
-    """Two numbers of a column of which one shows that the point of the other is no decimal sign.
+    """Return two numbers of a column that contradict the point as decimal sign, else None.
 
-    Whoever writes 950 without decimals leaves out zeros, and then writes 1.25 and not 1.250.
+    A column that writes 950 without decimals drops zeros, so it would write 1.25, not 1.250.
     """
     if signs.decimal != "." or signs.thousands:
         return None

@@ -1,4 +1,4 @@
-"""Parquet files and tables of Arrow: columns by name, also of folders, in blocks of rows."""
+"""Read Parquet files, also those in partitioned folders, and Arrow tables in blocks of rows."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS: Final = 1 << 18
-"""Rows of a block."""
+"""Number of rows in a block."""
 LONGEST_LABEL: Final = 1000
 LABELS: Final = 1 << 14
-"""Rows whose labels are read at a time to see how long they are."""
+"""Rows read at a time to check the length of labels."""
 FIRST_ROWS: Final = 200
-"""Rows that show what the texts of a column are."""
+"""Rows used to detect what the texts of a column are."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParquetTable:
-    """A Parquet file that is open, or a table of Arrow.
+    """An open Parquet file or an Arrow table.
 
     Attributes
     ----------
     name : str
-        Its name, for messages.
+        Name for messages.
     inside : PurePath
-        Where it is in its folder.
+        Path within its folder.
     content : pyarrow.parquet.ParquetFile or pyarrow.Table
-        Its columns.
+        The columns.
     schema : pyarrow.Schema
-        Their names and types.
+        Names and types of the columns.
     folders : dict of str to str
-        Columns that the names of its folders hold, such as ``arc_deg=82``, and their value; what
-        is no plain letter in it may be written as ``%20``.
+        Columns and values in the names of its folders, such as ``arc_deg=82``; special characters
+        may be encoded, such as ``%20``.
     """
 
     name: str
@@ -64,7 +64,7 @@ class ParquetTable:
         return cls(source.name, source.inside, file, file.schema_arrow, folders)
 
     def batches(self, columns: Sequence[str], rows: int) -> Iterable[pa.RecordBatch]:
-        """Some columns in blocks of rows, at most so many."""
+        """Return some columns in blocks of at most `rows` rows."""
         if hasattr(self.content, "iter_batches"):
             return self.content.iter_batches(batch_size=rows, columns=columns)
         return self.content.select(list(dict.fromkeys(columns))).to_batches(max_chunksize=rows)
@@ -73,23 +73,23 @@ class ParquetTable:
 def parquet_blocks(
     part: ParquetTable, wanted: Mapping[str, Wanted], table: Table, first_row: int = 1
 ) -> Iterator[Rows]:
-    """Blocks of rows of a Parquet file.
+    """Yield the rows of a Parquet file in blocks.
 
     Parameters
     ----------
     part : ParquetTable
         The file.
     wanted : mapping of str to Wanted
-        Our columns -> where they stand in the file or the names of its folders.
+        Our columns -> columns of the file or of the names of its folders.
     table : Table
-        Schema of the recording; its columns of numbers that are not wanted hold nothing.
+        Schema of the recording; its numeric columns that are not wanted are filled with nan.
     first_row : int
         Number of the first row, for messages.
 
     Raises
     ------
     InputError
-        If the file is damaged, or a column is of another type.
+        If the file is damaged, or a column has a wrong type.
     """
     _refuse_columns(part, wanted)
     in_file = set(part.schema.names)
@@ -100,7 +100,7 @@ def parquet_blocks(
     for batch in batches_of(part, read):
         try:
             rows = _rows(batch, part, wanted, table, first_row)
-        except Exception as error:  # a number that no float64 holds
+        except Exception as error:  # a number beyond float64
             raise InputError(f"{part.name}: {damaged(error)}", code="damaged") from None
         yield rows
         first_row += batch.num_rows
@@ -109,7 +109,7 @@ def parquet_blocks(
 def batches_of(
     part: ParquetTable, columns: Sequence[str], rows: int | None = None
 ) -> Iterator[pa.RecordBatch]:
-    """Columns of a Parquet file in blocks, each of them sound.
+    """Yield columns of a Parquet file in validated blocks.
 
     Raises
     ------
@@ -125,14 +125,14 @@ def batches_of(
 
 
 def first_texts(part: ParquetTable, names: Sequence[str]) -> dict[str, list[str]]:
-    """The first values of columns that hold no numbers, as texts."""
+    """Return the first values of the columns without numbers, as texts."""
     import pyarrow as pa
 
-    there = part.schema
+    schema = part.schema
     names = [
         name
         for name in dict.fromkeys(names)
-        if there.names.count(name) == 1 and not holds_numbers(there.field(name))
+        if schema.names.count(name) == 1 and not holds_numbers(schema.field(name))
     ]
     _refuse_long_texts(part, names)
     for batch in batches_of(part, names, FIRST_ROWS) if names else ():
@@ -140,64 +140,64 @@ def first_texts(part: ParquetTable, names: Sequence[str]) -> dict[str, list[str]
             texts = [column.cast(pa.string()).to_pylist() for column in batch.columns]
         except pa.ArrowException:  # nested values
             return {}
-        found = zip(batch.schema.names, texts, strict=True)
-        return {name: [text for text in column if text] for name, column in found}
+        columns = zip(batch.schema.names, texts, strict=True)
+        return {name: [text for text in column if text] for name, column in columns}
     return {}
 
 
 def holds_numbers(field: pa.Field) -> bool:
-    """Whether a column is of plain numbers or durations, or a dictionary of numbers."""
+    """Whether a column holds numbers, durations, or a dictionary of numbers."""
     import pyarrow as pa
 
-    of, kind = pa.types, field.type
-    inner = kind.value_type if of.is_dictionary(kind) else kind
+    is_a, kind = pa.types, field.type
+    inner = kind.value_type if is_a.is_dictionary(kind) else kind
     return bool(
-        of.is_integer(inner)
-        or of.is_floating(inner)
-        or of.is_decimal(inner)
-        or of.is_null(inner)
-        or of.is_duration(kind)
+        is_a.is_integer(inner)
+        or is_a.is_floating(inner)
+        or is_a.is_decimal(inner)
+        or is_a.is_null(inner)
+        or is_a.is_duration(kind)
     )
 
 
 def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
-    """Refuse columns that are given twice, nested, or of types that are not those of ours."""
+    """Refuse columns that occur twice, are nested, or have the wrong type."""
     import pyarrow as pa
 
-    there, folders, name = part.schema, part.folders, part.name
+    schema, folders, name = part.schema, part.folders, part.name
     problems = []
     for role, w in wanted.items():
-        count = there.names.count(w.index)
+        count = schema.names.count(w.index)
         if w.index in folders:
             value = folders[w.index]
             if count:
                 problems.append(
-                    f"{name}: column {w.index} is there, and its folder is called "
-                    f"{w.index}={value}: one of them may hold it"
+                    f"{name}: column {w.index} exists, but its folder is also called "
+                    f"{w.index}={value}: remove one of the two"
                 )
             if not w.is_text and not NUMBER.fullmatch(value):
                 problems.append(f"{name}: its folder is called {w.index}={value}, must be a number")
             continue
         if count > 1:
-            problems.append(f"{name}: column {w.index} is there {count} times")
+            problems.append(f"{name}: column {w.index} occurs {count} times, must be once")
         if count != 1 or w.clock is not None:
             continue
-        field = there.field(w.index)
+        field = schema.field(w.index)
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
-        text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-        text = text or (role == "idle" and pa.types.is_boolean(kind))
-        is_time = role == "time_s" or not pa.types.is_duration(kind)
-        words = text or pa.types.is_boolean(kind)
-        if not (holds_numbers(field) and is_time) and not (words and w.is_text):
-            allowed = "texts, whole numbers or truths" if w.is_text else "numbers"
-            held = "texts" if text else kind
+        is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+        is_text = is_text or (role == "idle" and pa.types.is_boolean(kind))
+        may_be_duration = role == "time_s" or not pa.types.is_duration(kind)
+        is_label = is_text or pa.types.is_boolean(kind)
+        if not (holds_numbers(field) and may_be_duration) and not (is_label and w.is_text):
+            allowed = "texts, whole numbers or booleans" if w.is_text else "numbers"
+            held = "texts" if is_text else kind
             problems.append(f"{name}: column {w.index} holds {held}, must hold {allowed}")
     if problems:
         raise InputError(problems)
 
 
 def _refuse_long_texts(part: ParquetTable, names: Sequence[str]) -> None:
-    """Refuse texts that would fill the memory if every row of a block had one."""
+    """Refuse texts so long that a block full of them would fill the memory."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -208,8 +208,8 @@ def _refuse_long_texts(part: ParquetTable, names: Sequence[str]) -> None:
             continue
         for batch in batches_of(part, [name], LABELS):
             texts = batch.column(0)
-            words = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
-            longest = pc.max(pc.binary_length(words)).as_py() or 0
+            labels = texts.dictionary if pa.types.is_dictionary(texts.type) else texts
+            longest = pc.max(pc.binary_length(labels)).as_py() or 0
             if longest > LONGEST_LABEL:
                 raise InputError(
                     f"{part.name}: labels of {longest} bytes, must be at most {LONGEST_LABEL}"
@@ -228,11 +228,11 @@ def _rows(
     problems = Problems()
     for role, w in wanted.items():
         if w.index in part.folders:
-            told = part.folders[w.index]
+            value = part.folders[w.index]
             if w.is_text:
-                texts[role] = Texts.of([told] * batch.num_rows)
+                texts[role] = Texts.of([value] * batch.num_rows)
             else:
-                numbers[role] = np.full(batch.num_rows, float(told))
+                numbers[role] = np.full(batch.num_rows, float(value))
             continue
         values = batch.column(w.index)
         if w.is_text:

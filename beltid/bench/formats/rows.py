@@ -1,4 +1,4 @@
-"""Rows of a table as they were read: numbers, texts, and where they stand in the file."""
+"""Rows of a table as read: numbers, texts, and their lines in the file."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from beltid.tables.values import is_missing
 
 @dataclass(frozen=True, slots=True)
 class Texts:
-    """A column of texts: every text once in memory, however often it is there.
+    """A column of texts that stores every distinct text once.
 
     Attributes
     ----------
     words : ndarray
-        Object array of the texts; the last one is None, for what is missing.
+        Object array of the distinct texts; the last one is None, for missing texts.
     codes : ndarray of int64
         Index of the text of every row.
     """
@@ -31,23 +31,23 @@ class Texts:
 
     @classmethod
     def of(cls, texts: Iterable[str | None]) -> Texts:
-        """Texts, one after the other."""
-        known: dict[str | None, int] = {}
-        codes = [known.setdefault(text, len(known)) for text in texts]
-        words = np.empty(len(known) + 1, dtype=object)
-        words[:-1] = list(known)
+        """Encode texts."""
+        code_of: dict[str | None, int] = {}
+        codes = [code_of.setdefault(text, len(code_of)) for text in texts]
+        words = np.empty(len(code_of) + 1, dtype=object)
+        words[:-1] = list(code_of)
         return cls(words, np.array(codes, dtype=np.int64))
 
     @classmethod
     def of_arrow(cls, column: Any, missing: Collection[str] = ()) -> Texts:
-        """Texts of an Arrow array; numbers become the texts that stand for them.
+        """Encode the texts of an Arrow array; numbers are converted to texts.
 
         Parameters
         ----------
         column : pyarrow Array or ChunkedArray
-            Texts or numbers, plain or as a dictionary.
+            Texts or numbers, plain or dictionary-encoded.
         missing : collection of str
-            Texts that stand for a missing one.
+            Texts that mean a missing text.
         """
         import pyarrow as pa
 
@@ -64,17 +64,17 @@ class Texts:
         return cls(words, codes.to_numpy(zero_copy_only=False))
 
     def objects(self) -> np.ndarray:
-        """The texts as an object array of str, None where one is missing."""
+        """Return the texts as an object array of str, None where one is missing."""
         texts: np.ndarray = self.words[self.codes]
         return texts
 
     def given(self) -> np.ndarray:
-        """Which rows have a text."""
-        known = np.array([word is not None for word in self.words])
-        return known[self.codes]
+        """Return a mask of the rows that have a text."""
+        is_given = np.array([word is not None for word in self.words])
+        return is_given[self.codes]
 
     def starts(self) -> list[tuple[int, str | None]]:
-        """Rows at which the text changes, and the text; the first row is one of them."""
+        """Return the rows at which the text changes, including the first row, with the new text."""
         if not self.codes.size:
             return []
         rows = np.append(0, np.flatnonzero(np.diff(self.codes)) + 1)
@@ -82,7 +82,7 @@ class Texts:
 
 
 def numbers_of(values: Any) -> np.ndarray:
-    """float64 array of an Arrow array of numbers, nan where one is missing; durations in seconds.
+    """Convert an Arrow array to float64, nan where a number is missing; durations in seconds.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ def numbers_of(values: Any) -> np.ndarray:
     if pa.types.is_duration(values.type):
         return np.asarray(values.to_numpy(zero_copy_only=False) / np.timedelta64(1, "s"))
     if not pa.types.is_float64(values.type):
-        values = values.cast(pa.float64(), safe=False)  # the nearest float64, as everywhere
+        values = values.cast(pa.float64(), safe=False)  # rounded to the nearest float64
     return np.asarray(values.to_numpy(zero_copy_only=False))
 
 
 def word_of(value: Any) -> str | None:
-    """A label as text: whole numbers without a decimal point, None where it is missing."""
+    """Convert a label to text: whole numbers without a decimal point, None if missing."""
     if is_missing(value):
         return None
     if isinstance(value, (float, np.floating)) and float(value).is_integer():
@@ -114,11 +114,11 @@ class Rows:
     Attributes
     ----------
     numbers : dict of str to ndarray
-        float64 columns, nan where a number is missing; they may belong to Arrow.
+        float64 columns, nan where a number is missing; Arrow may own the memory.
     texts : dict of str to Texts
         Columns of texts.
     lines : ndarray or int
-        Line (or row) of every row in the file, from 1, or that of the first if none is left out.
+        Line (or row) of every row in the file, from 1; of the first only if none is left out.
     problems : Problems
         Rows and cells that cannot be read, with their lines.
     """
@@ -134,22 +134,22 @@ class Rows:
         return len(next(iter(self.texts.values())).codes)
 
     def line_of(self, row: int) -> int:
-        """Line of a row in the file."""
+        """Return the line of a row in the file."""
         return self.lines + row if isinstance(self.lines, int) else int(self.lines[row])
 
     def all_lines(self) -> np.ndarray:
-        """Line of every row."""
+        """Return the line of every row."""
         if isinstance(self.lines, int):
             return np.arange(self.lines, self.lines + len(self))
         return self.lines
 
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns as arrays that may be written to."""
-        own = {n: x if x.flags.writeable else x.copy() for n, x in self.numbers.items()}
-        return {**own, **{name: texts.objects() for name, texts in self.texts.items()}}
+        """Return all columns as writable arrays."""
+        writable = {n: x if x.flags.writeable else x.copy() for n, x in self.numbers.items()}
+        return {**writable, **{name: texts.objects() for name, texts in self.texts.items()}}
 
     def filled(self) -> Rows:
-        """The rows in which any cell holds something."""
+        """Return the rows with at least one filled cell."""
         filled = np.zeros(len(self), dtype=bool)
         for values in self.numbers.values():
             filled |= ~np.isnan(values)
@@ -168,30 +168,29 @@ class Rows:
 
 
 def together(parts: Sequence[dict[str, np.ndarray]], table: Table) -> dict[str, np.ndarray]:
-    """Columns of several parts one after the other; what a part does not have is missing in it."""
+    """Concatenate the columns of several parts; columns that a part lacks are missing values."""
     if len(parts) == 1:
         return parts[0]
-    there = {name for part in parts for name in part}
-    filled = [completed(part, table, len(next(iter(part.values()))), there) for part in parts]
+    present = {name for part in parts for name in part}
+    filled = [completed(part, table, len(next(iter(part.values()))), present) for part in parts]
     return {name: np.concatenate([part[name] for part in filled]) for name in filled[0]}
 
 
 def completed(
     columns: Mapping[str, np.ndarray], table: Table, length: int, also: Collection[str] = ()
 ) -> dict[str, np.ndarray]:
-    """Columns in the order of the schema; an optional one that is absent holds nothing.
+    """Return the columns in the order of the schema; absent ones hold missing values.
 
-    What may be said of a run (`SAID_OF_RUNS`) is left out where nobody says it, but for those
-    `also` wanted.
+    Absent columns that describe a run (`SAID_OF_RUNS`) are left out unless listed in `also`.
     """
-    whole = {}
+    complete = {}
     for column in table.columns:
         if column.name in columns:
-            whole[column.name] = columns[column.name]
+            complete[column.name] = columns[column.name]
         elif column.name not in SAID_OF_RUNS or column.name in also:
-            whole[column.name] = (
+            complete[column.name] = (
                 np.full(length, None, dtype=object)
                 if column.dtype == "string"
                 else np.full(length, np.nan)
             )
-    return whole
+    return complete

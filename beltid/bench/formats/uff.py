@@ -1,9 +1,9 @@
-"""Universal files (UFF, UNV): time records in datasets 58, written as text or binary (58b).
+"""Read universal files (UFF, UNV): time records in datasets 58, as text or binary (58b).
 
-A dataset stands between two lines of -1. Read are functions of time with real ordinates, of
-single or double precision, evenly spaced or not; others are left out and told. Source: Universal
-File Datasets Summary, dataset 58, Structural Dynamics Research Laboratory, University of
-Cincinnati.
+A dataset lies between two lines with -1. The reader takes functions of time with real ordinates
+in single or double precision, evenly spaced or not; it leaves out all others and notes them.
+Source: Universal File Datasets Summary, dataset 58, Structural Dynamics Research Laboratory,
+University of Cincinnati.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from beltid.bench.formats.bench_file import (
 from beltid.errors import InputError
 
 RECORDS: Final = 11
-"""Lines of a header: five of texts, then what the function and its axes are."""
+"""Lines of a header: five lines of text, then the types of the function and its axes."""
 _TIME: Final = 17
 _REAL: Final = {2: 4, 4: 8}
-"""Type of real ordinates -> bytes of a number."""
+"""Type of real ordinates -> bytes per number."""
 _CLOSE: Final = re.compile(rb"^[ \t]*-1[ \t]*\r?$", re.MULTILINE)
-_CLOSE_BINARY: Final = re.compile(rb"\r?\n?    -1[ \t]*\r?$", re.MULTILINE)  # no line of its own
+_CLOSE_BINARY: Final = re.compile(rb"\r?\n?    -1[ \t]*\r?$", re.MULTILINE)  # may lack a line feed
 _NOTHING: Final = ("", "NONE")
 _TEXT: Final = {
     (2, 1): np.dtype([("y", "S13")]),
@@ -38,12 +38,12 @@ _TEXT: Final = {
     (4, 1): np.dtype([("y", "S20")]),
     (4, 0): np.dtype([("x", "S13"), ("y", "S20")]),
 }
-"""Type of the ordinates and spacing -> Fortran's columns of a sample."""
+"""Type of the ordinates and spacing -> Fortran columns of a sample."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Dataset:
-    """One dataset: its number, the rest of its first line, its bytes and where they begin."""
+    """One dataset: its number, the rest of its first line, its bytes and their first line."""
 
     number: int
     mark: str
@@ -65,23 +65,25 @@ def read(data: bytes, name: str) -> BenchFile:
     Raises
     ------
     InputError
-        If it is cut off or damaged, or holds no time record of real numbers.
+        If the file is cut off or damaged, or holds no time record of real numbers.
     """
     channels: list[Channel] = []
     fields: dict[str, Field] = {}
     left_out: dict[str, int] = {}
     for dataset in _datasets(data, name):
         if dataset.number != 58:
-            why = f"dataset {dataset.number}"
+            reason = f"dataset {dataset.number}"
         else:
-            found = _function(dataset, name)
-            if isinstance(found, Channel):
-                channels.append(found)
+            channel = _function(dataset, name)
+            if isinstance(channel, Channel):
+                channels.append(channel)
                 fields |= {f.name: f for f in _fields(dataset)}
                 continue
-            why = found
-        left_out[why] = left_out.get(why, 0) + 1
-    notes = [f"{why} left out" + (f" ({n} times)" if n > 1 else "") for why, n in left_out.items()]
+            reason = channel
+        left_out[reason] = left_out.get(reason, 0) + 1
+    notes = [
+        f"{what} left out" + (f" ({n} times)" if n > 1 else "") for what, n in left_out.items()
+    ]
     if not channels:
         held = "; ".join(notes) or "nothing"
         raise InputError(f"{name}: holds no time record of real numbers in a dataset 58: {held}")
@@ -90,7 +92,7 @@ def read(data: bytes, name: str) -> BenchFile:
 
 
 def _datasets(data: bytes, name: str) -> list[_Dataset]:
-    found: list[_Dataset] = []
+    datasets: list[_Dataset] = []
     at, line = 0, 1
     while at < len(data):
         text, after = _line(data, at)
@@ -104,7 +106,7 @@ def _datasets(data: bytes, name: str) -> list[_Dataset]:
         if kind is None:
             raise _damaged(name, line + 1, "must be the number of a dataset")
         end = start
-        if kind[2]:  # what is binary may hold any bytes: its length tells where it ends
+        if kind[2]:  # binary samples may hold any bytes: find their end by their length
             for _ in range(RECORDS):
                 end = _line(data, end)[1]
             end += _int(kind[3].decode("ascii", "replace").split(), 3, name, line + 1)
@@ -115,14 +117,14 @@ def _datasets(data: bytes, name: str) -> list[_Dataset]:
             raise _damaged(name, line, "the dataset that begins here does not end with -1")
         body = data[start : close.start()]
         options = kind[3].decode("ascii", "replace")
-        found.append(_Dataset(int(kind[1]), kind[2].decode().lower(), options, body, line + 2))
+        datasets.append(_Dataset(int(kind[1]), kind[2].decode().lower(), options, body, line + 2))
         line += data.count(b"\n", at, close.end()) + 1
         at = _line(data, close.end())[1]
-    return found
+    return datasets
 
 
 def _function(dataset: _Dataset, name: str) -> Channel | str:
-    """The time record of a dataset 58, or what it is instead."""
+    """Read the time record of a dataset 58, or say what it is instead."""
     header, at = [], 0
     for _ in range(RECORDS):
         text, at = _line(dataset.body, at)
@@ -131,7 +133,7 @@ def _function(dataset: _Dataset, name: str) -> Channel | str:
     shape, x_axis, y_axis = header[6], header[7], header[8]
     kind, n, spacing = (_int([shape[i : i + 10]], 0, name, at_line) for i in (0, 10, 20))
     if _int([x_axis[:10]], 0, name, at_line + 1) != _TIME:
-        return "a function that is none of time"
+        return "a function that is not of time"
     if kind not in _REAL:
         return "a function with complex values"
     start, step = (_float(shape[i : i + 13], name, at_line) for i in (30, 43))
@@ -142,7 +144,7 @@ def _function(dataset: _Dataset, name: str) -> Channel | str:
     else:
         table = _written(samples, _TEXT[kind, min(spacing, 1)], first, name)
     if len(table) != n:
-        raise _damaged(name, first, f"{len(table)} samples follow, the header tells {n}")
+        raise _damaged(name, first, f"{len(table)} samples follow, the header states {n}")
     if not n:
         return "a function without samples"
     time = even_times(start, step, n) if spacing else table["x"].astype(float)
@@ -154,32 +156,34 @@ def _function(dataset: _Dataset, name: str) -> Channel | str:
     label, unit = y_axis[25:46].strip(), y_axis[46:67].strip()
     title = next((t for t in (header[0].strip(), label) if t.upper() not in _NOTHING), "")
     response = header[5][31:55].split()
-    own = title or f"response {' '.join(response)}"
-    return Channel(own, "" if unit.upper() in _NOTHING else unit, table["y"].astype(float), time)
+    channel_name = title or f"response {' '.join(response)}"
+    return Channel(
+        channel_name, "" if unit.upper() in _NOTHING else unit, table["y"].astype(float), time
+    )
 
 
 def _binary(
     samples: bytes, dataset: _Dataset, kind: int, n: int, spacing: int, name: str
 ) -> np.ndarray:
-    """Samples of a binary dataset; how long a number of time is, the number of bytes tells."""
+    """Read binary samples; the number of bytes determines the size of a time value."""
     options = dataset.options.split()
     line = dataset.first_line - 1
     order, format_of_numbers = (_int(options, i, name, line) for i in (0, 1))
     if order not in (1, 2) or format_of_numbers != 2:
-        raise InputError(f"{name}:{line}: binary numbers that are not of IEEE 754 are not read")
+        raise InputError(f"{name}:{line}: binary numbers must be in IEEE 754 format")
     sign, size = "<>"[order - 1], _REAL[kind]
-    of_time = 0 if spacing else (len(samples) // max(n, 1)) - size
-    needed = n * (size + of_time)
+    time_size = 0 if spacing else (len(samples) // max(n, 1)) - size
+    needed = n * (size + time_size)
     is_whole = len(samples) >= needed and not samples[needed:].strip()
-    if not is_whole or of_time not in ((0,) if spacing else (4, 8)):
-        raise _damaged(name, line, f"{len(samples)} bytes do not hold the {n} samples it tells")
+    if not is_whole or time_size not in ((0,) if spacing else (4, 8)):
+        raise _damaged(name, line, f"{len(samples)} bytes do not hold the {n} samples it states")
     y = ("y", f"{sign}f{size}")
-    columns = [y] if spacing else [("x", f"{sign}f{of_time}"), y]
+    columns = [y] if spacing else [("x", f"{sign}f{time_size}"), y]
     return np.frombuffer(samples, columns, count=n)
 
 
 def _written(samples: bytes, columns: np.dtype, first: int, name: str) -> np.ndarray:
-    """Samples of a dataset that is written as text, in Fortran's columns."""
+    """Read samples that are written as text in Fortran columns."""
     rows = [row.rstrip() for row in samples.replace(b"D", b"E").split(b"\n")]
     while rows and not rows[-1]:
         rows.pop()
@@ -194,7 +198,7 @@ def _written(samples: bytes, columns: np.dtype, first: int, name: str) -> np.nda
 
 
 def _fields(dataset: _Dataset) -> list[Field]:
-    """What the lines of text of a dataset tell, after the first, which names the channel."""
+    """Return the header texts of a dataset, without the first one, which names the channel."""
     lines = dataset.body.split(b"\n", 5)[1:5]
     texts = [line.decode("latin-1").strip() for line in lines]
     return [
@@ -205,7 +209,7 @@ def _fields(dataset: _Dataset) -> list[Field]:
 
 
 def _line(data: bytes, at: int) -> tuple[bytes, int]:
-    """A line without its end, and where the next one begins."""
+    """Return a line without its end, and where the next line begins."""
     end = data.find(b"\n", at)
     end = len(data) if end < 0 else end
     return data[at:end].rstrip(b"\r"), end + 1
@@ -215,7 +219,7 @@ def _int(words: list[str], index: int, name: str, line: int) -> int:
     try:
         value = int(words[index])
     except (IndexError, ValueError):
-        raise _damaged(name, line, "a number of its header is missing or is none") from None
+        raise _damaged(name, line, "a number in its header is missing or not a number") from None
     if not 0 <= value < 1 << 40:
         raise _damaged(name, line, f"{value} in its header is out of range")
     return value
@@ -225,7 +229,7 @@ def _float(text: str, name: str, line: int) -> float:
     try:
         return float(text.replace("D", "E") or "0")
     except ValueError:
-        raise _damaged(name, line, f'"{text}" in its header is no number') from None
+        raise _damaged(name, line, f'"{text}" in its header is not a number') from None
 
 
 def _damaged(name: str, line: int, what: str) -> InputError:

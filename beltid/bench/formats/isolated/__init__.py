@@ -1,9 +1,9 @@
-"""Formats whose libraries can crash or hang on damaged input: read in a child process with limits.
+"""Read formats whose libraries can crash or hang on damaged files, in a child process with limits.
 
 ============ ====================================================================
 Module       Responsibility
 ============ ====================================================================
-``process``  the child process: how it is started, and what it hands over
+``process``  start the child process, pass its results back
 ``tdms``     NI TDMS
 ``mdf``      ASAM MDF 3 and 4
 ``matlab``   MATLAB .mat of version 5

@@ -1,7 +1,7 @@
-"""MATLAB .mat of version 7.3, and plain HDF5. Runs in the child process.
+"""Read MATLAB .mat files of version 7.3 and plain HDF5. Runs in the child process.
 
-What a file draws from elsewhere (external links, external or virtual datasets) is refused: a
-recording is the file that was named, and nothing beside it.
+References to other files (external links, external or virtual datasets) are refused: a recording
+is the named file and nothing else.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import SCALING, BenchFile, scaling_beside
+from beltid.bench.formats.bench_file import SCALING, BenchFile, unapplied_scaling
 from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
 from beltid.errors import InputError
 
 MAX_OBJECTS: Final = 100_000
 _PACKING: Final = ("scale_factor", "add_offset", "_FillValue", "missing_value")
-"""Attributes that tell how NetCDF packs a variable."""
+"""Attributes that describe how NetCDF packs a variable."""
 
 
 def read(path: Path) -> BenchFile:
@@ -33,17 +33,17 @@ def read(path: Path) -> BenchFile:
 
 
 class _Content:
-    """Groups and datasets of a file as nested dicts of plain values."""
+    """Converter of the groups and datasets of a file to nested dicts of plain values."""
 
     def __init__(self, file: Any) -> None:
         import h5py
 
         self.file = file
-        self.number = h5py.h5o.get_info(file.id).fileno
-        self.seen = 0
+        self.file_number = h5py.h5o.get_info(file.id).fileno
+        self.object_count = 0
 
     def group(self, group: Any, depth: int) -> dict[str, Any]:
-        """Members of a group."""
+        """Convert the members of a group."""
         import h5py
 
         members: dict[str, Any] = {}
@@ -52,13 +52,13 @@ class _Content:
         for name in group:
             if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
                 raise InputError(f"{name} is a link to another file, which is not followed")
-            if name.startswith("#"):  # where MATLAB keeps what references point to
+            if name.startswith("#"):  # targets of MATLAB references
                 continue
             item = group[name]
-            if h5py.h5o.get_info(item.id).fileno != self.number:  # by a link to such a link
+            if h5py.h5o.get_info(item.id).fileno != self.file_number:  # an indirect link
                 raise InputError(f"{name} is a link to another file, which is not followed")
             members[name] = self._value(item, depth)
-        for name, value in group.attrs.items():  # plain HDF5 keeps its settings there
+        for name, value in group.attrs.items():  # plain HDF5 stores settings as attributes
             if not name.startswith("MATLAB") and np.size(value) == 1:
                 members.setdefault(name, _text_or_number(value))
         return members
@@ -66,15 +66,17 @@ class _Content:
     def _value(self, item: Any, depth: int) -> Any:
         import h5py
 
-        self.seen += 1
-        if self.seen > MAX_OBJECTS:
+        self.object_count += 1
+        if self.object_count > MAX_OBJECTS:
             raise InputError(f"holds more than {MAX_OBJECTS} variables")
         if isinstance(item, h5py.Group):
             return _structs(self.group(item, depth + 1))
         if not isinstance(item, h5py.Dataset):
             return None
         if item.is_virtual or item.external:
-            raise InputError(f"{item.name} draws its samples from another file, not followed")
+            raise InputError(
+                f"{item.name} takes its samples from another file, which is not followed"
+            )
         kind = item.attrs.get("MATLAB_class", b"")
         if item.dtype == h5py.ref_dtype:
             return [self._value(self.file[reference], depth + 1) for reference in item[()].ravel()]
@@ -92,28 +94,31 @@ class _Content:
         )
         array = np.squeeze(_unpacked(np.asarray(values), item.attrs))
         scaling = {n: item.attrs[n] for n in item.attrs if n.lower() in SCALING}
-        if array.ndim == 1 and (unit is not None or scaling_beside(array, scaling)):
-            told = {"data": array, "unit": "" if unit is None else _text_or_number(unit)}
-            return {**scaling, **told}
+        if array.ndim == 1 and (unit is not None or unapplied_scaling(array, scaling)):
+            channel = {"data": array, "unit": "" if unit is None else _text_or_number(unit)}
+            return {**scaling, **channel}
         return array
 
 
-def _unpacked(values: np.ndarray, about: Any) -> np.ndarray:
-    """Numbers that NetCDF packs: counts times `scale_factor` plus `add_offset`, or missing.
+def _unpacked(values: np.ndarray, attributes: Any) -> np.ndarray:
+    """Unpack numbers of NetCDF: counts times `scale_factor` plus `add_offset`, or missing.
 
     Source: NetCDF Climate and Forecast (CF) Metadata Conventions, section 8.1.
     """
-    said = {
-        name: np.ravel(about[name])[0] for name in _PACKING if np.size(about.get(name, [])) == 1
+    packing = {
+        name: np.ravel(attributes[name])[0]
+        for name in _PACKING
+        if np.size(attributes.get(name, [])) == 1
     }
-    if values.dtype.kind not in "iuf" or not said:
+    if values.dtype.kind not in "iuf" or not packing:
         return values
-    numbers = values * float(said.pop("scale_factor", 1.0)) + float(said.pop("add_offset", 0.0))
-    return np.where(np.isin(values, list(said.values())), np.nan, numbers)
+    scale, offset = packing.pop("scale_factor", 1.0), packing.pop("add_offset", 0.0)
+    numbers = values * float(scale) + float(offset)
+    return np.where(np.isin(values, list(packing.values())), np.nan, numbers)
 
 
 def _texts(values: Any) -> Any:
-    """A text, or a list of texts."""
+    """Convert to a text or a list of texts."""
     if np.ndim(values) == 0:
         return _text_or_number(values)
     return [_text_or_number(v) for v in np.ravel(values)]
@@ -125,7 +130,7 @@ def _text_or_number(value: Any) -> Any:
 
 
 def _table(values: np.ndarray) -> dict[str, Any]:
-    """Columns of a dataset of records."""
+    """Split a dataset of records into columns."""
     return {
         name: np.ravel(values[name]) if values[name].dtype.kind in "biuf" else _texts(values[name])
         for name in values.dtype.names or ()
@@ -133,7 +138,7 @@ def _table(values: np.ndarray) -> dict[str, Any]:
 
 
 def _structs(members: dict[str, Any]) -> dict[str, Any] | list[dict[str, Any]]:
-    """An array of structs, which version 7.3 keeps as a struct of lists, as a list of structs."""
+    """Convert a struct of lists, as version 7.3 stores struct arrays, to a list of structs."""
     lengths = {len(v) for v in members.values() if isinstance(v, list)}
     if not members or not all(isinstance(v, list) for v in members.values()) or len(lengths) != 1:
         return members

@@ -1,8 +1,8 @@
-"""MATLAB .mat of version 5 (and 4): vectors, structs and arrays of structs.
+"""Read MATLAB .mat files of version 5 (and 4): vectors, structs and arrays of structs.
 
-Runs in the child process. `Variables` turns nested variables, of this or of version 7.3, into
-groups of channels: a vector is a channel, a number or text a header field, a struct a group; a
-struct that holds its samples under ``data`` or ``values`` and a ``unit`` is a channel itself.
+Runs in the child process. `Variables` converts nested variables of this version or 7.3 to groups
+of channels: a vector becomes a channel, a number or text a header field, a struct a group; a
+struct with samples in ``data`` or ``values`` and a ``unit`` becomes a channel.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, scaling_beside
+from beltid.bench.formats.bench_file import BenchFile, Channel, Field, Group, unapplied_scaling
 from beltid.errors import InputError
 
 MAX_DEPTH: Final = 6
@@ -27,13 +27,13 @@ def read(path: Path) -> BenchFile:
     from scipy.io import loadmat
 
     with path.open("rb") as stream:
-        found = loadmat(stream, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
-    variables = {k: _plain(v) for k, v in found.items() if not k.startswith("__")}
+        content = loadmat(stream, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    variables = {k: _plain(v) for k, v in content.items() if not k.startswith("__")}
     return Variables().bench_file("MATLAB, version 5", variables)
 
 
 def _plain(value: Any) -> Any:
-    """Structs of scipy as dicts, arrays of structs as lists."""
+    """Convert scipy structs to dicts, and arrays of structs to lists."""
     if hasattr(value, "_fieldnames"):
         return {name: _plain(getattr(value, name)) for name in value._fieldnames}
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
@@ -46,14 +46,14 @@ def _plain(value: Any) -> Any:
 
 
 class Variables:
-    """Turns nested variables into groups of channels and header fields."""
+    """Converter of nested variables to groups of channels and header fields."""
 
     def __init__(self) -> None:
         self.groups: list[Group] = []
         self.notes: list[str] = []
 
     def bench_file(self, format_name: str, variables: Mapping[str, Any]) -> BenchFile:
-        """Everything that was found in the variables of a file."""
+        """Convert the variables of a file."""
         fields = self._struct("", variables, 0)
         if not self.groups:
             held = ", ".join(self.notes) or ", ".join(variables) or "nothing"
@@ -63,7 +63,7 @@ class Variables:
         return BenchFile(format_name, tuple(self.groups), fields, tuple(self.notes))
 
     def _struct(self, name: str, members: Mapping[str, Any], depth: int) -> tuple[Field, ...]:
-        """Add the channels of a struct as a group; return its fields."""
+        """Add the channels of a struct as a group; return its header fields."""
         if depth > MAX_DEPTH:
             self.notes.append(f"{name} left out: structs nested more than {MAX_DEPTH} deep")
             return ()
@@ -84,20 +84,20 @@ class Variables:
             else:
                 self._leaf(key, value, unit_of, channels, fields)
         place = len(self.groups)
-        own_fields = tuple(fields)
+        group_fields = tuple(fields)
         for inner_name, value in inner:
             before = len(self.groups)
             inner_fields = self._struct(inner_name, value, depth + 1)
             if len(self.groups) == before:  # a struct of settings only
-                own_fields += inner_fields
+                group_fields += inner_fields
         if channels:
-            self.groups.insert(place, Group(name, tuple(channels), own_fields if name else ()))
-        return own_fields
+            self.groups.insert(place, Group(name, tuple(channels), group_fields if name else ()))
+        return group_fields
 
     def _listed(
         self, name: str, items: Sequence[Any], channels: list[Channel], key: str
     ) -> list[tuple[str, Mapping[str, Any]]]:
-        """An array of structs is a group each; an array of texts is a channel of texts."""
+        """Return the structs of an array as groups; add an array of texts as a channel."""
         if items and all(isinstance(item, Mapping) for item in items):
             return [(f"{name}({i})", item) for i, item in enumerate(items, start=1)]
         if len(items) > 1 and all(isinstance(item, str) for item in items):
@@ -129,7 +129,7 @@ class Variables:
                 channels.append(Channel(key, "", texts))
             return
         if array.dtype.kind not in "biuf":
-            self.notes.append(f"{key} left out: no real numbers")
+            self.notes.append(f"{key} left out: not real numbers")
         elif array.size == 1:
             fields.append(Field(key, repr(float(array.ravel()[0])), units.get(key, "")))
         elif array.ndim > 1 and sum(n > 1 for n in array.shape) > 1:
@@ -140,7 +140,7 @@ class Variables:
 
 
 def _units_of(members: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The struct ``units`` of texts beside the vectors it is about; empty where there is none."""
+    """Return the struct ``units`` with the units of the vectors; empty if there is none."""
     for name in UNITS:
         units = members.get(name)
         if isinstance(units, Mapping) and all(_is_text(text) for text in units.values()):
@@ -153,7 +153,7 @@ def _is_text(value: Any) -> bool:
 
 
 def _channel_struct(key: str, members: Mapping[str, Any]) -> Channel | None:
-    """A struct of samples and their unit; None for any other struct."""
+    """Convert a struct of samples with a unit to a channel; None for any other struct."""
     samples = next((members[n] for n in SAMPLES if n in members), None)
     unit = next((members[n] for n in UNITS if n in members), None)
     if samples is None or unit is None or isinstance(samples, (Mapping, list)):
@@ -170,5 +170,5 @@ def _channel_struct(key: str, members: Mapping[str, Any]) -> Channel | None:
         str(unit),
         values.ravel().astype(float),
         None if clock is None else clock.ravel().astype(float),
-        scaling_beside(values, members),
+        unapplied_scaling(values, members),
     )

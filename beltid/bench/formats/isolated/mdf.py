@@ -1,4 +1,4 @@
-"""ASAM MDF 3 and 4: every channel group has its own raster. Runs in the child process."""
+"""Read ASAM MDF 3 and 4: every channel group has its own raster. Runs in the child process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltid.errors import InputError
 
 
 def read(path: Path) -> BenchFile:
-    """Read an MDF file; channels of more than one dimension are left out and told."""
+    """Read an MDF file; channels with more than one dimension are left out and noted."""
     from asammdf import MDF
 
     notes: list[str] = []
@@ -36,13 +36,13 @@ def _group(file: Any, index: int, notes: list[str]) -> Group | None:
     master = file.masters_db.get(index)
     channels: list[Channel] = []
     time: np.ndarray | None = None
-    for number, described in enumerate(group.channels):
+    for number, channel in enumerate(group.channels):
         if number == master:
             continue
         signal = file.get(group=index, index=number)
         samples = signal.samples
         if samples.dtype.kind not in "biufSU" or samples.ndim != 1:
-            notes.append(f"channel {described.name} left out: no plain numbers")
+            notes.append(f"channel {channel.name} left out: no plain numbers")
             continue
         if len(samples) == 0:
             continue
@@ -51,7 +51,7 @@ def _group(file: Any, index: int, notes: list[str]) -> Group | None:
             time = in_seconds(np.asarray(signal.timestamps, dtype=float), unit)
         channels.append(
             Channel(
-                described.name,
+                channel.name,
                 str(signal.unit or ""),
                 _values(samples),
                 time if len(time) else None,
@@ -75,7 +75,7 @@ def _values(samples: np.ndarray) -> np.ndarray:
 
 
 def _fields(comment: str) -> tuple[Field, ...]:
-    """Properties that a header's XML comment states."""
+    """Read the properties in the XML comment of a header."""
     if "<" not in comment or "<!" in comment:  # no entities are expanded
         return (Field("comment", comment.strip()),) if comment.strip() else ()
     try:

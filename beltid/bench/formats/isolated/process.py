@@ -1,8 +1,8 @@
-"""Files read in a child process, so that a damaged one cannot take this process with it.
+"""Read files in a child process, so that a damaged file cannot crash this process.
 
-The child is given a folder for its results and its limits as arguments, and the files as JSON on
-stdin: a list of ``[format, path]``. For file number i it writes ``i.npz``, arrays and JSON but
-never pickled objects, or ``i.json``: why not, and the code of the page that explains it.
+The child receives a folder for its results and its limits as arguments, and the files as JSON on
+stdin: a list of ``[format, path]``. For file number i it writes ``i.npz`` (arrays and JSON, never
+pickled objects), or ``i.json`` with the reason of the failure and the code of its help page.
 """
 
 from __future__ import annotations
@@ -45,29 +45,29 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | InputErr
     Parameters
     ----------
     jobs : sequence of (str, Path)
-        Format, one of `sniff.ISOLATED`, and the file.
+        Format, one of `sniff.ISOLATED`, and path of every file.
 
     Returns
     -------
     list
-        For every file what was found in it, or why it cannot be read. After `CRASHES` files that
-        end the child the others are not tried.
+        Content of every file, or why it cannot be read. After `CRASHES` files that ended the
+        child, the remaining ones are not tried.
     """
     results: list[BenchFile | InputError] = []
     crashes = 0
     while len(results) < len(jobs) and crashes < CRASHES:
         rest = jobs[len(results) :]
-        read, ended = _one_child(rest)
+        read, failure = _one_child(rest)
         results += read
         if len(read) < len(rest):
-            results.append(InputError(f"damaged: {ended}", code="damaged"))
+            results.append(InputError(f"damaged: {failure}", code="damaged"))
             crashes += 1
-    untried = InputError("not tried after the damaged files")
+    untried = InputError("not tried, because too many files before it are damaged")
     return results + [untried] * (len(jobs) - len(results))
 
 
 def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | InputError], str]:
-    """Results up to the file that ended the child, and how it ended."""
+    """Read files in one child; return the results up to a file that ended it, and how it ended."""
     sizes = [path.stat().st_size for _, path in jobs]
     memory = BASE_MEMORY + MEMORY_PER_BYTE * max(sizes)
     cpu_s = BASE_CPU_S + CPU_S_PER_MB * (sum(sizes) >> 20) + 2 * len(jobs)
@@ -75,20 +75,20 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Input
     with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
         # -P: nothing is imported from the folder of the recordings
         command = [sys.executable, "-P", "-m", __name__, folder, str(memory), str(cpu_s)]
-        asked = json.dumps([[name, str(path.absolute())] for name, path in jobs])
+        request = json.dumps([[name, str(path.absolute())] for name, path in jobs])
         try:
             status = subprocess.run(
                 command,
-                input=asked.encode(),
+                input=request.encode(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 timeout=3 * cpu_s,
                 env={**os.environ, **dict.fromkeys(one_thread, "1")},
                 check=False,
             ).returncode
-            ended = f"the reader of its format crashed on it (status {status})"
+            failure = f"the reader of its format crashed on it (status {status})"
         except subprocess.TimeoutExpired:
-            ended = f"the reader of its format did not end within {3 * cpu_s} s"
+            failure = f"the reader of its format did not finish within {3 * cpu_s} s"
         results: list[BenchFile | InputError] = []
         for number in range(len(jobs)):
             done, refused = (Path(folder, f"{number}.{ending}") for ending in ("npz", "json"))
@@ -99,7 +99,7 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Input
                 results.append(InputError(text, code=code))
             else:
                 break
-    return results, ended
+    return results, failure
 
 
 def read_format(format_name: str, path: Path) -> BenchFile:
@@ -109,33 +109,33 @@ def read_format(format_name: str, path: Path) -> BenchFile:
 
 
 def read_all(folder: Path, jobs: Sequence[tuple[str, str]]) -> None:
-    """Read the files one after the other; a file that cannot be read leaves its reason."""
+    """Read the files one after the other; write a reason for each that cannot be read."""
     for number, (format_name, path) in enumerate(jobs):
         try:
-            found = read_format(format_name, Path(path))
-            if not found.groups:
+            file = read_format(format_name, Path(path))
+            if not file.groups:
                 raise InputError("holds no channel with samples")
-            save(found, folder / f"{number}.part")
+            save(file, folder / f"{number}.part")
             os.replace(folder / f"{number}.part", folder / f"{number}.npz")
         except InputError as error:
             reason = str(error), "".join(error.codes[:1])
         except ImportError as error:
             reason = f"the library that reads its format cannot be loaded: {error}", ""
         except MemoryError:
-            reason = "damaged: it asks for more memory than a file of its size can need", "damaged"
+            reason = "damaged: it requests more memory than a file of its size can need", "damaged"
         except Exception as error:  # a damaged file can raise nearly anything
-            said = " ".join(str(error).split())[:160] or "unreadable"
-            reason = f"damaged: {type(error).__name__}: {said}", "damaged"
+            message = " ".join(str(error).split())[:160] or "unreadable"
+            reason = f"damaged: {type(error).__name__}: {message}", "damaged"
         else:
             continue
         (folder / f"{number}.json").write_text(json.dumps(reason), encoding="utf-8")
 
 
 def limit(memory_bytes: int, cpu_s: int) -> None:
-    """Limit memory and computing time of this process, where the system can."""
+    """Limit memory and CPU time of this process, if the system supports it."""
     try:
         import resource
-    except ImportError:  # Windows: the parent still ends what takes too long
+    except ImportError:  # Windows: the parent still enforces its timeout
         return
     for what, value in (
         (resource.RLIMIT_AS, memory_bytes),
@@ -148,7 +148,7 @@ def limit(memory_bytes: int, cpu_s: int) -> None:
 
 
 def save(file: BenchFile, path: Path) -> None:
-    """Write what was found in a file; an array that several channels share is written once."""
+    """Write the content of a file; an array shared by several channels is written once."""
     arrays: dict[str, np.ndarray] = {}
 
     def as_json(value: Any) -> Any:
@@ -165,16 +165,16 @@ def save(file: BenchFile, path: Path) -> None:
 
 
 def load(path: Path) -> BenchFile:
-    """Read what `save` wrote."""
+    """Load a content written by `save`."""
     with np.load(path, allow_pickle=False) as arrays:
         meta = json.loads(arrays[_META].tobytes())
-        known = {key: _readable(arrays[key]) for key in arrays.files if key != _META}
+        by_key = {key: _readable(arrays[key]) for key in arrays.files if key != _META}
     groups = tuple(
         Group(
             group["name"],
             tuple(
                 Channel(
-                    c["name"], c["unit"], known[c["values"]], known.get(c["time_s"]), c["scaling"]
+                    c["name"], c["unit"], by_key[c["values"]], by_key.get(c["time_s"]), c["scaling"]
                 )
                 for c in group["channels"]
             ),

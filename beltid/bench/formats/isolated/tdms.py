@@ -1,7 +1,7 @@
-"""NI TDMS: groups of channels, each with its own properties and start and step of time.
+"""Read NI TDMS files: groups of channels, each with its own properties, start time and time step.
 
-Runs in the child process (see `process`). The file is opened here, so that an index that lies
-beside it, possibly of another state of the file, is not believed.
+Runs in the child process (see `process`). The file is opened as a stream, so that the library
+ignores an index file next to it, which may be outdated.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from beltid.bench.formats.bench_file import (
     Group,
     even_times,
     in_seconds,
-    scaling_beside,
+    unapplied_scaling,
 )
 from beltid.errors import InputError
 
@@ -40,14 +40,14 @@ def read(path: Path) -> BenchFile:
         for group in file.groups():
             times: dict[tuple[Any, ...], np.ndarray] = {}
             channels = tuple(
-                found
+                converted
                 for channel in group.channels()
-                if (found := _channel(channel, origin, times)) is not None
+                if (converted := _channel(channel, origin, times)) is not None
             )
             if channels:
                 groups.append(Group(group.name, channels, _fields(group.properties)))
-        started = () if origin is None else (Field("wf_start_time", str(origin)),)
-        return BenchFile("NI TDMS", tuple(groups), (*_fields(file.properties), *started))
+        start_fields = () if origin is None else (Field("wf_start_time", str(origin)),)
+        return BenchFile("NI TDMS", tuple(groups), (*_fields(file.properties), *start_fields))
 
 
 def _status_incomplete(file: Any) -> bool:
@@ -56,7 +56,7 @@ def _status_incomplete(file: Any) -> bool:
 
 
 def _first_start(file: Any) -> np.datetime64 | None:
-    """Earliest start of a waveform: times of channels that start later count from it."""
+    """Return the earliest start of a waveform, from which all times are counted."""
     starts = [
         np.datetime64(channel.properties["wf_start_time"])
         for group in file.groups()
@@ -88,7 +88,7 @@ def _channel(
         unit,
         np.asarray(values, dtype=float),
         _time(channel, len(values), origin, times),
-        scaling_beside(values, channel.properties),
+        unapplied_scaling(values, channel.properties),
     )
 
 
@@ -104,7 +104,7 @@ def _time(
         return None
     step = float(step)
     if not step > 0 or not np.isfinite(step):
-        return None  # LabVIEW writes 0 where it knows no step
+        return None  # LabVIEW writes 0 if the step is unknown
     unit = str(properties.get("wf_xunit_string", ""))
     step, offset = (
         in_seconds(t, unit) for t in (step, float(properties.get("wf_start_offset", 0.0)))

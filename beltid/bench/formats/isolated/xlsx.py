@@ -1,4 +1,4 @@
-"""Excel workbooks: every sheet that holds a table is a group. Runs in the child process."""
+"""Read Excel workbooks: every sheet with a table is a group. Runs in the child process."""
 
 from __future__ import annotations
 
@@ -11,18 +11,24 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.formats.dialect import SEARCHED, TableHead, find_head, told_apart, unit_in_name
+from beltid.bench.formats.dialect import (
+    SEARCHED,
+    TableHead,
+    distinct_names,
+    find_head,
+    unit_in_name,
+)
 from beltid.errors import InputError
 from beltid.tables.values import absent
 
 MAX_UNPACKED: Final = 2 << 30
 MAX_COLUMNS: Final = 2000
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
-"""A formula in the XML of a sheet, and no value behind it."""
+"""A formula without a value in the XML of a sheet."""
 
 
 def read(path: Path) -> BenchFile:
-    """Read every sheet of a workbook that holds a table."""
+    """Read all sheets of a workbook that hold a table."""
     from openpyxl import load_workbook
 
     with zipfile.ZipFile(path) as archive:
@@ -32,7 +38,7 @@ def read(path: Path) -> BenchFile:
             raise InputError("is a binary Excel workbook (.xlsb), save it as .xlsx")
         broken = archive.testzip()
         if broken is not None:
-            raise InputError(f"damaged: {broken} in it does not have its checksum", code="damaged")
+            raise InputError(f"damaged: {broken} in it does not match its checksum", code="damaged")
     notes: list[str] = []
     groups = []
     with path.open("rb") as stream:
@@ -52,7 +58,7 @@ def read(path: Path) -> BenchFile:
 
 
 def _refuse_formulas(path: Path) -> None:
-    """Refuse formulas that no program has computed: their cells read as empty."""
+    """Refuse formulas without computed values, whose cells would be read as empty."""
     with zipfile.ZipFile(path) as archive:
         for name in archive.namelist():
             if name.startswith("xl/worksheets/") and _UNCOMPUTED.search(archive.read(name)):
@@ -87,9 +93,11 @@ def _group(title: str, rows: list[list[Any]]) -> Group | None:
 
 
 def _columns(head: TableHead) -> list[tuple[str, str]]:
-    """Name and unit of every column; a unit in brackets stays in the name, too."""
+    """Return name and unit of every column; a unit in brackets also stays in the name."""
     units = [*head.units, *[""] * len(head.names)]
-    return [(n, u or unit_in_name(n)) for n, u in zip(told_apart(head.names), units, strict=False)]
+    return [
+        (n, u or unit_in_name(n)) for n, u in zip(distinct_names(head.names), units, strict=False)
+    ]
 
 
 def _shown(cell: Any) -> str:
