@@ -80,7 +80,7 @@ def test_signs_make_force_and_travel_rise():
 
 def test_a_cell_that_is_not_tared_needs_free_travel():
     ramp = np.arange(30.0)
-    with pytest.raises(InputError, match="from -40 N up to -11 N only, and no travel before"):
+    with pytest.raises(InputError, match="from -40 N to -11 N, and without travel before"):
         prepared(ramp, ramp - 40.0)
 
 

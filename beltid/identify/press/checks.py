@@ -172,7 +172,7 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
     result = f"{name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
     # insignificant (three standard errors), or with a negligible effect on the force
     if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
-        text = f"{result}, not significantly different from zero: a {form} law was fitted"
+        text = f"{result}, not different from zero: a {form} law was fitted"
         return [Finding("coefficient at zero", share, text)]
     if misfit > LARGEST_MISFIT:
         raise FitError(
