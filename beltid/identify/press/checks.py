@@ -70,7 +70,7 @@ SLOW: Final = 0.05
 Filled rubber relaxes by about five percent per decade of time."""
 DEPTH_M: Final = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
 LINE_FORCE_N_M: Final = (1.0e2, 1.0e6)
-WORTH_SAYING: Final = 5.0e-3  # share of the force above which an effect is reported
+REPORTED_SHARE: Final = 5.0e-3  # share of the force above which an effect is reported
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +92,8 @@ class Case:
     def contact_m(self) -> Array:
         """Position of the contact point of each curve [m]."""
         tests = dict.fromkeys(c.test for c in self.curves)
-        of_test = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
-        return np.array([of_test[c.test] for c in self.curves])
+        position = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
+        return np.array([position[c.test] for c in self.curves])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ class Finding:
     """Result of a check."""
 
     check: str  # name as in the table of this module
-    size: float  # share: of the force; of the penetration (seating); of the noise (scatter)
+    size: float  # relative to the force, the penetration (seating) or the noise (scatter)
     text: str = ""  # for the user; empty if too small to report
     changes: tuple[Array, ...] = ()
     """Changes of (k_linear, k_quadratic), one standard deviation each, SI."""
@@ -112,14 +112,14 @@ class Finding:
 def _scale_finding(case: Case, check: str, share: float, text: str) -> Finding:
     """Report a relative error of the whole force; its percentage is put into the text."""
     message = f"{text.format(100.0 * share)}; included in the standard errors"
-    message = message if share >= WORTH_SAYING else ""
+    message = message if share >= REPORTED_SHARE else ""
     return Finding(check, share, message, (share * case.k,), alarming=True)
 
 
 def _unseen_finding(check: str, share: float, text: str) -> Finding:
     """Report an error that the recording cannot reveal."""
     message = f"{text} (included in the combined uncertainty, not in the standard errors)"
-    return Finding(check, share, message if share >= WORTH_SAYING else "", unseen=True)
+    return Finding(check, share, message if share >= REPORTED_SHARE else "", unseen=True)
 
 
 def _size(case: Case) -> list[Finding]:
@@ -221,16 +221,17 @@ def _lack_of_fit(case: Case) -> list[Finding]:
     return [replace(finding, changes=(*finding.changes, *changes))]
 
 
-def _probability(squares: float, others: float, more: int, n: int, m: float) -> float:
-    """Return the posterior probability of a fit with `more` extra unknowns.
+def _probability(squares: float, squares_extra: float, n_extra: int, n: int, m: float) -> float:
+    """Return the posterior probability of a fit with `n_extra` more unknowns.
 
-    `squares` and `others` are the sums of squares without and with them; m of the n nodes count as
-    independent.
+    `squares` and `squares_extra` are the sums of squares without and with them; m of the n nodes
+    count as independent.
     """
     floor = n * ROUNDING**2
-    gain = m * math.log(max(squares, floor) / max(others, floor)) - more * math.log(max(m, 2.0))
-    odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
-    return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+    gain = m * math.log(max(squares, floor) / max(squares_extra, floor))
+    gain -= n_extra * math.log(max(m, 2.0))
+    log_odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
+    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
 
 
 def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
@@ -245,12 +246,14 @@ def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
             other = fit_law(name, nodes)
         except NumericsError:
             continue
-        share = weight
+        probability = weight
         if name != "quadratic":
-            more = other.n_unknowns - law.n_unknowns
-            share = _probability(law.sum_of_squares, other.sum_of_squares, more, n, n / other.tau)
-            weight = max(weight, share)
-        changes.append(math.sqrt(share) * _change_to(case, other.force))
+            n_extra = other.n_unknowns - law.n_unknowns
+            probability = _probability(
+                law.sum_of_squares, other.sum_of_squares, n_extra, n, n / other.tau
+            )
+            weight = max(weight, probability)
+        changes.append(math.sqrt(probability) * _change_to(case, other.force))
     return changes, weight
 
 
@@ -340,7 +343,7 @@ def _drift(case: Case) -> list[Finding]:
         f"belt sticks, by up to {100.0 * share:.2g} % of a tenth of the largest force halfway "
         "through the cycle; included in the standard errors"
     )
-    return [Finding("drift", share, text if share >= WORTH_SAYING else "", (change,))]
+    return [Finding("drift", share, text if share >= REPORTED_SHARE else "", (change,))]
 
 
 def _turn(case: Case) -> list[Finding]:
@@ -370,10 +373,10 @@ def _turn(case: Case) -> list[Finding]:
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
     """Allow for virgin rubber in tests of a single cycle; other tests may show its effect."""
     share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
-    known = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
+    virgin_shares = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
     if case.cycles == "first" or not share:
         return []
-    if not known:
+    if not virgin_shares:
         text = (
             "a single cycle: it is unknown whether the belt was conditioned before; virgin rubber "
             "is about 10 % stiffer; press three cycles"
@@ -383,7 +386,7 @@ def _sole_virgin_cycle(case: Case) -> list[Finding]:
         "some tests have a single cycle; in others the first cycle is stiffer than the one used: "
         "the single cycles may be virgin, an effect of {:.2g} % of the pooled force"
     )
-    stiffer = abs(float(np.mean(known)))
+    stiffer = abs(float(np.mean(virgin_shares)))
     return [_scale_finding(case, "sole virgin cycle", share * stiffer, text)]
 
 

@@ -228,9 +228,9 @@ def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -
     """Raise :class:`InputError` if a branch has too few samples."""
     if min(counts) < MIN_BRANCH_SAMPLES:
         names = ("loading", "unloading")[: len(counts)]
-        found = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
+        sizes = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
         raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {found} samples in contact and beyond the "
+            f"test {test.label}: cycle {cycle.number}: {sizes} samples in contact and beyond the "
             f"noise of the travel ({test.position_noise_m * 1e6:.2g} µm), must be at least "
             f"{MIN_BRANCH_SAMPLES} per branch"
         )

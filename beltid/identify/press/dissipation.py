@@ -49,11 +49,11 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
     """
     curves = [c for c in curves if c.unloads]
     if not curves:
-        raise InputError("press recording: no test was unloaded, the hysteresis is not known")
+        raise InputError("press recording: no test was unloaded, so the hysteresis is unknown")
     without_clock = sorted({c.test for c in curves if not c.sample_interval_s > 0.0})
     if without_clock:
         raise InputError(
-            [f"test {t}: the clock does not run, the speed is not known" for t in without_clock]
+            [f"test {t}: the clock does not run, so the speed is unknown" for t in without_clock]
         )
     speeds, rate_integrals = np.transpose([approach(c) for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])

@@ -144,17 +144,17 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
-        (force_sign < 0, "compression recorded as negative force, sign turned"),
-        (travel_sign < 0, "compression recorded as negative travel, sign turned"),
+        (force_sign < 0, "compression recorded as negative force, sign reversed"),
+        (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (clipped.any(), f"{clipped.sum()} samples left out: {clipping_text}"),
-        (bool(zero), f"zero of the load cell {zero:.3g} N taken off" if zero else ""),
+        (bool(zero), f"zero of the load cell {zero:.3g} N subtracted" if zero else ""),
         (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
         ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
-    known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
+    temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
         label=label,
-        temperature_degC=float(np.median(known)) if known.size else float("nan"),
+        temperature_degC=float(np.median(temperatures)) if temperatures.size else float("nan"),
         time_s=time_s,
         travel_m=travel,
         position_m=position,
@@ -410,7 +410,7 @@ def choose_cycles(
     kept, wanted = complete[selection], cycles[selection]
     notes = []
     if choice == "all" and len(kept) < len(wanted):
-        notes.append(f"{len(wanted) - len(kept)} cycles not unloaded left out")
+        notes.append(f"{len(wanted) - len(kept)} cycles without unloading left out")
     elif kept[0] is not wanted[0]:
         notes.append(
             f"cycle {wanted[0].number} is not unloaded, cycle {kept[0].number} used in its place"

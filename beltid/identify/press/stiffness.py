@@ -180,9 +180,9 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 
     A group spans less than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
     """
-    known = [c for c in curves if math.isfinite(c.temperature_degC)]
+    usable = [c for c in curves if math.isfinite(c.temperature_degC)]
     groups: list[list[PressCurve]] = []
-    for curve in sorted(known, key=lambda c: c.temperature_degC):
+    for curve in sorted(usable, key=lambda c: c.temperature_degC):
         first = groups[-1][0].temperature_degC if groups else -math.inf
         if curve.temperature_degC - first >= SAME_TEMPERATURE_K:
             groups.append([])
@@ -201,11 +201,9 @@ def _at_reference(
     if abs(temperatures[nearest] - reference_degC) > REFERENCE_REACH_K:
         reach = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
         notes.append(f"No test is within {reach}.")
-    unknown = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
-    if unknown:
-        notes.append(
-            f"Tests not used because their temperature is unknown: {', '.join(sorted(unknown))}."
-        )
+    tests = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
+    if tests:
+        notes.append(f"Tests not used, temperature unknown: {', '.join(sorted(tests))}.")
     return replace(laws[nearest], temperature_degC=None), notes
 
 

@@ -150,8 +150,8 @@ def _round_up(rate: float) -> float:
 def _travel(channels: Channels, t: Array, R: float) -> Array:
     """Return the travel of the pulley's surface at times t [m], from an arbitrary origin."""
     speed = np.abs(channels.speed)
-    turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    return R * np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
+    angle = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
+    return R * np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
 
 
 def _slope(

@@ -144,15 +144,15 @@ def _at_speed(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
     kept, shortened = {}, []
     for label, run in runs.items():
         speed = np.abs(run[DRIVER])
-        known = np.isfinite(speed)
+        finite = np.isfinite(speed)
         part = slice(None)
-        if known.any():
+        if finite.any():
             # robust to spikes; a quarter of the samples at speed is enough
             turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
             at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
             part = slice(at_speed[0], at_speed[-1] + 1)
         kept[label] = {name: values[part] for name, values in run.items()}
-        if np.count_nonzero(known[part]) < np.count_nonzero(known):
+        if np.count_nonzero(finite[part]) < np.count_nonzero(finite):
             shortened.append(label)
     if not shortened:
         return kept, []
@@ -181,12 +181,14 @@ def _unsteady(runs: Runs) -> list[str]:
 
 def _rounding(runs: Runs, ratio: float) -> dict[str, float]:
     """Estimate the error of each run's loss due to coarse speed readings [rad/s]."""
-    known = {
+    finite = {
         label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
     }
-    steps = converter_steps(*(np.concatenate(parts) for parts in zip(*known.values(), strict=True)))
+    steps = converter_steps(
+        *(np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
+    )
     errors = {}
-    for label, speeds in known.items():
+    for label, speeds in finite.items():
         noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
         driver, driven = converter_rounding(noise, steps)
         errors[label] = math.hypot(driver, ratio * driven)
@@ -333,15 +335,15 @@ def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
     mean = [float(np.nanmean(r)) if k else np.nan for r, k in zip(runs, n, strict=True)]
     squares = np.array([np.nansum((r - m) ** 2) for r, m in zip(runs, mean, strict=True)])
     # a run that shakes must not dominate the correlation: start with equal weights
-    alike = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(runs, squares, strict=True)]
-    tau = np.minimum(integrated_autocorrelation_time(*alike), np.maximum(n, 1.0))
-    known = (n / tau > 1.0) & (squares > 0.0)
+    normalised = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(runs, squares, strict=True)]
+    tau = np.minimum(integrated_autocorrelation_time(*normalised), np.maximum(n, 1.0))
+    usable = (n / tau > 1.0) & (squares > 0.0)
     shakes = np.zeros(n.size, dtype=bool)
-    if np.count_nonzero(known) >= FEWEST_RUNS:
+    if np.count_nonzero(usable) >= FEWEST_RUNS:
         # chi² relative to the median of the runs, which ignores those that shake
-        dof = n[known] / tau[known] - 1.0
-        typical = np.median(squares[known] / chdtri(dof, 0.5))
-        shakes[known] = chdtrc(dof, squares[known] / typical) < SHAKES
+        dof = n[usable] / tau[usable] - 1.0
+        typical = np.median(squares[usable] / chdtri(dof, 0.5))
+        shakes[usable] = chdtrc(dof, squares[usable] / typical) < SHAKES
     for group in (np.flatnonzero(~shakes), *np.flatnonzero(shakes)[:, None]):
         tau_group = integrated_autocorrelation_time(*(runs[k] for k in group))
         tau[group] = np.minimum(tau_group, np.maximum(n[group], 1.0))
@@ -351,10 +353,10 @@ def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
     if pooled_dof > 0.0:
         variance[~shakes] = dof[~shakes] @ variance[~shakes] / pooled_dof
         dof[~shakes] = pooled_dof
-    known = (dof > 0.0) & (n > 0.0)
+    usable = (dof > 0.0) & (n > 0.0)
     se = np.full(n.size, np.nan)
-    student = stdtrit(np.maximum(dof[known], 1.0), float(ndtr(1.0)))
-    se[known] = student * np.sqrt(variance[known] * tau[known] / n[known])
+    student = stdtrit(np.maximum(dof[usable], 1.0), float(ndtr(1.0)))
+    se[usable] = student * np.sqrt(variance[usable] * tau[usable] / n[usable])
     return [MeanWithError(*map(float, row)) for row in zip(mean, se, n / tau, strict=True)]
 
 
