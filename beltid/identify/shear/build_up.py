@@ -130,12 +130,11 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
     n = max(int(np.count_nonzero(line(x) < level)), FEWEST)
     slope, slope_se, steepening = _slope(x[:n], difference[:n], rest, channels.steps)
     if not slope > 0.0:
-        return replace(
-            result, status=f"the tension difference does not rise: slope {slope:.3g} N/m"
-        )
+        problem = f"the tension difference does not rise: slope {slope:.3g} N/m"
+        return replace(result, status=problem)
     if steepening > STEEPENS:  # slip would flatten it
         problem = (
-            "the tensions part faster and faster: take-up of the bench, or load cells that lag"
+            "the tension difference rises faster and faster: take-up of the bench, or cells lag"
         )
         return replace(result, status=problem)
     return replace(result, slope_N_m=slope, slope_se_N_m=slope_se, n_samples=n)

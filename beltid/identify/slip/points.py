@@ -13,10 +13,10 @@ from beltid.identify.estimators.statistics import as_set
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
 FEWEST_RUNS = 3  # minimum number of runs to determine the creep
-GROSS_OVER_CREEP = (
-    2.0  # gross slip: the loss exceeds this multiple of the creep at the same torque,
-)
-GROSS_SLIP_RATIO = 0.05  # or this share of the driver's speed
+GROSS_OVER_CREEP = 2.0
+"""Gross slip: the loss exceeds this multiple of the creep at the same torque."""
+GROSS_SLIP_RATIO = 0.05
+"""Gross slip: the loss exceeds this share of the driver's speed."""
 SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
 SMALLEST_SHARE = 0.01
 """Sliding speeds below this share of the largest need no separate runs: the law uses the nearest
