@@ -119,7 +119,12 @@ OPEN = (cycle(1, False), cycle(4, False), cycle(6, False))
 @pytest.mark.parametrize(
     ("cycles", "choice", "chosen", "said"),
     [
-        (PARTLY, "all", (2, 3), ("2 cycles not unloaded left out", "4 cycles found, used: 2, 3")),
+        (
+            PARTLY,
+            "all",
+            (2, 3),
+            ("2 cycles without unloading left out", "4 cycles found, used: 2, 3"),
+        ),
         (
             *(PARTLY, "first", (2,)),
             ("cycle 1 is not unloaded, cycle 2 used in its place", "4 cycles found, used: 2"),

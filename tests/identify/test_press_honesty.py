@@ -235,7 +235,7 @@ def test_travel_or_force_in_another_unit_is_said(column, factor):
     assert not said(fit_stiffness(columns, SETTINGS), "size")
     wrong = fit_stiffness({**columns, column: factor * columns[column]}, SETTINGS)
     assert said(wrong, "size")
-    (warning,) = (w for w in wrong.pooled.warnings if "expected are" in w)
+    (warning,) = (w for w in wrong.pooled.warnings if "expected range" in w)
     assert f"is {column} in another unit" in warning
 
 

@@ -67,7 +67,7 @@ def test_signs_make_force_and_travel_rise():
         assert found.force_N.tolist() == ramp.tolist()
         turned = [x for x, sign in (("force", signs[1]), ("travel", signs[0])) if sign < 0]
         assert [n.split("negative ")[1] for n in found.notes] == [
-            f"{x}, sign turned" for x in turned
+            f"{x}, sign reversed" for x in turned
         ]
     # the change since the start tells, whatever an untared cell reads there
     for zero in (60.0, -14.6):
@@ -80,7 +80,7 @@ def test_signs_make_force_and_travel_rise():
 
 def test_a_cell_that_is_not_tared_needs_free_travel():
     ramp = np.arange(30.0)
-    with pytest.raises(InputError, match="from -40 N up to -11 N only, and no travel before"):
+    with pytest.raises(InputError, match="from -40 N to -11 N, and without travel before"):
         prepared(ramp, ramp - 40.0)
 
 
@@ -141,7 +141,7 @@ def test_zero_is_that_of_the_first_half_of_the_free_travel():
     assert zeroed([0.0] * 40) == (0.0, True)
     assert zeroed([-3.0] * 20 + [-2.7] * 20) == (-3.0, True)
     found = prepared(np.arange(140.0), [5.0] * 40 + [5.0 + 2.0 * k for k in range(1, 101)])
-    assert found.notes == ("zero of the load cell 5 N taken off",)
+    assert found.notes == ("zero of the load cell 5 N subtracted",)
 
 
 @pytest.mark.parametrize(("errors", "taken"), [(3.9, False), (4.5, True), (-4.5, True)])

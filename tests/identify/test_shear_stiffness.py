@@ -129,7 +129,9 @@ def test_a_build_up_that_steepens_is_not_used(curves: dict[Setting, Curve], faul
     if fault == "none":
         assert statuses == {"ok"}
     else:
-        assert all("the tensions part faster and faster" in status for status in statuses)
+        assert all(
+            "the tension difference rises faster and faster" in status for status in statuses
+        )
 
 
 @pytest.mark.parametrize(("k_s", "arc_deg", "T"), [(K_S, 82.0, 411.0), (3e8, 40.0, 270.0)])

@@ -3,7 +3,7 @@
 ============  =====================================================================  =============
 Module        Responsibility                                                         Equation
 ============  =====================================================================  =============
-``compare``   two tables of runs -> matched runs, differences, statistics, verdict   Figs. 16, 17
-``hold_out``  which runs are left out together and predicted from the others
+``compare``   two run tables -> matched runs, differences, statistics, verdict       Figs. 16, 17
+``hold_out``  groups of runs to leave out and predict from the others
 ============  =====================================================================  =============
 """

@@ -1,8 +1,8 @@
 """Agreement of measured and simulated friction coefficients (paper, section 7, Figs. 16 and 17).
 
 Both sides come from the same reduction. Runs are matched by their settings, compared per arc and
-averaged over arcs, and split by normal force, as the paper finds its differences at low and high
-force.
+averaged over arcs, and grouped by normal force, because the paper finds its differences at low and
+high force.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ FORCE_BANDS = ("low", "middle", "high")
 NUMBERS = (
     "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
 )  # fmt: skip
-"""Columns of either side that must be numbers > 0."""
+"""Columns that must contain numbers > 0, measured and simulated."""
 COLUMNS = (
     "run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_measured",
     "mu_simulated", "difference", "relative_difference", "within_tolerance", "force_band",
 )  # fmt: skip
 """Columns of the comparison table."""
 SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
-"""How far apart a setting may be on two sides, relative to its value: motors miss their speed by
-about a percent."""
+"""Largest relative difference between measured and simulated settings of matched runs; motors miss
+their speed by about one percent."""
 
 
 @dataclass(frozen=True, slots=True)
 class AgreementSettings:
-    """Tolerances of the comparison, as shares; None is not judged."""
+    """Tolerances of the comparison, as fractions; None disables a tolerance."""
 
     max_rms_relative_error: float | None = None  # root mean square of the relative differences
-    max_mean_relative_error: float | None = None  # mean of their magnitudes: they do not cancel
-    max_relative_error: float | None = None  # magnitude of a single one
+    max_mean_relative_error: float | None = None  # mean of their magnitudes (no cancelling)
+    max_relative_error: float | None = None  # largest magnitude
     min_share_compared: float | None = None  # of the usable measured runs
     max_rms_error_over_uncertainty: float | None = None
-    """Root mean square of the differences over their standard uncertainties; nan, which is never
-    admitted, where these are not known."""
+    """Root mean square of the differences over their standard uncertainties. Without uncertainties
+    it is nan and the tolerance fails."""
 
     def __post_init__(self) -> None:
         problems = [
@@ -60,7 +60,7 @@ class AgreementSettings:
 
     @property
     def tolerances(self) -> dict[str, float]:
-        """Tolerances that are judged, by name."""
+        """Active tolerances by name."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -69,18 +69,18 @@ class AgreementSettings:
 class Statistics:
     """Relative differences (simulated - measured)/measured of a group of points [-]."""
 
-    group: str  # what the points have in common
-    n_points: int  # without points all figures are nan
+    group: str  # name of the group
+    n_points: int  # if 0, all figures are nan
     rms: float
     mean: float
     mean_magnitude: float
-    largest: float  # magnitude
+    largest: float  # largest magnitude
     force_low_N_m: float  # lowest and highest measured normal force of the group
     force_high_N_m: float
 
     @classmethod
     def of(cls, group: str, relative: Array, force: Array) -> Statistics:
-        """Statistics of relative differences [-] at measured normal forces [N/m], each (n,)."""
+        """Evaluate relative differences [-] at measured normal forces [N/m], each (n,)."""
         if relative.size == 0:
             return cls(group, 0, *([float("nan")] * 6))
         size = np.abs(relative)
@@ -88,39 +88,39 @@ class Statistics:
         return cls(group, relative.size, *map(float, (*figures, force.min(), force.max())))
 
     def as_row(self) -> dict[str, object]:
-        """Row for printing, in percent; None in place of nan."""
+        """Return a row for printing, in percent, with None instead of nan."""
         shares = ("rms", "mean", "mean_magnitude", "largest")
         figures = {f"{name}_percent": 100.0 * getattr(self, name) for name in shares}
         figures |= {name: getattr(self, name) for name in ("force_low_N_m", "force_high_N_m")}
-        known = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
-        return {"group": self.group, "n_points": self.n_points, **known}
+        row = {k: (v if np.isfinite(v) else None) for k, v in figures.items()}
+        return {"group": self.group, "n_points": self.n_points, **row}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgreementResult:
-    """Comparison of a measured and a simulated campaign; n matched points, shape (n,) each."""
+    """Comparison of a measured and a simulated campaign; arrays of n matched points, shape (n,)."""
 
-    run: NDArray[np.object_]  # label of the measured run, whose settings and force follow
+    run: NDArray[np.object_]  # label, settings and force of the measured run
     arc_deg: Array
     nominal_tension_N: Array
     pulley_speed_rad_s: Array
     normal_force_N_m: Array
     mu_measured: Array
     mu_simulated: Array
-    force_band: NDArray[np.object_]  # third of the points by force: low, middle or high
+    force_band: NDArray[np.object_]  # third of the points: low, middle or high force
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     groups: tuple[Statistics, ...]
-    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), thirds by `force_band`."""
+    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each `force_band`."""
     settings: AgreementSettings
-    n_measured: int  # runs on either side
+    n_measured: int  # number of runs per side
     n_simulated: int
-    n_usable: int  # measured runs that were not set aside
+    n_usable: int  # usable measured runs
     not_compared_runs: tuple[tuple[str, str], ...]
-    """Runs without a partner or set aside: label with side, reason."""
+    """Runs that are unusable or have no partner: label with side, reason."""
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Rows of the matched runs in the measured and in the simulated table."""
     u_validation: Array | None = None
-    """Standard uncertainty of the relative differences [-]; nan where it is not known."""
+    """Standard uncertainty of the relative differences [-]; nan where unknown."""
 
     @property
     def overall(self) -> Statistics:
@@ -129,16 +129,16 @@ class AgreementResult:
 
     @property
     def not_compared(self) -> dict[str, int]:
-        """Reasons why runs were not compared, and how often; the most frequent first.
+        """Number of runs not compared, by reason; the most frequent reason first.
 
-        Without the figures of each run: "measured: never settles".
+        The reasons omit the figures of each run, as in "measured: never settles".
         """
-        reasons = (": ".join(why.split(": ")[:2]) for _, why in self.not_compared_runs)
+        reasons = (": ".join(reason.split(": ")[:2]) for _, reason in self.not_compared_runs)
         return dict(Counter(reasons).most_common())
 
     @property
     def difference(self) -> Array:
-        """Simulated less measured friction coefficient [-], (n,)."""
+        """Simulated minus measured friction coefficient [-], (n,)."""
         return self.mu_simulated - self.mu_measured
 
     @property
@@ -148,12 +148,12 @@ class AgreementResult:
 
     @property
     def share_compared(self) -> float:
-        """Share of the usable measured runs that found a simulated partner [-]."""
+        """Share of the usable measured runs with a simulated partner [-]."""
         return self.mu_measured.size / self.n_usable
 
     @property
     def error_over_uncertainty(self) -> Array:
-        """Relative difference over its standard uncertainty (n,); nan where it is not known."""
+        """Relative difference over its standard uncertainty (n,); nan where unknown."""
         if self.u_validation is None:
             return np.full(self.mu_measured.size, np.nan)
         safe = np.where(self.u_validation > 0.0, self.u_validation, np.nan)
@@ -161,27 +161,27 @@ class AgreementResult:
 
     @property
     def rms_error_over_uncertainty(self) -> float:
-        """Root mean square of the differences in units of their standard uncertainties."""
+        """Root mean square of the differences over their standard uncertainties [-]."""
         return float(np.sqrt(np.mean(np.square(self.error_over_uncertainty))))
 
     @property
     def passed(self) -> bool:
-        """Whether every tolerance that is set holds."""
+        """True if all active tolerances hold."""
         return all(row["holds"] for row in self.verdict_table())
 
     @property
     def within_tolerance(self) -> NDArray[np.bool_]:
-        """Points within ``max_relative_error`` (n,); all of them if it is not judged."""
+        """Points within ``max_relative_error`` (n,); all points without this tolerance."""
         allowed = self.settings.max_relative_error
         return np.abs(self.relative_difference) <= (np.inf if allowed is None else allowed)
 
     def to_columns(self) -> Columns:
-        """Columns of the comparison table, a row per matched point."""
+        """Return the columns of the comparison table, one row per matched point."""
         return {name: getattr(self, name) for name in COLUMNS}
 
     def verdict_table(self) -> list[dict[str, object]]:
-        """Rows for printing: a judged tolerance each; a figure that is nan never holds."""
-        found = {
+        """Return one row per active tolerance, for printing; a nan figure never holds."""
+        figures = {
             "max_rms_relative_error": self.overall.rms,
             "max_mean_relative_error": self.overall.mean_magnitude,
             "max_relative_error": self.overall.largest,
@@ -190,7 +190,7 @@ class AgreementResult:
         }
         rows: list[dict[str, object]] = []
         for name, allowed in self.settings.tolerances.items():
-            x = found[name]
+            x = figures[name]
             holds = bool(x >= allowed if name.startswith("min") else x <= allowed)
             rows.append({"tolerance": name, "found": x, "allowed": allowed, "holds": holds})
         return rows
@@ -201,15 +201,15 @@ def compare_points(
     simulated: Mapping[str, ArrayLike],
     settings: AgreementSettings | None = None,
 ) -> AgreementResult:
-    """Compare the reduced runs of the bench with those of the simulated bench.
+    """Compare the reduced runs of the real bench with those of the simulated bench.
 
     Parameters
     ----------
     measured, simulated : mapping of str to array_like (n,)
         Columns of the reduction: run, arc_deg, nominal_tension_N, pulley_speed_rad_s,
-        normal_force_N_m, mu_sliding and, if there, status (other than "ok": set aside).
+        normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are used.
     settings : AgreementSettings, optional
-        Without tolerances nothing is judged.
+        Tolerances; by default there are none.
 
     Raises
     ------
@@ -259,6 +259,7 @@ def compare_points(
 def _without_partners(
     n_measured: int, n_simulated: int, left_out: tuple[tuple[str, str], ...]
 ) -> InputError:
+    """Build the error for a comparison without pairs."""
     counts = Counter(reason for _, reason in left_out).most_common()
     return InputError(
         [
@@ -270,7 +271,7 @@ def _without_partners(
 
 
 def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
-    """Checked columns, speeds without sign, with the ``reason`` why a run cannot be compared."""
+    """Check the columns, drop the sign of the speeds, add the ``reason`` against each run."""
     needed = ("run", *NUMBERS)
     problems = [f"{side}: column {name} is missing" for name in needed if name not in columns]
     if problems:
@@ -288,8 +289,8 @@ def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
     reason = np.empty(run.size, dtype=object)
     for k in range(run.size):
-        wrong = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
-        reason[k] = f"{' and '.join(wrong)} not a number > 0" if wrong else ""
+        invalid = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
+        reason[k] = f"{' and '.join(invalid)} not a number > 0" if invalid else ""
         if status[k] != OK:
             reason[k] = str(status[k]) or "status is empty"
     return {"run": run, **values, "reason": reason}
@@ -298,21 +299,21 @@ def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
 def _match(
     measured: Columns, simulated: Columns
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[tuple[str, str], ...]]:
-    """Rows of the pairs on both sides, and every run in no pair: side with label, reason.
+    """Match the runs; return measured rows, simulated rows, and runs without a pair with reasons.
 
-    Among several simulated runs within the tolerances the one with the same label wins, else the
-    one with the nearest speed; a simulated run may answer several repetitions of a measured one.
+    If several simulated runs are within the tolerances, the one with the same label is chosen,
+    otherwise the one with the nearest speed. Repeated measured runs may share a simulated run.
     """
     pairs: list[tuple[int, int]] = []
     left_out: list[tuple[str, str]] = []
     usable = simulated["reason"] == ""
-    answered = np.zeros(usable.size, dtype=bool)
+    has_partner = np.zeros(usable.size, dtype=bool)
     for k, (label, reason) in enumerate(zip(measured["run"], measured["reason"], strict=True)):
         off = {name: np.abs(simulated[name] - measured[name][k]) for name in SAME_SETTING}
         near = np.all(
             [off[n] <= share * measured[n][k] for n, share in SAME_SETTING.items()], axis=0
         )
-        answered |= near  # by a run that was set aside, too: that one is counted
+        has_partner |= near  # even if the measured run is unusable: that run is listed
         if reason:
             left_out.append((f"measured {label}", f"measured: {reason}"))
         elif np.any(near & usable):
@@ -322,23 +323,23 @@ def _match(
             left_out.append((f"measured {label}", f"simulated: {simulated['reason'][near][0]}"))
         else:
             left_out.append((f"measured {label}", "no simulated run with these settings"))
-    for j in np.flatnonzero(~answered):
+    for j in np.flatnonzero(~has_partner):
         reason = simulated["reason"][j]
-        why = f"simulated: {reason}" if reason else "no measured run with these settings"
-        left_out.append((f"simulated {simulated['run'][j]}", why))
+        text = f"simulated: {reason}" if reason else "no measured run with these settings"
+        left_out.append((f"simulated {simulated['run'][j]}", text))
     rows = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     return rows[:, 0], rows[:, 1], tuple(left_out)
 
 
 def _averages_over_arcs(real: Columns, mu_simulated: Array, arcs: NDArray[np.intp]) -> Columns:
-    """Means over the matched arcs of each tension and speed, repetitions of an arc first."""
+    """Average the repetitions of each arc, then the arcs of each tension and speed."""
     data = np.stack([*(real[name] for name in NUMBERS[1:]), mu_simulated], axis=1)
     names = ("nominal_tension_N", "pulley_speed_rad_s")
-    setting = np.stack([settings_of(real[n], SAME_SETTING[n]) for n in names], axis=1)
+    settings = np.stack([settings_of(real[n], SAME_SETTING[n]) for n in names], axis=1)
     means, counts = [], []
-    for one in np.unique(setting, axis=0):
-        here = np.all(setting == one, axis=1)
-        per_arc = [data[here & (arcs == a)].mean(axis=0) for a in np.unique(arcs[here])]
+    for setting in np.unique(settings, axis=0):
+        rows = np.all(settings == setting, axis=1)
+        per_arc = [data[rows & (arcs == a)].mean(axis=0) for a in np.unique(arcs[rows])]
         means.append(np.mean(per_arc, axis=0))
         counts.append(len(per_arc))
     columns: Columns = dict(

@@ -1,9 +1,9 @@
-"""Hold-out: which runs are left out together, and from which the surface is refined instead.
+"""Hold-out validation: choose the runs to leave out; the surface is refined from the others.
 
-A surface that was fitted to some runs agrees with them; what it is worth shows in runs that it has
-not seen. All runs of one contact arc, or of one speed, are left out together: a single run among
-its repetitions would be no test. Beyond the lowest and the highest speed the law takes the nearest
-measured value and claims nothing, so that only the speeds between them are left out.
+A fitted surface agrees with the runs it was fitted to; only runs that it has not seen test it.
+All runs of one contact arc, or of one speed, are left out together, because leaving out one of
+several repetitions would be no test. Beyond the lowest and highest speed the law uses the nearest
+measured value without any claim, so only the speeds in between are left out.
 """
 
 from __future__ import annotations
@@ -25,39 +25,39 @@ SETTING: Final[dict[HoldOut, tuple[str, str]]] = {
     "arc": ("arc_deg", "°"),
     "speed": ("pulley_speed_rad_s", " rad/s"),
 }
-"""Column of the setting, and its unit."""
+"""Column of each setting, and its unit as printed."""
 FEWEST: Final[dict[HoldOut, int]] = {"arc": 2, "speed": 3}
 FEWEST_RUNS: Final = 4
-"""Runs that a surface can be refined from, at least."""
+"""Minimum number of runs to refine a surface from."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """One setting that is left out."""
+    """A setting that is left out."""
 
     name: str  # such as "arc 40°"
-    left_out: NDArray[np.intp]  # rows of the runs that are predicted
-    rest: NDArray[np.intp]  # rows of those that the surface is refined from
+    left_out: NDArray[np.intp]  # rows of the runs to predict
+    rest: NDArray[np.intp]  # rows of the runs to refine the surface from
 
 
 def folds(
     columns: Mapping[str, np.ndarray], usable: NDArray[np.intp], by: HoldOut
 ) -> tuple[Fold, ...]:
-    """Every setting that can be left out, in ascending order.
+    """List the settings that can be left out, in ascending order.
 
     Parameters
     ----------
     columns : mapping of str to ndarray (n,)
         Columns of the reduced runs.
     usable : ndarray of int
-        Rows of the runs that can be used.
+        Rows of the usable runs.
     by : {"arc", "speed"}
-        What is left out.
+        Setting to leave out.
 
     Raises
     ------
     TooFewSettings
-        If too few settings or runs would be left.
+        If too few settings or runs would remain.
     """
     column, unit = SETTING[by]
     values = np.abs(np.asarray(columns[column], dtype=float)[usable])
@@ -69,7 +69,7 @@ def folds(
             f"at least {FEWEST[by]} to leave one out"
         )
     inner = range(count) if by == "arc" else range(1, count - 1)
-    found = tuple(
+    result = tuple(
         Fold(
             f"{by} {np.median(values[label == k]):.4g}{unit}",
             usable[label == k],
@@ -80,9 +80,9 @@ def folds(
     short = [
         f"compare.hold_out = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
         f"least {FEWEST_RUNS}"
-        for fold in found
+        for fold in result
         if fold.rest.size < FEWEST_RUNS
     ]
     if short:
         raise TooFewSettings(short)
-    return found
+    return result

@@ -1,7 +1,7 @@
-"""Least squares by the libraries: numpy for linear problems, scipy for nonlinear ones.
+"""Least squares: numpy solves the linear problems, scipy the nonlinear ones.
 
-Columns such as delta and delta² differ by many orders of magnitude; they are scaled to unit length
-before anything is solved or inverted, and the normal equations are never formed.
+Columns such as delta and delta² differ by many orders of magnitude. They are scaled to unit length
+before solving or inverting. The normal equations are never formed.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ MAX_EVALUATIONS = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastSquares:
-    """A minimum of a sum of squares.
+    """Result of a least-squares fit.
 
     Attributes
     ----------
     parameters, residuals : ndarray
-        Parameters at the minimum, shape (p,); observed less fitted there, shape (n,).
+        Parameters at the minimum, shape (p,), and observed minus fitted values there, shape (n,).
     covariance : ndarray
-        Covariance of the parameters for independent residuals, shape (p, p); nan if there are no
-        more observations than parameters.
+        Covariance of the parameters for independent residuals, shape (p, p); nan unless
+        there are more observations than parameters.
     """
 
     parameters: Array
@@ -39,10 +39,10 @@ class LeastSquares:
 
     @classmethod
     def at(cls, parameters: Array, residuals: Array, jacobian: Array) -> LeastSquares:
-        """The minimum with the covariance that follows from its residuals and their Jacobian."""
+        """Build the result; the covariance follows from the residuals and their Jacobian."""
         inverse = pseudo_inverse(jacobian)
-        freedom = residuals.size - parameters.size
-        variance = float(residuals @ residuals) / freedom if freedom > 0 else float("nan")
+        dof = residuals.size - parameters.size
+        variance = float(residuals @ residuals) / dof if dof > 0 else float("nan")
         return cls(parameters, residuals, inverse @ inverse.T * variance)
 
 
@@ -67,7 +67,7 @@ def solve_linear(design: ArrayLike, observed: ArrayLike) -> LeastSquares:
             f"least squares: {A.shape[1]} coefficients, but the columns are linearly dependent; "
             "the observations do not determine them"
         )
-    # one refinement: the residuals of ill-conditioned problems keep their digits
+    # one refinement step keeps the digits of the residuals in ill-conditioned problems
     x = x + np.linalg.lstsq(scaled, b - scaled @ x, rcond=None)[0]
     return LeastSquares.at(x / length, b - scaled @ x, A)
 
@@ -78,16 +78,16 @@ def solve_nonlinear(
     start: ArrayLike,
     bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
 ) -> LeastSquares:
-    """Minimise the sum of squares of ``residuals(theta)``, observed less fitted, from a start.
+    """Minimise the sum of squares of ``residuals(theta)``, observed minus fitted.
 
-    `residuals` gives (n,) values, `jacobian` their derivatives by the p parameters, (n, p);
-    `bounds` are the least and largest parameters. :class:`ConvergenceError` if no minimum was
-    reached.
+    `residuals` returns (n,) values, `jacobian` their derivatives with respect to the p parameters,
+    (n, p). `start` is the initial guess; `bounds` are the lower and upper limits of the parameters.
+    Raises :class:`ConvergenceError` if the search reaches no minimum.
     """
     from scipy.optimize import least_squares  # slow to import
 
     try:
-        found = least_squares(
+        solution = least_squares(
             residuals,
             np.asarray(start, dtype=float),
             jacobian,
@@ -101,26 +101,26 @@ def solve_nonlinear(
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ConvergenceError(f"least squares: the search broke down ({error})") from None
-    if found.status <= 0:
+    if solution.status <= 0:
         raise ConvergenceError(
-            f"least squares: no minimum after {found.nfev} evaluations ({found.message})",
-            iterations=int(found.nfev),
-            residual=float(found.optimality),
+            f"least squares: no minimum after {solution.nfev} evaluations ({solution.message})",
+            iterations=int(solution.nfev),
+            residual=float(solution.optimality),
         )
-    return LeastSquares.at(found.x, found.fun, jacobian(found.x))
+    return LeastSquares.at(solution.x, solution.fun, jacobian(solution.x))
 
 
 def unit_columns(design: Array) -> tuple[Array, Array]:
-    """Columns of unit length, and their lengths (1 for a column of zeros)."""
+    """Scale the columns to unit length; return them and their lengths (1 for a zero column)."""
     largest = np.max(np.abs(design), axis=0)
     largest = np.where(largest > 0.0, largest, 1.0)
-    # two steps, so that the squares in the norm neither overflow nor vanish
+    # scale first: the squares in the norm must neither overflow nor underflow
     length = largest * np.linalg.norm(design / largest, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     return design / length, length
 
 
 def pseudo_inverse(design: Array) -> Array:
-    """Derivatives of the parameters by the observations, shape (p, n)."""
+    """Return the derivatives of the parameters with respect to the observations, shape (p, n)."""
     scaled, length = unit_columns(design)
     return np.asarray(np.linalg.pinv(scaled, rcond=1e-14) / length[:, None])

@@ -1,7 +1,7 @@
-"""Bench signals before any physics: noise, spikes, thinning, periodic lines.
+"""Tools for bench signals: noise, spikes, thinning, periodic lines.
 
-Nothing here knows what a tension is. All functions work on noise-free records too: a spread of
-zero is a spread, and every test has a floor relative to the size of the signal.
+These functions work on any signal, whatever its physical quantity, and on noise-free records too:
+a spread of zero is allowed, and every threshold has a floor relative to the size of the signal.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SPIKE_WINDOW = 7
-"""Samples of the running median: it is blind to up to three deviating samples in a row."""
+"""Window of the running median [samples]; it ignores up to three deviating samples in a row."""
 NOISE_FLOOR = 2.0e-5
-"""Deviations below this fraction of a signal are never taken for anything but rounding."""
+"""Deviations below this fraction of a signal always count as rounding."""
 
 
 def running_median(x: Array, window: int) -> Array:
-    """Median over a centred odd window, mirrored at the ends (so that a spike there is seen).
+    """Return the median over a centred odd window, mirrored at the ends to catch spikes there.
 
-    Of signals of shape (..., n), each on its own.
+    Signals of shape (..., n) are filtered separately.
     """
     n = x.shape[-1]
     if n < 3:
@@ -36,22 +36,22 @@ def running_median(x: Array, window: int) -> Array:
 
 
 def difference_sigma(x: Array, order: int = 1) -> float:
-    """Standard deviation of white noise on a slowly changing signal, from its differences.
+    """Estimate the standard deviation of white noise on a slowly changing signal by differencing.
 
     Parameters
     ----------
     x : ndarray
-        Finite samples in their order of time, shape (n,).
+        Finite samples in time order, shape (n,).
     order : int
-        Differences of this order are blind to a polynomial of lower degree: 2 on a ramp.
+        Order of the differences. It removes a polynomial of lower degree: use 2 on a ramp.
 
     Returns
     -------
     float
-        ``1.4826 median |differences|`` over the root of the sum of their squared weights, which
-        is ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse converter
-        makes more than half of the differences zero, the root mean square of the central 98 %
-        takes the place of the median.
+        ``1.4826 median |differences|`` divided by the root of the sum of their squared weights,
+        which is ``(2 order)! / order!²``; 0 with fewer than ``order + 1`` samples. If a coarse
+        ADC makes more than half of the differences zero, the root mean square of the smallest
+        98 % replaces the median.
     """
     if x.size <= order:
         return 0.0
@@ -64,13 +64,13 @@ def difference_sigma(x: Array, order: int = 1) -> float:
 
 
 def converter_steps(first: Array, second: Array) -> tuple[float, float]:
-    """Steps of the converters that recorded two signals, in their unit; zero if none shows.
+    """Estimate the ADC steps of two signals, in their unit; zero if no step is visible.
 
-    The values of a coarse converter repeat and lie on an even grid. So may those of a noise-free
-    recording with a straight build-up: the grid of both signals must go through zero, or the
-    signal itself must chatter.
+    The values of a coarse ADC repeat and lie on an even grid. The values of a noise-free recording
+    with a straight build-up may do so too. Therefore the grid of both signals must pass through
+    zero, or the signal itself must chatter.
 
-    `first` and `second` are finite samples in their order of time, shape (n,) and (m,).
+    `first` and `second` are finite samples in time order, shape (n,) and (m,).
     """
     levels = np.unique(np.concatenate([first, second]))
     if 2 <= levels.size <= (first.size + second.size) // 2:
@@ -81,6 +81,7 @@ def converter_steps(first: Array, second: Array) -> tuple[float, float]:
 
 
 def _chatter_step(x: Array) -> float:
+    """Return the grid spacing of a signal that jumps to and fro; zero if it does not."""
     moves = np.diff(x)
     moves = moves[moves != 0.0]
     levels = np.unique(x)
@@ -90,14 +91,14 @@ def _chatter_step(x: Array) -> float:
 
 
 def _grid(levels: Array) -> float:
-    """Spacing of an even grid that holds all levels; zero if there is none."""
+    """Return the spacing of an even grid through all levels; zero if there is none."""
     levels = np.sort(levels)
     gaps = np.diff(levels)
     if gaps.size == 0 or levels[-1] - levels[0] > 1e6 * np.min(gaps):
         return 0.0
-    for part in (1, 2, 3):  # the smallest gap may be several steps where few levels occur
+    for part in (1, 2, 3):  # with few levels the smallest gap may span several steps
         step = float(np.min(gaps)) / part
-        for _ in range(2):  # rounded levels: the whole range tells the step better than one gap
+        for _ in range(2):  # levels are rounded: the full range gives a better step than one gap
             count = np.rint((levels - levels[0]) / step)
             step = float(np.sum(count * (levels - levels[0])) / np.sum(count**2))
         if np.max(np.abs(levels - levels[0] - step * count)) <= 0.02 * step:
@@ -106,16 +107,17 @@ def _grid(levels: Array) -> float:
 
 
 def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
-    """Error of a mean that a coarse converter leaves, however many samples there are.
+    """Return the rounding error of a mean from a coarse ADC; averaging does not reduce it.
 
-    Root mean square of the mean of the saw tooth of rounding over where the signal lies between
-    two steps, a sum over its harmonics, ``step/pi sqrt(sum exp(-4 pi² k² noise²/step²)/(2 k²))``:
-    ``step/sqrt(12)`` without noise, and nothing with noise of half a step.
+    The rounding error is a saw tooth over the position of the signal between two steps. Noise
+    smooths it; the root mean square of what remains is a sum over the harmonics,
+    ``step/pi sqrt(sum exp(-4 pi² k² noise²/step²)/(2 k²))``: ``step/sqrt(12)`` without noise, and
+    almost zero with noise of half a step.
 
     Parameters
     ----------
     noise, step : array_like
-        Standard deviation of the noise before rounding, and step of the converter, in one unit.
+        Standard deviation of the noise before rounding, and ADC step, in the same unit.
     """
     sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
     if not np.any(width > 0.0):
@@ -127,32 +129,32 @@ def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
 
 
 def noise_before_rounding(recorded: ArrayLike, step: ArrayLike) -> Array:
-    """Standard deviation of noise that a coarse converter surely had to carry it across its steps.
+    """Return a safe lower estimate of the noise of a signal before a coarse ADC rounded it.
 
-    Rounding itself adds step²/12; next to the edge between two steps a signal with hardly any
-    noise jumps to and fro by a whole one, which looks like as much again.
+    Rounding adds step²/12 to the variance. A signal with hardly any noise near the edge between
+    two steps jumps by a whole step, which adds up to step²/12 more.
     """
     excess = np.square(np.asarray(recorded, float)) - np.square(np.asarray(step, float)) / 6.0
     return np.asarray(np.sqrt(np.maximum(excess, 0.0)))
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
-    """Samples far off the running median of their neighbours.
+    """Mark samples that lie far from the running median of their neighbours.
 
-    The limit grows with the local change of the median itself, so that the steep build-up of a
-    run and its corner are no spikes.
+    The limit grows with the local change of the median, so that the steep build-up of a run and
+    its corner do not count as spikes.
 
     Parameters
     ----------
     x : ndarray
-        Finite samples in their order of time, shape (n,), or several signals, shape (k, n).
+        Finite samples in time order, shape (n,), or several signals, shape (k, n).
     threshold : float
         Limit in standard deviations of the white noise.
 
     Returns
     -------
     ndarray of bool
-        True for a spike, of the shape of `x`.
+        True for a spike; same shape as `x`.
     """
     if x.shape[-1] < 5:
         return np.zeros(x.shape, dtype=bool)
@@ -166,14 +168,14 @@ def spike_mask(x: Array, threshold: float) -> Mask:
 
 
 def spike_sigma(x: Array) -> float:
-    """White noise of a signal, with a floor for one that is free of it."""
+    """Return the white noise of a signal, with a floor for noise-free signals."""
     return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
 
 
 def block_means(columns: Array, limit: int) -> Array:
-    """Thin a record of finite samples (n, m) to at most `limit` means of equally many samples.
+    """Thin a record of finite samples (n, m) to at most `limit` block means.
 
-    A last incomplete block is averaged over what it has; a record that is short enough is kept.
+    All blocks have the same length; the last one may be shorter. Short records stay unchanged.
     """
     n = columns.shape[0]
     if n <= limit:
@@ -184,13 +186,13 @@ def block_means(columns: Array, limit: int) -> Array:
 
 
 def line_columns(t: Array, frequency: float) -> Array:
-    """Cosine and sine of one frequency [Hz], shape (n, 2)."""
+    """Return the cosine and sine of one frequency [Hz] at the times t, shape (n, 2)."""
     phase = 2.0 * np.pi * frequency * t
     return np.column_stack([np.cos(phase), np.sin(phase)])
 
 
 def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
-    """Frequency of a periodic component that stands out of the noise.
+    """Find the frequency of the strongest periodic component above the noise.
 
     Parameters
     ----------
@@ -204,9 +206,9 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     Returns
     -------
     float or None
-        Frequency [Hz], refined by least squares; None if no line with at least one and a half
-        periods in the record is significant, both against white noise and against its
-        neighbourhood in the spectrum (so that red noise is no line).
+        Frequency [Hz], refined by least squares; None if no line is significant. A line needs at
+        least one and a half periods in the record, and must exceed both white noise and its
+        neighbourhood in the spectrum (so that red noise does not count as a line).
     """
     n = t.size
     duration = float(t[-1] - t[0])
@@ -231,15 +233,15 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
 
 
 def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width: float) -> float:
-    """Maximum of the least-squares gain of a line near `centre` [Hz]."""
+    """Return the frequency near `centre` [Hz] whose line reduces the sum of squares most."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    def left(frequency: float) -> float:
+    def negative_gain(frequency: float) -> float:
         columns = line_columns(t - t[0], frequency)
         columns -= basis @ (basis.T @ columns)
         products = columns.T @ residuals
         return -float(np.sum(products * np.linalg.solve(columns.T @ columns, products)))
 
     bounds = (centre - half_width, centre + half_width)
-    found = minimize_scalar(left, bounds=bounds, options={"xatol": 1e-3 * half_width})
-    return float(found.x)
+    options = {"xatol": 1e-3 * half_width}
+    return float(minimize_scalar(negative_gain, bounds=bounds, options=options).x)

@@ -1,8 +1,9 @@
-"""Means of bench signals: robust against spikes, honest about correlated samples.
+"""Statistics of bench signals: robust to spikes, with standard errors for correlated samples.
 
-A recording holds many samples but few independent ones: filters of the amplifier, the ripple of a
-turning pulley and slow drifts correlate neighbours. The standard error of a mean is therefore
-``s sqrt(tau / n)`` with the integrated autocorrelation time ``tau`` [samples], not ``s / sqrt(n)``.
+A recording holds many samples but few independent ones: amplifier filters, the ripple of a
+turning pulley and slow drift correlate neighbouring samples. The standard error of a mean is
+therefore ``s sqrt(tau / n)`` with the integrated autocorrelation time ``tau`` [samples], not
+``s / sqrt(n)``.
 """
 
 from __future__ import annotations
@@ -17,31 +18,31 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAD_TO_SIGMA = 1.482602218505602
-"""Standard deviation of a normal sample over its median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation, normal distribution."""
 MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
-"""Standard deviation of a normal sample over its mean absolute deviation, sqrt(pi/2)."""
+"""Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
 OUTLIER = 6.0
-"""Robust spreads from the median beyond which a sample of a steady signal is an outlier."""
+"""Distance from the median, in robust spreads, beyond which a sample is an outlier."""
 
 INTERVAL = 0.95
-"""Probability that an interval holds."""
+"""Coverage probability of an interval."""
 NEGLIGIBLE = 1e-4
-"""Probability that is left out of a mixture: it moves the interval by a five-hundredth."""
+"""Probability that may be cut off a mixture: it changes the interval by 1/500."""
 
 
 class MeanWithError(NamedTuple):
-    """A mean, its standard error and what it rests on; unpacks as ``mean, se, n_eff``."""
+    """A mean, its standard error and effective sample size; unpacks as ``mean, se, n_eff``."""
 
     mean: float
-    """Mean of the samples that are no outliers, in their unit; nan without samples."""
+    """Mean of the samples without outliers, in their unit; nan without samples."""
     se: float
-    """Standard error of the mean with correlation allowed for; nan below two samples."""
+    """Standard error of the mean, corrected for correlation; nan below two samples."""
     n_eff: float
     """Number of independent samples with the same standard error."""
 
 
 def median(x: Array) -> float:
-    """Median of finite samples, n >= 1; an order faster on short arrays than numpy's own."""
+    """Return the median of finite samples, n >= 1; ten times faster than numpy on short arrays."""
     half = x.size // 2
     if x.size % 2:
         return float(np.partition(x, half)[half])
@@ -50,18 +51,18 @@ def median(x: Array) -> float:
 
 
 def mad_sigma(x: ArrayLike) -> float:
-    """Spread of a sample from its median absolute deviation, scaled to a standard deviation.
+    """Estimate the standard deviation of a sample from its median absolute deviation.
 
     Parameters
     ----------
     x : array_like
-        Samples; those that are not finite are left out.
+        Samples; values that are not finite are ignored.
 
     Returns
     -------
     float
         Spread in the unit of `x`, nan without samples. If more than half of the samples are equal
-        (a coarse converter) the mean absolute deviation takes its place, so that the spread is
+        (a coarse ADC), the mean absolute deviation is used instead, so that the spread is
         zero only if all samples are equal.
     """
     values = np.asarray(x, dtype=float).ravel()
@@ -81,20 +82,20 @@ def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
     x : array_like
         Samples, shape (n,).
     least_spread : float
-        Smallest spread that :data:`OUTLIER` multiplies, in the unit of `x`.
+        Lower limit of the spread that :data:`OUTLIER` multiplies, in the unit of `x`.
 
     Returns
     -------
     ndarray of bool
-        True where a sample is not finite or an outlier, shape (n,); fewer than three finite
-        samples have no outlier among them.
+        True where a sample is not finite or an outlier, shape (n,). With fewer than three finite
+        samples none is an outlier.
     """
     values = np.asarray(x, dtype=float).ravel()
     mask = ~np.isfinite(values)
     good = values[~mask]
     if good.size < 3:
         return mask
-    # a spread below the rounding of the samples themselves would make every last bit an outlier
+    # without this floor, rounding of the last bit could make a sample an outlier
     rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(good)))
     limit = OUTLIER * max(mad_sigma(good), least_spread, rounding)
     mask[~mask] = np.abs(good - median(good)) > limit
@@ -102,23 +103,22 @@ def outlier_mask(x: ArrayLike, least_spread: float = 0.0) -> Mask:
 
 
 def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
-    """Integrated autocorrelation time ``tau = 1 + 2 sum_k (1 - k/n) rho_k``, pooled over runs.
+    """Estimate the autocorrelation time ``tau = 1 + 2 sum_k (1 - k/n) rho_k``, pooled over runs.
 
-    Taking off the mean of a run of n samples lowers all correlations by ``tau/n``, which is put
-    back. From the first lag that is within two standard errors of zero on, the correlation is taken
-    to fade from there as it did before, exponentially.
+    Subtracting the mean of a run of n samples lowers all correlations by ``tau/n``; this is
+    corrected. From the first lag at which the correlation is within two standard errors of zero,
+    it is assumed to decay exponentially at the same rate as before.
 
     Parameters
     ----------
     *runs : array_like
-        Evenly spaced samples of one or several runs in their order of time, shape (n,) each;
-        those that are not finite are gaps: their pairs are left out, the lags of the others stay
-        right.
+        Evenly spaced samples of one or several runs in time order, shape (n,) each. Values that
+        are not finite are gaps: pairs with a gap are ignored, and all other lags stay correct.
 
     Returns
     -------
     float
-        tau in samples, at least 1 (independent): anticorrelation is not made use of.
+        tau in samples, at least 1 (independent); negative correlation does not lower it.
     """
     residuals = [r for r in (_less_mean(run) for run in runs) if np.nansum(r * r) > 0.0]
     longest = max((r.size for r in residuals), default=0)
@@ -153,32 +153,32 @@ def integrated_autocorrelation_time(*runs: ArrayLike) -> float:
 
 
 def _less_mean(run: ArrayLike) -> Array:
-    """Samples less their mean; zero where that is rounding."""
+    """Subtract the mean; return a single zero if only rounding is left."""
     values = np.asarray(run, dtype=float).ravel()
-    known = values[np.isfinite(values)]
-    if known.size == 0:
-        return known
-    residual = np.where(np.isfinite(values), values - np.mean(known), np.nan)
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return finite
+    residual = np.where(np.isfinite(values), values - np.mean(finite), np.nan)
     largest = float(np.nanmax(np.abs(residual)))
-    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(known)))
+    rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(finite)))
     return residual if largest > rounding else np.zeros(1)
 
 
 def robust_mean_with_se(x: ArrayLike) -> MeanWithError:
-    """Mean of a steady signal without its spikes, with a standard error for correlated samples.
+    """Average a steady signal without its spikes; the standard error allows for correlation.
 
     Parameters
     ----------
     x : array_like
-        Evenly spaced samples of a steady signal in their order of time, shape (n,); samples that
-        are not finite and outliers (see :func:`outlier_mask`) are left out.
+        Evenly spaced samples of a steady signal in time order, shape (n,). Values that are not
+        finite and outliers (see :func:`outlier_mask`) are ignored.
 
     Returns
     -------
     MeanWithError
         ``(mean, se, n_eff)``: the mean of the kept samples, ``se = s / sqrt(n_eff)`` with
         ``s² = sum (x - mean)² / (n - tau)``, and ``n_eff = n / tau``. All nan (n_eff 0) without
-        samples; the error alone is nan where fewer than two independent samples are left.
+        samples; only the error is nan if at most one independent sample is left.
     """
     values = np.asarray(x, dtype=float).ravel()
     kept = np.where(outlier_mask(values), np.nan, values)
@@ -195,7 +195,7 @@ def robust_mean_with_se(x: ArrayLike) -> MeanWithError:
 
 
 def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
-    """Number of the setting of each value, from 0 upwards; relative gaps above `gap` part them."""
+    """Number the settings from 0 upwards; a relative gap above `gap` starts a new setting."""
     order = np.argsort(values, kind="stable")
     jump = np.diff(values[order]) > gap * np.abs(values[order][:-1])
     labels = np.empty(values.size, dtype=np.intp)
@@ -204,29 +204,29 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
 
 
 def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
-    """Settings that measured values belong to, the median of each; nan where a value is."""
-    found = np.full(values.shape, np.nan)
-    known = np.isfinite(values)
-    labels = settings_of(values[known], gap)
+    """Replace each measured value by the median of its setting; nan stays nan."""
+    settings = np.full(values.shape, np.nan)
+    finite = np.isfinite(values)
+    labels = settings_of(values[finite], gap)
     for label in np.unique(labels):
-        here = np.flatnonzero(known)[labels == label]
-        found[here] = np.median(values[here])
-    return found
+        members = np.flatnonzero(finite)[labels == label]
+        settings[members] = np.median(values[members])
+    return settings
 
 
 def interval_sd(probability: Array, mean: Array, sd: Array) -> Array:
-    """Half-width of the interval about zero that holds 95 % of a mixture of Gaussians, over 1.96.
+    """Return the half-width of the 95 % interval about zero of a Gaussian mixture, over 1.96.
 
-    It is the standard deviation of a single Gaussian of mean zero. Of a mixture in which something
-    large is improbable the standard deviation is that of neither; an interval is asked for, and
-    this one holds what it states.
+    For a single Gaussian of mean zero this is its standard deviation. If a mixture contains a
+    large but improbable component, its standard deviation describes neither part; this interval
+    has the stated coverage nevertheless.
 
     Parameters
     ----------
     probability : ndarray, shape (K,)
         Probabilities of the Gaussians.
     mean, sd : ndarray, shape (R, K)
-        Their means and standard deviations, of R quantities.
+        Their means and standard deviations for R quantities.
 
     Returns
     -------

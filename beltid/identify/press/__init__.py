@@ -1,15 +1,15 @@
-"""The press: from a recording of force over travel to the normal contact law.
+"""Press test: from a recording of force over travel to the normal contact law.
 
 =============  ==============================================================  ==================
 Module         Responsibility                                                  Equation
 =============  ==============================================================  ==================
-recording      settings; clean a test, turn its signs, zero it, find cycles
-curves         branches of a cycle, and the curve half-way between them
-fit            the fitter of all normal laws, a free contact point per test    Eq. (3)
-stiffness      the quadratic law per temperature and pooled: the recipe        Eqs. (1), (3)
+recording      settings; clean a test, fix its signs, zero it, find cycles
+curves         branches of a cycle, and the curve midway between them
+fit            fitter for all normal laws, with a free contact point per test    Eq. (3)
+stiffness      complete evaluation: quadratic law per temperature and pooled        Eqs. (1), (3)
 temperature    F test of one law against one per temperature
-checks         what scatter does not show: misfit, loading only, virgin, rate
-laws           linear, quadratic, power and cubic law compared                 Eq. (3)
-dissipation    what the hysteresis says about C_P                              Eqs. (2), (4)
+checks         errors beyond scatter: misfit, loading only, virgin rubber, rate
+laws           comparison of linear, quadratic, power and cubic law                 Eq. (3)
+dissipation    estimate of C_P from the hysteresis                              Eqs. (2), (4)
 =============  ==============================================================  ==================
 """

@@ -1,26 +1,26 @@
-"""What a press recording shows beside its scatter, and what it cannot show: one table of checks.
+"""Checks of a press recording for errors that its scatter does not show.
 
-Every check looks at a fitted law and gives its findings: what was found, in words; its number; and
-what it adds to the uncertainty. That is either changes of (k_linear, k_quadratic) by one standard
-deviation, which enter the standard errors, or, where no recording of this kind can show more, the
-number itself, which enters the combined uncertainty only.
+Each check examines a fitted law and returns findings: a text, a size, and a contribution to the
+uncertainty. The contribution is either a set of changes of (k_linear, k_quadratic) by one standard
+deviation, which enter the standard errors, or, if no such recording can reveal the error, the size
+itself, which enters the combined uncertainty only.
 
 ====================  ================================================  ==========================
-Check                 What it looks for                                 Size of the error
+Check                 Looks for                                         Size of the error
 ====================  ================================================  ==========================
-size                  travel and force of no ribbed belt                none: a unit is wrong
-coefficient at zero   a coefficient that would be negative              that of the free one
+size                  travel or force impossible for a ribbed belt      none: a unit is wrong
+coefficient at zero   a coefficient that would be negative              its unconstrained value
 lack of fit           a toe, another law                                probability times misfit
-loading only          the loop that was not recorded                    :data:`LOOPS`
-seating               force carried before the law's contact point      law that begins there
-starts in contact     no travel to take the zero of the cell from       an unknown of the fit
-drift                 a force that does not return to its zero          what the drift does
-turn                  branches that part gradually at a turn    another width of the loop
-sole virgin cycle     virgin rubber is stiffer                          measured, or 5 %
-hold                  what relaxes slower than the test                 twice the loss, or 5 %
-speeds                loss by rate                                      a decade of speed
+loading only          a test without unloading                          :data:`LOOPS`
+seating               force before the law's contact point              law that begins there
+starts in contact     no free travel to zero the load cell              an unknown of the fit
+drift                 a force that does not return to zero              effect of the drift
+turn                  branches that separate gradually at a reversal    another loop width
+sole virgin cycle     a single cycle, perhaps of virgin rubber          measured, or 5 %
+hold                  relaxation slower than the test                   twice the loss, or 5 %
+speeds                rate dependence of the force                      a decade of speed
 scatter of the tests  tests that differ by more than their noise        inflated covariance
-sole tests            temperature or another segment of the belt?       half the difference
+sole tests            effect of temperature or of the belt segment?     half the difference
 ====================  ================================================  ==========================
 """
 
@@ -53,28 +53,29 @@ from beltid.identify.press.temperature import Scatter
 Array = NDArray[np.float64]
 
 LARGEST_MISFIT: Final = 0.1
-"""A law with a coefficient held at zero may be off by this share of the largest force."""
+"""Largest permitted misfit of a law with a coefficient at zero, over the largest force."""
 LEAST_FORCE: Final = 0.1
-"""Misfit is relative to the force, from this share of the largest force on."""
-PRIOR: Final = 0.05  # probability that another law than the quadratic one holds
+"""Share of the largest force above which the relative misfit is evaluated."""
+PRIOR: Final = 0.05  # prior probability that a law other than the quadratic one is true
 LOOPS: Final = (0.12, 0.24, 0.4)
-"""Half the distance of the branches, one standard deviation: in proportion to the force; a parabola
-over the penetration, s (1 - s), and one at low force, s (1 - s)³, in proportion to the largest."""
+"""Standard deviations of half the distance between the branches, for three shapes: proportional to
+the force; a parabola s (1 - s) over the penetration s, and s (1 - s)³ at low force, both times the
+largest force."""
 SEATING_SHARE: Final = 0.02
-"""Travel that is carried before the law's contact point and worth a note, of the penetration."""
+"""Loaded travel before the law's contact point, over the penetration, that is worth a note."""
 VIRGIN: Final = 0.05
-"""Standard uncertainty of the force of a cycle that may be the first: half of some 10 %."""
+"""Standard uncertainty of the force of a possibly virgin cycle: half of about 10 %."""
 SLOW: Final = 0.05
-"""Standard uncertainty of the force from a relaxation that is slower than the test: it leaves no
-loop. Filled rubber relaxes by some five percent in a decade of time."""
-DEPTH_M: Final = (2.0e-6, 5.0e-3)  # least and most that the ribs of a belt give way
+"""Standard uncertainty of the force from relaxation slower than the test, which leaves no loop.
+Filled rubber relaxes by about five percent per decade of time."""
+DEPTH_M: Final = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
 LINE_FORCE_N_M: Final = (1.0e2, 1.0e6)
-WORTH_SAYING: Final = 5.0e-3  # share of the force above which an effect is spoken of
+REPORTED_SHARE: Final = 5.0e-3  # share of the force above which an effect is reported
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A quadratic law and the curves that it was fitted to."""
+    """Fitted quadratic law and its curves."""
 
     curves: Sequence[PressCurve]
     law: FittedLaw
@@ -89,41 +90,41 @@ class Case:
 
     @property
     def contact_m(self) -> Array:
-        """Position of the contact point of every curve [m]."""
+        """Position of the contact point of each curve [m]."""
         tests = dict.fromkeys(c.test for c in self.curves)
-        of_test = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
-        return np.array([of_test[c.test] for c in self.curves])
+        position = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
+        return np.array([position[c.test] for c in self.curves])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """What a check found."""
+    """Result of a check."""
 
-    check: str  # as in the table of this module
-    size: float  # share: of the force; of the penetration (seating); of the noise (scatter)
-    text: str = ""  # for the user; empty if it is too small to be spoken of
+    check: str  # name as in the table of this module
+    size: float  # relative to the force, the penetration (seating) or the noise (scatter)
+    text: str = ""  # for the user; empty if too small to report
     changes: tuple[Array, ...] = ()
-    """Changes of (k_linear, k_quadratic) by one standard deviation each, SI."""
-    unseen: bool = False  # its size is a standard uncertainty that no such recording shows
+    """Changes of (k_linear, k_quadratic), one standard deviation each, SI."""
+    unseen: bool = False  # the size is a standard uncertainty that no such recording reveals
     alarming: bool = False  # a warning, not a note
 
 
-def _of_scale(case: Case, check: str, share: float, text: str) -> Finding:
-    """An error of the whole force, with its percentage in the text."""
-    said = f"{text.format(100.0 * share)}; it is in the standard errors"
-    said = said if share >= WORTH_SAYING else ""
-    return Finding(check, share, said, (share * case.k,), alarming=True)
+def _scale_finding(case: Case, check: str, share: float, text: str) -> Finding:
+    """Report a relative error of the whole force; its percentage is put into the text."""
+    message = f"{text.format(100.0 * share)}; included in the standard errors"
+    message = message if share >= REPORTED_SHARE else ""
+    return Finding(check, share, message, (share * case.k,), alarming=True)
 
 
-def _not_seen(check: str, share: float, text: str) -> Finding:
-    """What the recording cannot show."""
-    said = f"{text} (in the combined uncertainty, not in the standard errors)"
-    return Finding(check, share, said if share >= WORTH_SAYING else "", unseen=True)
+def _unseen_finding(check: str, share: float, text: str) -> Finding:
+    """Report an error that the recording cannot reveal."""
+    message = f"{text} (included in the combined uncertainty, not in the standard errors)"
+    return Finding(check, share, message if share >= REPORTED_SHARE else "", unseen=True)
 
 
 def _size(case: Case) -> list[Finding]:
-    """Travel or force of no ribbed belt: the recording is in another unit."""
-    found = (
+    """Check travel and force against the range of ribbed belts, to catch wrong units."""
+    quantities = (
         ("displacement_mm", "penetrates", case.law.y * case.law.data.span_m, DEPTH_M, "m"),
         ("force_N", "is pressed", case.law.data.f * case.law.data.F_N_m, LINE_FORCE_N_M, "N/m"),
     )
@@ -131,22 +132,22 @@ def _size(case: Case) -> list[Finding]:
         Finding(
             "size",
             top,
-            f"the belt {does} by {top:.2g} {unit}, expected are {low:g} to {high:g} {unit}: is "
+            f"the belt {verb} by {top:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
             f"{name} in another unit, or press.segment_length_cm wrong?",
             alarming=True,
         )
-        for name, does, values, (low, high), unit in found
+        for name, verb, values, (low, high), unit in quantities
         if not low <= (top := float(np.max(values))) <= high
     ]
 
 
 def _coefficient_at_zero(case: Case) -> list[Finding]:
-    """A coefficient at its bound of zero, and what it would be.
+    """Check a coefficient at its bound of zero; estimate its unconstrained value.
 
-    To first order that is the coefficient of one more column beside those of the fit: y² for
-    k_quadratic; for k_linear a constant c, since a linear term shifts the contact point of a pure
-    square only, while k_linear² = -4 c k_quadratic. :class:`FitError` if the curves are no law of
-    Eq. (3) with that coefficient at zero.
+    To first order, this value is the coefficient of an extra column in the fit: y² for k_quadratic;
+    for k_linear a constant c with k_linear² = -4 c k_quadratic, because a linear term merely shifts
+    the contact point of a pure square. Raises :class:`FitError` if Eq. (3) with that coefficient at
+    zero does not describe the curves.
     """
     law, data = case.law, case.law.data
     if not np.any(law.active_bound):
@@ -159,40 +160,41 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
         column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
         size = -4.0 * float(law.K[1]) * k1**2
     tangent = law.tangent[:n]
-    own = column - tangent @ np.linalg.lstsq(tangent, column, rcond=1e-12)[0]
-    value = float(own @ law.residuals) / float(own @ own)
-    left = law.residuals - value * own
-    dof = max(n / correlation_time(left, data) - tangent.shape[1] - 1, 1.0)
-    se = math.sqrt(float(left @ left) / dof / float(own @ own))
+    # part of the column that the fit cannot represent
+    extra = column - tangent @ np.linalg.lstsq(tangent, column, rcond=1e-12)[0]
+    value = float(extra @ law.residuals) / float(extra @ extra)
+    rest = law.residuals - value * extra
+    dof = max(n / correlation_time(rest, data) - tangent.shape[1] - 1, 1.0)
+    se = math.sqrt(float(rest @ rest) / dof / float(extra @ extra))
     top = float(np.max(data.f))
     share = abs(value) * float(np.max(np.abs(column))) / top
-    off = float(np.max(np.abs(law.residuals))) / top
-    came = f"{name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
-    # more than three standard errors, and a change of the force that is not negligible
+    misfit = float(np.max(np.abs(law.residuals))) / top
+    result = f"{name} came out as {value * size:.3g} ± {se * abs(size):.2g} {unit}"
+    # insignificant (three standard errors), or with a negligible effect on the force
     if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
-        text = f"{came}, not different from zero: a {form} law was fitted"
+        text = f"{result}, not different from zero: a {form} law was fitted"
         return [Finding("coefficient at zero", share, text)]
-    if off > LARGEST_MISFIT:
+    if misfit > LARGEST_MISFIT:
         raise FitError(
-            f"{came} (changes the force by {100 * share:.2g} % of its largest value), must "
-            f"be >= 0, and with zero the law is off by up to {100 * off:.2g} % of the largest "
-            f"force, allowed is {100 * LARGEST_MISFIT:g} %: the curve is not a law "
+            f"{result} (changes the force by {100 * share:.2g} % of its largest value), must "
+            f"be >= 0, and with zero the law is off by up to {100 * misfit:.2g} % of the largest "
+            f"force, must be <= {100 * LARGEST_MISFIT:g} %: the curve does not follow a law "
             "k_linear delta + k_quadratic delta² that stiffens from a contact point"
         )
     text = (
-        f"{came}, clearly negative: it is held at zero, and the {form} law is off by up to "
-        f"{100 * off:.2g} % of the largest force"
+        f"{result}, clearly negative: it is held at zero, and the {form} law is off by up to "
+        f"{100 * misfit:.2g} % of the largest force"
     )
-    return [Finding("coefficient at zero", off, text, alarming=True)]
+    return [Finding("coefficient at zero", misfit, text, alarming=True)]
 
 
 def _lack_of_fit(case: Case) -> list[Finding]:
-    """A toe or another law, by what four more terms find in the residuals.
+    """Check for a toe or another law by fitting four more terms to the residuals.
 
-    Their probability times their largest relative misfit, from a tenth of the force on, is an error
-    of scale; the differences, at equal penetration, from the power law, the cubic law, and the
-    quadratic law of the upper half of the force, which seating does not reach, count by their
-    probabilities.
+    The largest relative misfit, above a tenth of the force, weighted by the probability of these
+    terms, is an error of scale. Further errors are the differences, at equal penetration, to the
+    power law, the cubic law, and the quadratic law of the upper half of the force (unaffected by
+    seating), weighted by their probabilities.
     """
     law, data, y = case.law, case.law.data, case.law.y
     n = data.x.size
@@ -201,34 +203,39 @@ def _lack_of_fit(case: Case) -> list[Finding]:
     extra = np.polynomial.chebyshev.chebvander((y - middle) / half, 6)[:, 3:]
     if n <= law.tangent.shape[1] + extra.shape[1] + 2:
         return []
-    rows = law.tangent.shape[0] - n  # what is known of unchecked zeros
+    rows = law.tangent.shape[0] - n  # rows of the prior of unchecked zeros
     design = np.column_stack([law.tangent, np.pad(extra, ((0, rows), (0, 0)))])
     length = np.linalg.norm(design, axis=0)
     observed = np.pad(law.residuals, (0, rows))
     misfit = (design @ (np.linalg.lstsq(design / length, observed, rcond=1e-12)[0] / length))[:n]
-    left = law.residuals - misfit
-    squares, tau = float(left @ left), correlation_time(left, data)
+    rest = law.residuals - misfit
+    squares, tau = float(rest @ rest), correlation_time(rest, data)
     weight = _probability(law.sum_of_squares, squares, extra.shape[1], n, n / tau)
     force = law.force(y)
-    counted = force >= LEAST_FORCE * float(np.max(force))
-    largest = float(np.max(np.abs(misfit[counted]) / force[counted]))
-    if weight > 1e-4:  # less would change no digit
+    high = force >= LEAST_FORCE * float(np.max(force))
+    largest = float(np.max(np.abs(misfit[high]) / force[high]))
+    if weight > 1e-4:  # a smaller weight has no effect
         changes, weight = _other_laws(case, weight)
     text = "lack of fit: the law is off by {:.2g} % of the force"
-    found = _of_scale(case, "lack of fit", math.sqrt(weight) * largest, text)
-    return [replace(found, changes=(*found.changes, *changes))]
+    finding = _scale_finding(case, "lack of fit", math.sqrt(weight) * largest, text)
+    return [replace(finding, changes=(*finding.changes, *changes))]
 
 
-def _probability(squares: float, others: float, more: int, n: int, m: float) -> float:
-    """Posterior probability of a fit with `more` unknowns; of n nodes m count as independent."""
+def _probability(squares: float, squares_extra: float, n_extra: int, n: int, m: float) -> float:
+    """Return the posterior probability of a fit with `n_extra` more unknowns.
+
+    `squares` and `squares_extra` are the sums of squares without and with them; m of the n nodes
+    count as independent.
+    """
     floor = n * ROUNDING**2
-    gain = m * math.log(max(squares, floor) / max(others, floor)) - more * math.log(max(m, 2.0))
-    odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
-    return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+    gain = m * math.log(max(squares, floor) / max(squares_extra, floor))
+    gain -= n_extra * math.log(max(m, 2.0))
+    log_odds = 0.5 * gain + math.log(PRIOR / (1.0 - PRIOR))
+    return 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
 
 
 def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
-    """Changes of k to the other laws by the root of their probability; the largest of these."""
+    """Return the changes of k to other laws, weighted, and the largest of the probabilities."""
     law, data = case.law, case.law.data
     n, upper = data.x.size, data.f >= 0.5 * float(np.max(data.f))
     trials: tuple[tuple[LawName, Nodes], ...]
@@ -239,27 +246,29 @@ def _other_laws(case: Case, weight: float) -> tuple[list[Array], float]:
             other = fit_law(name, nodes)
         except NumericsError:
             continue
-        share = weight
+        probability = weight
         if name != "quadratic":
-            more = other.n_unknowns - law.n_unknowns
-            share = _probability(law.sum_of_squares, other.sum_of_squares, more, n, n / other.tau)
-            weight = max(weight, share)
-        changes.append(math.sqrt(share) * _change_to(case, other.force))
+            n_extra = other.n_unknowns - law.n_unknowns
+            probability = _probability(
+                law.sum_of_squares, other.sum_of_squares, n_extra, n, n / other.tau
+            )
+            weight = max(weight, probability)
+        changes.append(math.sqrt(probability) * _change_to(case, other.force))
     return changes, weight
 
 
 def _change_to(case: Case, other: Callable[[Array], Array]) -> Array:
-    """Change of k that takes the law nearest to another force over the penetration, relatively."""
+    """Return the change of k that best matches another force law, in relative terms."""
     y = np.linspace(0.0, 1.0, 201)[1:] * float(np.max(case.law.y))
     force = case.law.force(y)
     y, force = y[force >= LEAST_FORCE * force[-1]], force[force >= LEAST_FORCE * force[-1]]
     terms = y[:, None] ** case.law.exponents / force[:, None]
-    found = np.linalg.lstsq(terms, other(y) / force - 1.0, rcond=None)[0]
-    return np.asarray(found * case.law.units)
+    change = np.linalg.lstsq(terms, other(y) / force - 1.0, rcond=None)[0]
+    return np.asarray(change * case.law.units)
 
 
 def _loading_only(case: Case) -> list[Finding]:
-    """The middle of the branches lies below the loading one by half a loop that is not known."""
+    """Allow for the unknown loop if only loading was recorded: the middle lies below it."""
     if case.curves[0].unloads:
         return []
     law, y = case.law, case.law.y
@@ -271,55 +280,54 @@ def _loading_only(case: Case) -> list[Finding]:
     )
     text = (
         "never unloaded: the law is that of the loading branch alone, which lies above the "
-        "middle of the branches by 5 to 30 % of the force; it is in the standard errors"
+        "middle of the branches by 5 to 30 % of the force; included in the standard errors"
     )
     if not case.loading_only:
-        text += "; press.loading_only: true says that this is meant"
+        text += "; set press.loading_only: true if this is intended"
     return [Finding("loading only", LOOPS[0], text, loops, alarming=not case.loading_only)]
 
 
 def _seating(case: Case) -> list[Finding]:
-    """The belt carries force before the law's contact point, or touches beyond the recording."""
+    """Check for force before the law's contact point, or contact outside the recorded travel."""
     law = case.law
     before = case.contact_m - [c.touch_m for c in case.curves]
-    found = []
-    for curve, offset, way in zip(case.curves, case.contact_m, before, strict=True):
-        noted = SEATING_SHARE * (curve.top_position_m - offset)
+    texts = []
+    for curve, offset, early in zip(case.curves, case.contact_m, before, strict=True):
+        limit = SEATING_SHARE * (curve.top_position_m - offset)
         beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
-        if beyond > noted:
+        if beyond > limit:
             text = f"extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
-            found.append(f"test {curve.test}: contact point {text}")
-        elif way > noted:
-            text = f"{way * 1e6:.2g} µm before the contact point of the law"
-            found.append(
-                f"test {curve.test}: force is carried from {text}: the belt seats gradually; "
-                "it is in the standard errors"
+            texts.append(f"test {curve.test}: contact point {text}")
+        elif early > limit:
+            texts.append(
+                f"test {curve.test}: the force begins {early * 1e6:.2g} µm before the contact "
+                "point of the law: the belt seats gradually; included in the standard errors"
             )
-    findings = [Finding("seating", SEATING_SHARE, text) for text in found]
+    findings = [Finding("seating", SEATING_SHARE, text) for text in texts]
     shift = float(np.mean(np.maximum(before / law.data.span_m, 0.0)))
-    if shift > 0.0:  # that way may or may not count as penetration
+    if shift > 0.0:  # this travel may or may not count as penetration
         changes = (_change_to(case, lambda y: law.force(y - shift)),)
         findings.append(Finding("seating", shift / float(np.max(law.y)), changes=changes))
     return findings
 
 
 def _starts_in_contact(case: Case) -> list[Finding]:
-    """A test without free travel: the zero of its load cell is an unknown of the fit."""
+    """Report tests without free travel: the zero of their load cell is an unknown of the fit."""
     unchecked = dict.fromkeys(c.test for c in case.curves if not c.free_travel)
     if not unchecked:
         return []
     text = (
         f"begin in contact: {', '.join(unchecked)} (fewer than {FEWEST_FREE} samples before it): "
-        "the zero of the load cell could not be checked and is an unknown of the fit; it is in the "
-        "standard errors"
+        "the zero of the load cell could not be checked and is an unknown of the fit; included in "
+        "the standard errors"
     )
     return [Finding("starts in contact", ZERO_SHARE, text, alarming=True)]
 
 
 def _drift(case: Case) -> list[Finding]:
-    """The force after the release is not that before contact: the zero has moved meanwhile.
+    """Check whether the zero moved between contact and release.
 
-    In proportion to the time, which is one guess among others, so that the law is not corrected.
+    The drift is assumed proportional to time. This is only a guess, so the law is not corrected.
     """
     drift = np.array([curve.drift_N_m for curve in case.curves])
     if not drift.any():
@@ -332,14 +340,14 @@ def _drift(case: Case) -> list[Finding]:
     tests = dict.fromkeys(c.test for c in case.curves if c.drift_N_m)
     text = (
         f"the force does not return to its zero: {', '.join(tests)}: the load cell drifts, or the "
-        f"belt sticks, by up to {100.0 * share:.2g} % of a tenth of the largest force half-way "
-        "through the cycle; it is in the standard errors"
+        f"belt sticks, by up to {100.0 * share:.2g} % of a tenth of the largest force halfway "
+        "through the cycle; included in the standard errors"
     )
-    return [Finding("drift", share, text if share >= WORTH_SAYING else "", (change,))]
+    return [Finding("drift", share, text if share >= REPORTED_SHARE else "", (change,))]
 
 
 def _turn(case: Case) -> list[Finding]:
-    """Near a turn of the crosshead the middle of the branches rests on the width of their loop."""
+    """Allow for the assumed loop width near reversals of the crosshead."""
     turn = np.concatenate([curve.turn_N_m for curve in case.curves])
     if not turn.any():
         return []
@@ -349,8 +357,8 @@ def _turn(case: Case) -> list[Finding]:
         np.count_nonzero(c.turn_N_m) * float(c.position_m[1] - c.position_m[0]) for c in case.curves
     )
     text = (
-        f"the branches part gradually where the crosshead turns: over {reach * 1e6:.2g} µm their "
-        "middle rests on the width of the loop farther away; it is in the standard errors"
+        f"the branches separate gradually where the crosshead reverses: over {reach * 1e6:.2g} µm "
+        "their middle relies on the loop width farther away; included in the standard errors"
     )
     return [
         Finding(
@@ -363,93 +371,94 @@ def _turn(case: Case) -> list[Finding]:
 
 
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
-    """A sole cycle may be that of virgin rubber; tests of several cycles show what that does."""
+    """Allow for virgin rubber in tests of a single cycle; other tests may show its effect."""
     share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
-    known = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
+    virgin_shares = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
     if case.cycles == "first" or not share:
         return []
-    if not known:
+    if not virgin_shares:
         text = (
-            "a single cycle: whether the belt was conditioned before cannot be seen, virgin rubber "
-            "is some 10 % stiffer; press three cycles"
+            "a single cycle: it is unknown whether the belt was conditioned before; virgin rubber "
+            "is about 10 % stiffer; press three cycles"
         )
-        return [_not_seen("sole virgin cycle", share * VIRGIN, text)]
+        return [_unseen_finding("sole virgin cycle", share * VIRGIN, text)]
     text = (
-        "tests of a single cycle beside tests whose first cycle is stiffer than the one used: "
-        "the single ones may be virgin, by {:.2g} % of the pooled force"
+        "some tests have a single cycle; in others the first cycle is stiffer than the one used: "
+        "the single cycles may be virgin, an effect of {:.2g} % of the pooled force"
     )
-    stiffer = abs(float(np.mean(known)))
-    return [_of_scale(case, "sole virgin cycle", share * stiffer, text)]
+    stiffer = abs(float(np.mean(virgin_shares)))
+    return [_scale_finding(case, "sole virgin cycle", share * stiffer, text)]
 
 
 def _hold(case: Case) -> list[Finding]:
-    """A hold at the top shows what relaxes slower than the test; without one nothing does."""
-    held = np.array([math.isfinite(c.hold_force_N_m) for c in case.curves])
-    if not held.any():
+    """Check for relaxation slower than the test, which only a hold at the top shows."""
+    has_hold = np.array([math.isfinite(c.hold_force_N_m) for c in case.curves])
+    if not has_hold.any():
         text = (
-            f"no hold: a relaxation slower than the test leaves no trace, {100 * SLOW:.2g} % of "
-            "the force are allowed for; hold the crosshead at the top"
+            "no hold: relaxation slower than the test leaves no trace; the allowance is "
+            f"{100 * SLOW:.2g} % of the force; hold the crosshead at the top"
         )
-        return [_not_seen("hold", SLOW, text)]
-    top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[held].T
+        return [_unseen_finding("hold", SLOW, text)]
+    top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[has_hold].T
     data = case.law.data
-    law = case.law.force((top - case.contact_m[held]) / data.span_m) * data.F_N_m
+    law = case.law.force((top - case.contact_m[has_hold]) / data.span_m) * data.F_N_m
     text = (
-        "loss by rate: in a hold the force falls below the law, the belt at rest is softer by "
-        "{:.2g} % (what the hold shows and as much again)"
+        "rate dependence: in a hold the force falls below the law; the belt at rest is softer by "
+        "{:.2g} % (twice the loss in the hold)"
     )
     softer = 2.0 * max(float(np.mean(1.0 - force / law)), 0.0)
-    return [_of_scale(case, "hold", softer, text)]
+    return [_scale_finding(case, "hold", softer, text)]
 
 
 def _speeds(case: Case) -> list[Finding]:
-    """Tests at several speeds show whether the loss is by rate; one speed does not."""
+    """Check the rate dependence of the force, which only tests at several speeds show."""
     speeds = np.array([approach(c)[0] for c in case.curves])
     if np.all(speeds > 0.0) and speeds.max() >= RATE_SPAN * speeds.min():
-        text = "loss by rate: the force changes by {:.2g} % with a tenfold speed of the press"
+        text = "rate dependence: the force changes by {:.2g} % if the press is ten times faster"
         decade = abs(_per_speed(case, np.log(speeds))) * math.log(10.0)
-        return [_of_scale(case, "speeds", decade, text)]
+        return [_scale_finding(case, "speeds", decade, text)]
     loss = loss_ratio(case.curves)
     if math.isnan(loss):
         return []
-    # a loss h = (pi/2) tan(angle) goes with a stiffness that changes by (2/pi) tan(angle) ln 10
-    # per decade (local Kramers-Kronig relation); half of it may be by rate
+    # a loss h = (pi/2) tan(angle) implies a stiffness change of (2/pi) tan(angle) ln 10 per decade
+    # (local Kramers-Kronig relation); half of the loss may depend on the rate
     share = 0.5 * math.log(10.0) * (2.0 / math.pi) ** 2 * max(loss, 0.0)
     text = (
-        "one speed: whether the loss is by rate cannot be seen; if half of it is, the force "
-        f"falls by some {100 * share:.2g} % for a press ten times slower; press tests at two speeds"
+        "one speed: the rate dependence of the loss is unknown; if half of it depends on the rate, "
+        f"the force falls by about {100 * share:.2g} % for a press ten times slower; press at two "
+        "speeds"
     )
-    return [_not_seen("speeds", share, text)]
+    return [_unseen_finding("speeds", share, text)]
 
 
 def _per_speed(case: Case, log_speed: Array) -> float:
-    """Relative change of the force per unit of the logarithm of the speed."""
+    """Return the relative change of the force per unit of the logarithm of the speed."""
     scale = []
-    for curve in range(log_speed.size):  # factor of each, its contact point free as well
-        mine = case.law.data.part == curve
-        y = case.law.y[mine]
+    for curve in range(log_speed.size):  # scale each curve, with a free contact point
+        nodes = case.law.data.part == curve
+        y = case.law.y[nodes]
         force = case.law.force(y)
         columns = np.column_stack([force, np.gradient(force, y)])
-        scale.append(np.linalg.lstsq(columns, case.law.residuals[mine], rcond=None)[0][0])
+        scale.append(np.linalg.lstsq(columns, case.law.residuals[nodes], rcond=None)[0][0])
     return float(np.polyfit(log_speed, scale, 1)[0])
 
 
 def _scatter_of_the_tests(case: Case) -> list[Finding]:
-    """Tests that differ by more than their noise widen the covariance of the fit."""
+    """Report tests that differ by more than their noise; they inflate the covariance."""
     if not case.scatter.curves_differ:
         return []
-    times = math.sqrt(case.scatter.inflation)
-    text = f"the tests differ by {times:.2g} times their noise; the standard errors are widened"
-    return [Finding("scatter of the tests", times, f"{text} accordingly")]
+    factor = math.sqrt(case.scatter.inflation)
+    text = f"the tests differ by {factor:.2g} times their noise; the standard errors are enlarged"
+    return [Finding("scatter of the tests", factor, f"{text} accordingly")]
 
 
 def sole_tests(largest_difference: float) -> Finding:
-    """Laws at several temperatures of one test each, whose forces differ by this share."""
+    """Report laws from a single test per temperature, whose forces differ by this share."""
     text = (
-        "one test at each temperature: segments of the belt that differ look the same as a "
-        "temperature that matters; press two at one temperature"
+        "one test at each temperature: an effect of temperature cannot be separated from a "
+        "difference between belt segments; press two at one temperature"
     )
-    return _not_seen("sole tests", 0.5 * largest_difference, text)
+    return _unseen_finding("sole tests", 0.5 * largest_difference, text)
 
 
 CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (

@@ -1,11 +1,11 @@
-"""The branches of a press cycle and the curve half-way between them.
+"""Branches of a press cycle and the curve midway between them.
 
-The belt's hysteresis lifts the loading branch and lowers the unloading branch. The elastic law of
-Eq. (3) is the curve half-way between them *at equal penetration*. Both branches are brought to
-common positions first: whichever of them the crosshead passes more slowly has more samples, but
-not more weight. Where the crosshead turns, the branch after the turn begins on the one before it
-(friction within the rubber and lost motion of the machine turn round over some way): there the
-curve is the branch before the turn less the width that the loop has farther away from it.
+Hysteresis of the belt raises the loading branch and lowers the unloading branch. The elastic law of
+Eq. (3) is the curve midway between them *at equal penetration*. Both branches are interpolated to
+common positions first, so that the slower branch, which has more samples, does not get more weight.
+Where the crosshead reverses, the new branch starts on the old one, because internal friction of the
+rubber and backlash of the machine need some travel to reverse. There the curve is the branch before
+the reversal, corrected by half the loop width found farther away.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from beltid.identify.press.recording import (
 Array = NDArray[np.float64]
 
 CONTACT_SHARE = 0.01
-"""The fit begins where both branches carry this share of the largest force: below, ribs seat one
-by one and the belt may stick to the plate or stay compressed."""
+"""Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
+one and the belt may stick to the plate or stay compressed."""
 RATE_SPAN = 2.0
-"""Cycles whose speeds differ by this factor tell how force and loss depend on the rate."""
-MIN_BRANCH_SAMPLES = 8  # fewest of a branch within the range of the fit
-TURN_SHARE = 0.3  # most of the nodes that a turn of the crosshead may reach to
-LEAST_TURN = 2.0e-3  # share of the largest force below which a turn does nothing
-FEWEST_NODES = 12  # that tell how far a turn reaches
+"""Ratio of speeds from which the rate dependence of force and loss can be determined."""
+MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
+TURN_SHARE = 0.3  # largest share of the nodes that a crosshead reversal may affect
+LEAST_TURN = 2.0e-3  # share of the largest force below which a reversal is negligible
+FEWEST_NODES = 12  # minimum number of nodes to find the reach of a reversal
 
 
 @dataclass(frozen=True, slots=True)
 class BranchSamples:
-    """Samples of one branch: "loading" or "unloading", positions [m], line forces [N/m], (n,)."""
+    """Samples of one branch, "loading" or "unloading": positions [m], line forces [N/m], (n,)."""
 
     name: str
     position_m: Array
@@ -54,37 +54,37 @@ class BranchSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
-    """The branches of one cycle at common positions; forces per length of belt."""
+    """Branches of one cycle at common positions; forces per length of belt."""
 
     test: str
     cycle: int
-    n_cycles: int  # of the test
+    n_cycles: int  # number of cycles in the test
     temperature_degC: float  # nan if unknown
-    position_m: Array  # common positions, machine compliance taken off, shape (m,)
-    middle_N_m: Array  # half-way between the branches, shape (m,)
-    turn_N_m: Array  # what another width of the loop would add to it near a turn, else 0, (m,)
-    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; without a hold
+    position_m: Array  # common positions without machine compliance, shape (m,)
+    middle_N_m: Array  # midway between the branches, shape (m,)
+    turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
+    branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; holds removed
     fit_range_m: tuple[float, float]
-    touch_m: float  # position from which the loading branch carries force
-    top_position_m: float  # largest of the cycle
+    touch_m: float  # position where the loading branch begins to carry force
+    top_position_m: float  # largest position in the cycle
     top_force_N_m: float
     dissipated_J_m: float  # work lost in the loop, nan if never unloaded
     stored_J_m: float  # work of the loading branch, nan if never unloaded
-    sample_interval_s: float  # 0 or nan if the clock does not run
-    hold_force_N_m: float  # at the end of a hold at the top, nan without one
-    virgin_share: float  # force of the first cycle over that of this one, less one; or nan
+    sample_interval_s: float  # 0 or nan if the clock stands still
+    hold_force_N_m: float  # at the end of a hold at the top; nan without a hold
+    virgin_share: float  # force of the first cycle over that of this one, minus 1; or nan
     free_travel: bool  # whether the zero of the load cell could be checked before contact
-    drift_N_m: float  # what the zero has drifted by half-way through the cycle, 0 if not seen
-    travel_sign: float  # of the recorded crosshead travel in compression
+    drift_N_m: float  # drift of the zero halfway through the cycle; 0 if none is seen
+    travel_sign: float  # sign of the recorded crosshead travel in compression
 
     @property
     def unloads(self) -> bool:
-        """Whether both branches were recorded."""
+        """True if both branches were recorded."""
         return len(self.branches) == 2
 
     @property
     def n_samples(self) -> int:
-        """Samples of the recording within the range of the fit."""
+        """Number of recorded samples within the range of the fit."""
         return sum(int(np.count_nonzero(self.inside(b.position_m))) for b in self.branches)
 
     def inside(self, position_m: Array) -> NDArray[np.bool_]:
@@ -95,21 +95,21 @@ class PressCurve:
 
 @dataclass(frozen=True, slots=True)
 class PressRecording:
-    """Curves of the usable tests, one per chosen cycle, and the account of the rest."""
+    """Curves of the usable tests, one per selected cycle, and what was rejected."""
 
     curves: tuple[PressCurve, ...]
-    set_aside: tuple[tuple[str, str], ...]  # tests that are not used, with the reason
-    n_missing: int  # samples left out of the tests used
+    set_aside: tuple[tuple[str, str], ...]  # rejected tests, with the reason
+    n_missing: int  # samples removed from the tests used
     n_spikes: int
     notes: tuple[str, ...]
 
 
 def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
-    """Clean the tests of a recording, choose their cycles and bring the branches together.
+    """Clean the tests of a recording, select their cycles and build the curves.
 
     `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
-    ``temperature_degC``, shape (n,) each; nan where missing. :class:`InputError` if columns are
-    missing or no test can be used; every problem is named.
+    ``temperature_degC``, shape (n,) each; nan where missing. Raises :class:`InputError`, with
+    all problems, if columns are missing or no test can be used.
     """
     used: list[tuple[PressTest, list[PressCurve], tuple[str, ...]]] = []
     set_aside: list[tuple[str, str]] = []
@@ -117,17 +117,17 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         try:
             test = prepare_test(label, part, settings)
             cycles = find_cycles(test)
-            chosen, about_cycles = choose_cycles(cycles, settings.cycles)
-            found = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
+            chosen, cycle_notes = choose_cycles(cycles, settings.cycles)
+            curves = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
         except InputError as error:
             set_aside.append((label, "; ".join(error.problems)))
             continue
-        speeds = _speeds_note(test, cycles, chosen)
-        used.append((test, found, (*test.notes, *about_cycles, *speeds)))
+        speed_notes = _speeds_note(test, cycles, chosen)
+        used.append((test, curves, (*test.notes, *cycle_notes, *speed_notes)))
     unloaded = [entry for entry in used if entry[1][0].unloads]
     if unloaded:
-        alone = [test.label for test, found, _ in used if not found[0].unloads]
-        set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in alone]
+        loading_only = [test.label for test, curves, _ in used if not curves[0].unloads]
+        set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
         used = unloaded
     if not used:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
@@ -140,7 +140,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         for text, tests in labels.items()
     ]
     return PressRecording(
-        curves=tuple(curve for _, found, _ in used for curve in found),
+        curves=tuple(curve for _, curves, _ in used for curve in curves),
         set_aside=tuple(set_aside),
         n_missing=sum(test.n_missing for test, _, _ in used),
         n_spikes=sum(test.n_spikes for test, _, _ in used),
@@ -151,28 +151,30 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
 def _speeds_note(
     test: PressTest, cycles: Sequence[PressCycle], chosen: Sequence[PressCycle]
 ) -> tuple[str, ...]:
-    """A note if the cycles of a test differ in speed and those chosen do not."""
+    """Note a test whose cycles differ in speed although the selected ones do not."""
 
-    def ratio(some: Sequence[PressCycle]) -> float:
-        steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in some]
+    def ratio(group: Sequence[PressCycle]) -> float:
+        """Return the ratio of the largest to the smallest speed."""
+        steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in group]
         return max(steps) / min(steps) if min(steps) > 0.0 else 1.0
 
     if ratio(cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
         return ()
     return (
-        f"its cycles were pressed at speeds up to {ratio(cycles):.2g} times apart, those used at "
-        "one: what the speed does is told by press.cycles: all, or by tests at two speeds",
+        f"its cycles were pressed at speeds up to {ratio(cycles):.2g} times apart, but those used "
+        "at one speed: to see the effect of speed, set press.cycles: all, or press tests at two "
+        "speeds",
     )
 
 
 def press_curve(
     test: PressTest, cycle: PressCycle, segment_length_m: float, cycles: Sequence[PressCycle] = ()
 ) -> PressCurve:
-    """Bring the branches of a cycle, one of `cycles` of a cleaned test, to common positions.
+    """Build the curve of one cycle of a cleaned test; `cycles` are all cycles of the test.
 
-    :class:`InputError` if a branch has too few samples in contact.
+    Raises :class:`InputError` if a branch has too few samples in contact.
     """
-    # five standard deviations clear of the ends, where samples are picked by their own noise
+    # stay five standard deviations off the ends, where noise decides which samples belong
     margin = 5.0 * test.position_noise_m
     parts, hold = _without_hold(test, cycle, margin)
     whole, branches = (
@@ -197,7 +199,7 @@ def press_curve(
     middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
     steps = np.diff(test.time_s[np.isfinite(test.time_s)])
-    half_way = 0.5 * (cycle.loading.start + cycle.unloading.stop)
+    halfway = 0.5 * (cycle.loading.start + cycle.unloading.stop)
     return PressCurve(
         test=test.label,
         cycle=cycle.number,
@@ -217,33 +219,34 @@ def press_curve(
         hold_force_N_m=hold / segment_length_m,
         virgin_share=_virgin_share(test, cycle, cycles),
         free_travel=test.free_travel,
-        drift_N_m=test.drift_N / segment_length_m * half_way / test.force_N.size,
+        drift_N_m=test.drift_N / segment_length_m * halfway / test.force_N.size,
         travel_sign=test.travel_sign,
     )
 
 
 def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -> None:
+    """Raise :class:`InputError` if a branch has too few samples."""
     if min(counts) < MIN_BRANCH_SAMPLES:
         names = ("loading", "unloading")[: len(counts)]
-        found = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
+        sizes = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
         raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {found} samples in contact and clear of "
-            f"the travel's noise ({test.position_noise_m * 1e6:.2g} µm), "
-            f"must be at least {MIN_BRANCH_SAMPLES} of each branch"
+            f"test {test.label}: cycle {cycle.number}: {sizes} samples in contact and beyond the "
+            f"noise of the travel ({test.position_noise_m * 1e6:.2g} µm), must be at least "
+            f"{MIN_BRANCH_SAMPLES} per branch"
         )
 
 
 def _without_hold(
     test: PressTest, cycle: PressCycle, margin: float
 ) -> tuple[tuple[slice, slice], float]:
-    """The branches up to and from the top, and the force at the end of a hold there [N].
+    """Remove a hold at the top; return both branches and the force at the end of the hold [N].
 
-    A hold belongs to no branch: the force relaxes from the one towards the other. Fewer than
-    :data:`MIN_BRANCH_SAMPLES` at the top are a turn and no hold.
+    A hold belongs to neither branch: the force relaxes from one towards the other. Fewer than
+    :data:`MIN_BRANCH_SAMPLES` samples at the top are a reversal, not a hold.
     """
     begin, stop = cycle.loading.start, cycle.unloading.stop
     travel = test.travel_m[begin:stop]
-    # what the crosshead creeps in a hold is far less than what it travels
+    # the crosshead creeps in a hold, but far less than it travels
     near = max(margin, 2e-3 * float(np.ptp(travel)))
     top = begin + np.flatnonzero(travel >= float(np.max(travel)) - near)
     first, last = int(top[0]), int(top[-1]) + 1
@@ -255,25 +258,25 @@ def _without_hold(
 
 
 def _virgin_share(test: PressTest, cycle: PressCycle, cycles: Sequence[PressCycle]) -> float:
-    """Force of the first loading over that of this cycle at equal position, less one."""
+    """Return the force of the first loading over that of this cycle at equal position, minus 1."""
     if len(cycles) < 2 or cycle.number == 1:
         return float("nan")
-    ways = [(test.position_m[c.loading], test.force_N[c.loading]) for c in (cycles[0], cycle)]
-    low = max(float(x[f > CONTACT_SHARE * cycle.peak_force_N][0]) for x, f in ways)
-    high = min(float(np.max(x)) for x, _ in ways)
+    loadings = [(test.position_m[c.loading], test.force_N[c.loading]) for c in (cycles[0], cycle)]
+    low = max(float(x[f > CONTACT_SHARE * cycle.peak_force_N][0]) for x, f in loadings)
+    high = min(float(np.max(x)) for x, _ in loadings)
     at = low + np.linspace(0.3, 0.95, 50) * (high - low)
-    first, this = (np.interp(at, np.maximum.accumulate(x), f).sum() for x, f in ways)
+    first, this = (np.interp(at, np.maximum.accumulate(x), f).sum() for x, f in loadings)
     return float(first / this - 1.0)
 
 
 def _steady_max(x: Array) -> float:
-    """Largest value that is no noise: of the running median over a few samples."""
-    # mirrored without repeating the last sample, which noise made the turning point
+    """Return the largest value of a short running median, so that noise does not count."""
+    # mirror without repeating the last sample, which may be the reversal because of noise
     return float(np.max(median_filter(x, size=min(5, x.size), mode="mirror")))
 
 
 def _contact_begin(branch: BranchSamples, threshold: float) -> float:
-    """Position above which the branch carries more than the threshold [m]."""
+    """Return the position above which the branch carries more than the threshold [m]."""
     # walk from the peak towards the open plate
     outward = slice(None, None, -1) if branch.name == "loading" else slice(None)
     force, position = branch.force_N_m[outward], branch.position_m[outward]
@@ -283,10 +286,10 @@ def _contact_begin(branch: BranchSamples, threshold: float) -> float:
 
 
 def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
-    """Force of a branch at the middles of the bins [N/m], shape (m,).
+    """Interpolate the force of a branch to the centres of the bins [N/m], shape (m,).
 
-    A polynomial takes the shape of the branch, so that the place of the samples within a bin does
-    not matter; the bin means of what it leaves are added, so that it need not be exact.
+    A polynomial follows the shape of the branch, so that the distribution of samples within a bin
+    does not matter. The bin means of its residuals are added, so that it need not be exact.
     """
     inside = (position >= edges[0]) & (position <= edges[-1])
     x, f = position[inside], force[inside]
@@ -306,12 +309,13 @@ def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
 
 
 def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tuple[Array, Array]:
-    """Force half-way between the branches [N/m], and what another width near the turns would add.
+    """Return the force midway between the branches [N/m], and its change with another loop width.
 
-    How far a turn reaches is what leaves least about a cubic polynomial, if that is worth the two
-    unknowns (BIC); where it reaches to, half the width is the parabola in x of the other nodes. The
-    other width is the one next to these nodes, in proportion to the force. The loading branch
-    begins with a turn only if the belt was not released before, `turns_in_contact`.
+    The reach of a reversal is chosen for the smallest residuals about a cubic polynomial, if the
+    gain justifies the additional unknowns (BIC). Within the reach, half the loop width is a
+    parabola in x fitted to the other nodes. The alternative width is that next to the reach, scaled
+    with the force. The loading branch begins with a reversal only if the belt was not released
+    before (`turns_in_contact`).
     """
     n, plain = x.size, np.mean(levels, axis=0)
     if n < FEWEST_NODES or len(levels) == 1:
@@ -321,8 +325,8 @@ def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tup
     smooth, powers = np.linalg.qr(np.vander(scaled, 4))[0], np.vander(scaled, 3)
     half_width = 0.5 * (loading - unloading)
 
-    def tried(low: int, top: int) -> tuple[Array, Array]:
-        """Middle and what it leaves about the polynomial, if the turns reach over these nodes."""
+    def trial(low: int, top: int) -> tuple[Array, Array]:
+        """Return the middle and its residuals if the reversals affect these end nodes."""
         rest = slice(low, n - top)
         parabola = powers @ np.linalg.lstsq(powers[rest], half_width[rest], rcond=None)[0]
         parts = unloading[:low] + parabola[:low], plain[rest], (loading - parabola)[n - top :]
@@ -330,11 +334,11 @@ def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tup
         return middle, middle - smooth @ (smooth.T @ middle)
 
     reach = range(int(TURN_SHARE * n) + 1)
-    trials = {(a, b): tried(a, b) for a in reach[: None if turns_in_contact else 1] for b in reach}
-    (low, top), (middle, left) = min(trials.items(), key=lambda t: float(t[1][1] @ t[1][1]))
-    m = n / integrated_autocorrelation_time(left)
-    floor = n * (1e-10 * float(np.max(plain))) ** 2  # of rounding
-    before, after = (max(float(r @ r), floor) for r in (trials[0, 0][1], left))
+    trials = {(a, b): trial(a, b) for a in reach[: None if turns_in_contact else 1] for b in reach}
+    (low, top), (middle, residuals) = min(trials.items(), key=lambda t: float(t[1][1] @ t[1][1]))
+    m = n / integrated_autocorrelation_time(residuals)
+    floor = n * (1e-10 * float(np.max(plain))) ** 2  # rounding
+    before, after = (max(float(r @ r), floor) for r in (trials[0, 0][1], residuals))
     gain = m * np.log(before / after) - 2.0 * ((low > 0) + (top > 0)) * np.log(m)
     if gain <= 0.0 or np.max(np.abs(middle - plain)) < LEAST_TURN * np.max(plain):
         return plain, np.zeros(n)
@@ -346,12 +350,12 @@ def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tup
     other = middle.copy()
     other[:low] = unloading[:low] / (1.0 - nearest[0])
     other[n - top :] = loading[n - top :] / (1.0 + nearest[1])
-    # no more than the turn itself does
+    # limit the change to the effect of the reversal itself
     return middle, np.clip(other - middle, -np.abs(middle - plain), np.abs(middle - plain))
 
 
 def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:
-    """Work lost in the loop and work of the loading branch [J/m], over their common positions."""
+    """Return the work lost in the loop and the work of loading [J/m] over common positions."""
     if len(branches) < 2:
         return float("nan"), float("nan")
     low = max(float(np.min(b.position_m)) for b in branches)

@@ -1,14 +1,14 @@
-"""What the hysteresis of the press says about the damping C_P of Eq. (4).
+"""Estimate of the damping C_P of Eq. (4) from the hysteresis of the press.
 
-The paper took C_P = 300 N s/m for numerical calm. Here is the coefficient with which a damper that
-acts on approach only, Eqs. (1), (2) and (4), loses in a loading as much energy as the belt loses in
-a cycle of the press,
+The paper chose C_P = 300 N s/m for numerical stability. This module calculates the coefficient with
+which a damper that acts on approach only, Eqs. (1), (2) and (4), loses as much energy in a loading
+as the belt loses in a press cycle,
 
     W = c_P ∫ delta_dot d(delta),      C_P = c_P l,
 
-with the energy W lost per metre of belt [J/m], c_P per metre of belt [N s/m²] and the length l of
-belt that a contact point stands for. The hysteresis of rubber hardly depends on the rate, so
-this number holds at the speed of the press *only*: it is inversely proportional to that speed.
+with the energy W lost per metre of belt [J/m], c_P per metre of belt [N s/m²] and the belt length l
+of a contact point. The hysteresis of rubber hardly depends on the rate, so the result is valid
+*only* at the speed of the press: it is inversely proportional to that speed.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from beltid.identify.press.curves import RATE_SPAN, PressCurve
 
 PAPER_C_P_N_S_M = 300.0
 POINT_LENGTH_M = 1.0e-3
-"""Length of belt of a contact point: an elastic-bed length of 5 mm carries five points."""
+"""Belt length of a contact point: an elastic-bed length of 5 mm contains five points."""
 BINS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Dissipation:
-    """Energy that the belt loses in a press cycle, and the damper that would lose as much."""
+    """Energy lost by the belt in a press cycle, and the equivalent damper."""
 
-    energy_J_m: float  # lost in a cycle per metre of belt, mean over the cycles
-    loss_ratio: float  # that energy over the work of loading
-    approach_speed_m_s: float  # in contact, mean over the cycles
+    energy_J_m: float  # energy lost per cycle and metre of belt, mean over the cycles
+    loss_ratio: float  # energy lost over the work of loading
+    approach_speed_m_s: float  # speed in contact, mean over the cycles
     C_P_N_s_m: float  # equivalent coefficient of one contact point at this speed
     rate_exponent: float
-    """Exponent of the lost energy over the speed, 0 for a rate-independent loss, 1 for a damper;
-    nan if the speeds of the tests do not differ enough."""
-    statement: str  # the outcome in plain words
+    """Exponent n in energy ~ speed^n: 0 for a rate-independent loss, 1 for a damper; nan if the
+    speeds of the tests do not differ enough."""
+    statement: str  # result in plain words
 
 
 def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
     """Estimate the dissipation of the contact from the hysteresis of press curves.
 
-    :class:`InputError` if no test was unloaded, or the clock of one does not run (evenly).
+    Raises :class:`InputError` if no test was unloaded, or if the clock of a test stands still.
     """
     curves = [c for c in curves if c.unloads]
     if not curves:
-        raise InputError("press recording: no test was unloaded, the hysteresis is not known")
-    standing = sorted({c.test for c in curves if not c.sample_interval_s > 0.0})
-    if standing:
+        raise InputError("press recording: no test was unloaded, so the hysteresis is unknown")
+    without_clock = sorted({c.test for c in curves if not c.sample_interval_s > 0.0})
+    if without_clock:
         raise InputError(
-            [f"test {t}: the clock does not run, the speed is not known" for t in standing]
+            [f"test {t}: the clock does not run, so the speed is unknown" for t in without_clock]
         )
     speeds, rate_integrals = np.transpose([approach(c) for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])
@@ -68,13 +68,13 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
 
 
 def loss_ratio(curves: Sequence[PressCurve]) -> float:
-    """Work lost in the loops over that of the loadings, nan if no curve unloads."""
+    """Return the work lost in the loops over the work of loading; nan without unloading."""
     work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
     return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def approach(curve: PressCurve) -> tuple[float, float]:
-    """Mean speed in contact [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading, or nan."""
+    """Return the mean speed [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading, or nan."""
     x = curve.branches[0].position_m
     edges = np.linspace(curve.touch_m, float(np.max(x)), BINS + 1)
     counts = np.histogram(x, edges)[0].astype(float)
@@ -88,8 +88,9 @@ def approach(curve: PressCurve) -> tuple[float, float]:
 
 
 def _statement(energy: float, loss: float, speed: float, C_P: float, exponent: float) -> str:
+    """Describe the result in plain words."""
     if not energy > 0.0:
-        return f"The loop loses no energy ({energy:.2g} J/m): no dissipation can be read from it."
+        return f"The loop loses no energy ({energy:.2g} J/m): it does not determine a dissipation."
     rate = "Rubber's hysteresis hardly depends on the rate, so no single C_P describes it"
     if not math.isnan(exponent):
         rate = (

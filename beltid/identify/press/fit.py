@@ -1,15 +1,15 @@
-"""One fitter for all normal laws, with a free contact point for every test.
+"""Fit of all normal laws, with a free contact point for each test.
 
     f = sum_k K_k b_k(x - p_j) + c_j,      b = y^n for y > 0, else 0,      K_k >= 0
 
-Linear, quadratic, cubic: n = 1, 2, 3; the power law: one term, n free. The position p_j is that of
-the contact point of test j (its cycles share it). The zero c_j of the load cell is an unknown with
-a prior N(0, (ZERO_SHARE F_top)²) for a test that begins in contact, so that its zero could not be
-checked, and the same prior for what all such tests have in common: they were zeroed by one
-operator at one preload. Else it is zero.
+Linear, quadratic and cubic law have the terms up to n = 1, 2, 3; the power law has one term with
+free n. p_j is the position of the contact point of test j, shared by its cycles. If a test begins
+in contact, its zero cannot be checked: the zero c_j of the load cell is then an unknown with a
+prior N(0, (ZERO_SHARE F_top)²). The same prior applies to the common part of all such zeros,
+because one operator set them at one preload. For all other tests c_j is zero.
 
-For given p (and n) the problem is linear in K and c: they are solved for and projected out
-(variable projection with Kaufman's Jacobian), and the search goes over p and n alone.
+For given p (and n) the problem is linear in K and c. They are solved for and projected out
+(variable projection with Kaufman's Jacobian); the search covers only p and n.
 """
 
 from __future__ import annotations
@@ -36,30 +36,30 @@ TERMS = {"linear": 1, "quadratic": 2, "power": 1, "cubic": 3}
 
 ZERO_SHARE = 0.05
 """Prior standard deviation of a zero that could not be checked, over the largest force."""
-EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)  # first values of a free exponent
+EXPONENTS = (0.8, 1.0, 1.25, 1.5, 2.0, 3.0)  # start values of a free exponent
 DISTANCES = np.geomspace(0.1, 5.0, 8)
-"""First distances from the contact point to half the largest force, in units of the travel."""
+"""Start values of the distance from contact to half the largest force, over the fitted travel."""
 ROUNDING = 1.0e-10
-"""Residuals below this share of the force are rounding, not evidence."""
+"""Residuals below this share of the force count as rounding."""
 SMALLEST = 1.0e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
-    """Nodes of several curves, scaled: positions by the travel fitted, forces by half the top."""
+    """Nodes of several curves; positions scaled by the fitted travel, forces by half the top."""
 
     x: Array  # positions and forces of the nodes [-], shape (n,)
     f: Array
     owner: NDArray[np.intp]  # test and curve of each node, counted by first appearance, (n,)
     part: NDArray[np.intp]
-    unchecked: NDArray[np.intp]  # tests whose zero is not known
-    zero_weight: float  # noise of the nodes over the prior standard deviation of such a zero [-]
+    unchecked: NDArray[np.intp]  # tests whose zero could not be checked
+    zero_weight: float  # node noise over the prior standard deviation of a zero [-]
     span_m: float  # units of position and force
     F_N_m: float
 
     @classmethod
     def of(cls, curves: Sequence[PressCurve], noise_N_m: float = 0.0) -> Nodes:
-        """Nodes of curves; `noise_N_m` weighs the unchecked zeros against them."""
+        """Collect the nodes of curves; `noise_N_m` sets the weight of the zeros' prior."""
         numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
         tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
         sizes = [c.position_m.size for c in curves]
@@ -83,7 +83,7 @@ class Nodes:
         return int(self.owner.max()) + 1
 
     def only(self, kept: Mask) -> Nodes:
-        """Some of the nodes; tests are numbered anew."""
+        """Select some of the nodes and renumber the tests."""
         tests, owner = np.unique(self.owner[kept], return_inverse=True)
         return replace(
             self,
@@ -95,75 +95,75 @@ class Nodes:
         )
 
     def reference_positions(self) -> Array:
-        """Where each test reaches the force one, shape (tests,)."""
-        found = np.empty(self.n_tests)
-        for j in range(found.size):
-            mine = np.flatnonzero(self.owner == j)
-            mine = mine[np.argsort(self.x[mine], kind="stable")]
-            found[j] = np.interp(1.0, np.maximum.accumulate(self.f[mine]), self.x[mine])
-        return found
+        """Return the position where each test reaches the scaled force 1, shape (tests,)."""
+        positions = np.empty(self.n_tests)
+        for j in range(positions.size):
+            nodes = np.flatnonzero(self.owner == j)
+            nodes = nodes[np.argsort(self.x[nodes], kind="stable")]
+            positions[j] = np.interp(1.0, np.maximum.accumulate(self.f[nodes]), self.x[nodes])
+        return positions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedLaw:
-    """A law through n nodes, in scaled units."""
+    """Law fitted to n nodes, in scaled units."""
 
     name: LawName
-    data: Nodes  # that it was fitted to
+    data: Nodes  # the fitted nodes
     K: Array  # coefficients of its terms, shape (terms,)
     exponents: Array  # powers of the terms, shape (terms,)
     contact: Array  # position of the contact point of each test, shape (tests,)
-    residuals: Array  # nodes less law, shape (n,)
-    sum_of_squares: float  # of the residuals, and of the zeros against their prior
+    residuals: Array  # nodes minus law, shape (n,)
+    sum_of_squares: float  # residuals, and zeros relative to their prior
     sensitivity: Array
-    """Derivatives of K (and the free exponent) by the forces of the nodes and by what is known of
-    the zeros, shape (parameters, n + unchecked); those of a coefficient held at 0 as if free."""
-    tangent: Array  # derivatives of the nodes by all unknowns that were free, (n + unchecked, m)
+    """Derivatives of K (and the free exponent) with respect to the node forces and the prior of the
+    zeros, shape (parameters, n + unchecked); a coefficient held at 0 is treated as free."""
+    tangent: Array  # derivatives of the nodes with respect to the free unknowns, (n + unchecked, m)
     tau: float  # integrated autocorrelation time of the residuals [nodes]
 
     @property
     def units(self) -> Array:
-        """Units of the coefficients in SI, [N/m^(1+n)]."""
+        """SI units of the coefficients [N/m^(1+n)]."""
         return np.asarray(self.data.F_N_m / self.data.span_m**self.exponents)
 
     @property
     def y(self) -> Array:
-        """Scaled penetration of every node, negative before contact."""
+        """Scaled penetration of each node, negative before contact."""
         return self.data.x - self.contact[self.data.owner]
 
     @property
     def values(self) -> Array:
-        """Parameters: K, and the exponent of the power law."""
+        """Parameters: K, and for the power law the exponent."""
         return np.append(self.K, self.exponents) if self.name == "power" else self.K
 
     @property
     def active_bound(self) -> Mask:
-        """Coefficients held at zero, which would be negative."""
+        """Mask of coefficients held at zero that would be negative."""
         return self.K <= 0.0
 
     @property
     def n_unknowns(self) -> int:
-        """Parameters and contact points."""
+        """Number of parameters and contact points."""
         return self.values.size + self.contact.size
 
     def force(self, y: Array) -> Array:
-        """Force at a scaled penetration."""
+        """Calculate the scaled force at a scaled penetration."""
         return basis(y, self.exponents) @ self.K
 
 
 def basis(y: Array, exponents: Array) -> Array:
-    """Terms ``y^n`` of a law, zero before contact, shape (n, terms)."""
+    """Return the terms ``y^n`` of a law, zero before contact, shape (n, terms)."""
     return np.asarray(np.maximum(y, 0.0)[:, None] ** exponents)
 
 
 def _slopes(y: Array, exponents: Array) -> Array:
-    """Derivatives of the terms by y."""
+    """Return the derivatives of the terms with respect to y."""
     inside = np.maximum(y, SMALLEST)[:, None]
     return np.where(y[:, None] > 0.0, exponents * inside ** (exponents - 1.0), 0.0)
 
 
 class _Projection:
-    """The linear part of a fit at given contact points and exponent."""
+    """Linear part of a fit at given contact points and exponent."""
 
     def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
         self.theta, self.free_exponent = theta, name == "power"
@@ -173,19 +173,19 @@ class _Projection:
             self.exponents = theta[data.n_tests :]
         self.y = data.x - self.p[data.owner]
         zeros = (data.owner[:, None] == data.unchecked).astype(float)
-        more, q = data.unchecked.size, self.exponents.size
-        # rows of the prior: their squares sum to c' (I + 1 1')^-1 c
-        prior = data.zero_weight * np.linalg.inv(np.linalg.cholesky(np.eye(more) + 1.0))
-        terms = np.pad(basis(self.y, self.exponents), ((0, more), (0, 0)))
+        n_zeros, q = data.unchecked.size, self.exponents.size
+        # prior rows; the sum of their squares is c' (I + 1 1')^-1 c
+        prior = data.zero_weight * np.linalg.inv(np.linalg.cholesky(np.eye(n_zeros) + 1.0))
+        terms = np.pad(basis(self.y, self.exponents), ((0, n_zeros), (0, 0)))
         self.design = np.column_stack([terms, np.vstack([zeros, prior])])
-        self.observed = np.pad(data.f, (0, more))
+        self.observed = np.pad(data.f, (0, n_zeros))
         self.free = np.ones(self.design.shape[1], dtype=bool)
         scaled, length = unit_columns(self.design)
         self.c = np.zeros(self.free.size)
         for _ in range(q + 1):  # active set of the bounds K >= 0
             self.c[:] = 0.0
-            solved = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
-            self.c[self.free] = solved / length[self.free]
+            solution = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
+            self.c[self.free] = solution / length[self.free]
             worst = int(np.argmin(self.c[:q]))
             if self.c[worst] >= 0.0:
                 break
@@ -196,7 +196,7 @@ class _Projection:
         self.own = data.owner[:, None] == np.arange(data.n_tests)
 
     def nonlinear_columns(self) -> Array:
-        """Derivatives of the law by the contact points and the exponent, (n + unchecked, .)."""
+        """Differentiate the law with respect to contact points and exponent, (n + unchecked, .)."""
         slope = -_slopes(self.y, self.exponents) @ self.K
         columns = np.where(self.own, slope[:, None], 0.0)
         if self.free_exponent:
@@ -205,17 +205,17 @@ class _Projection:
         return np.pad(columns, ((0, self.observed.size - self.y.size), (0, 0)))
 
     def jacobian(self) -> Array:
-        """Derivatives of the residuals, the linear part projected out (Kaufman)."""
+        """Return the derivatives of the residuals, linear part projected out (Kaufman)."""
         columns = self.nonlinear_columns()
         part = np.linalg.lstsq(self.scaled, columns, rcond=1e-13)[0]
         return -(columns - self.scaled @ part)
 
 
 def fit_law(name: LawName, data: Nodes) -> FittedLaw:
-    """Fit one law to the nodes, with a free contact point for every test.
+    """Fit one law to the nodes, with a free contact point for each test.
 
-    :class:`FitError` if there are fewer nodes than unknowns, or the force does not rise;
-    :class:`ConvergenceError` if the search does not reach a minimum.
+    Raises :class:`FitError` if the nodes are not more than the unknowns or the force does not rise,
+    and :class:`ConvergenceError` if the search does not reach a minimum.
     """
     q, J = TERMS[name] + (name == "power"), data.n_tests
     if data.x.size <= q + J:
@@ -231,19 +231,19 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     )
 
     def projection(theta: Array) -> _Projection:
-        """The last one, where the search asks for its Jacobian."""
+        """Return the projection at theta; reuse the last one for its Jacobian."""
         nonlocal last
         if not np.array_equal(theta, last.theta):
             last = _Projection(name, data, theta.copy())
         return last
 
-    found = solve_nonlinear(
+    minimum = solve_nonlinear(
         lambda theta: projection(theta).residuals,
         lambda theta: projection(theta).jacobian(),
         last.theta,
         (low, high),
     )
-    at = projection(found.parameters)
+    at = projection(minimum.parameters)
     if not np.any(at.K > 0.0):
         raise FitError(f"{name} law: the force falls with penetration, must rise")
     tangent = np.column_stack([at.design[:, at.free], at.nonlinear_columns()])
@@ -263,19 +263,19 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
 
 
 def _sensitivity(name: LawName, at: _Projection) -> Array:
-    """Derivatives of the coefficients, and of a free exponent, by the observations."""
+    """Differentiate coefficients and free exponent with respect to the observations."""
     if name == "quadratic" and at.K[0] < at.K[1]:
         return _by_vertex(at)
-    # a coefficient held at its bound has the error that it would have if it were free
+    # a coefficient at its bound gets the error of a free one
     inverse = pseudo_inverse(np.column_stack([at.design, at.nonlinear_columns()]))
     return np.asarray(inverse[[*range(at.K.size), *([-1] if name == "power" else [])]])
 
 
 def _by_vertex(at: _Projection) -> Array:
-    """Derivatives of (k1, k2) by the nodes where k1 is small: k1 is the root of q = k1² >= 0.
+    """Differentiate (k1, k2) with respect to the nodes if k1 is small, with q = k1² >= 0.
 
     About the vertices v_j = p_j - k1/(2 k2) the law is k2 (x - v_j)² - q/(4 k2), whose derivatives
-    stay regular at k1 = 0. There dk1 = dq/(2 k1) has no bound; sqrt(4 q + se(q)) in place of 2 k1
+    stay regular at k1 = 0. There dk1 = dq/(2 k1) is unbounded; replacing 2 k1 by sqrt(4 q + se(q))
     makes the standard error of k1 that of the root of q.
     """
     k1, k2 = at.K
@@ -293,18 +293,18 @@ def _by_vertex(at: _Projection) -> Array:
 
 
 def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> FittedLaw:
-    """The quadratic law of some curves; unchecked zeros are weighed against `noise` [N²/m²]."""
+    """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
     unchecked = any(not c.free_travel for c in curves)
     return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
 
 
-@lru_cache(maxsize=64)  # tests, groups and the whole are asked again
+@lru_cache(maxsize=64)  # the same tests and groups are fitted repeatedly
 def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> FittedLaw:
     return fit_law("quadratic", Nodes.of(curves, noise_N_m))
 
 
 def correlation_time(residuals: Array, data: Nodes) -> float:
-    """Mean integrated autocorrelation time of residuals along the curves [nodes]."""
+    """Return the mean autocorrelation time of residuals along the curves [nodes]."""
     if float(np.max(np.abs(residuals))) <= ROUNDING * float(np.max(data.f)):
         return 1.0
     parts = [residuals[data.part == k] for k in np.unique(data.part)]
@@ -312,9 +312,9 @@ def correlation_time(residuals: Array, data: Nodes) -> float:
 
 
 def predicted(law: FittedLaw, data: Nodes) -> Array:
-    """Forces of a law at the nodes of tests it was not fitted to, their contact points free, (n,).
+    """Predict the forces at the nodes of new tests, with free contact points, shape (n,).
 
-    The search begins at the distance from the contact point that the tests of the law have.
+    The search starts at the mean distance from the contact point in the fitted tests.
     """
     own = data.owner[:, None] == np.arange(data.n_tests)
     starts = data.reference_positions() - np.mean(law.data.reference_positions() - law.contact)

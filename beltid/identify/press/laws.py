@@ -1,15 +1,15 @@
-"""Is the quadratic normal law of Eq. (3) the right one? It is compared with three others.
+"""Comparison of the quadratic normal law of Eq. (3) with three other laws.
 
-All laws are fitted to the same nodes, the middle of the branches, by the same fitter, with a free
-contact point for every test and coefficients >= 0. Two measures judge them:
+All laws are fitted to the same nodes, the middle of the branches, with a free contact point for
+each test and coefficients >= 0. There are two criteria:
 
-- AICc, ``m ln(RSS/n) + 2 k m/(m - k - 1)``: lower is better, more coefficients cost. The nodes of a
-  curve are correlated, so ``m = n / tau`` counts independent ones; tau is the integrated
-  autocorrelation time of the residuals of the law that leaves least, the same for all laws.
+- AICc, ``m ln(RSS/n) + 2 k m/(m - k - 1)``: lower is better, each coefficient has a cost. The nodes
+  of a curve are correlated, so ``m = n / tau`` is the number of independent nodes; tau is the
+  integrated autocorrelation time of the residuals of the best-fitting law, the same for all laws.
 - Prediction: each test is left out in turn and predicted by the law of the others, with only its
   contact point free. With a single test, blocks of force are left out and predicted.
 
-The quadratic law stays the default: it is what simulations and artifacts hold.
+The quadratic law remains the default: simulations and artifacts use it.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from beltid.identify.press.temperature import RELEVANT_DIFFERENCE
 
 NAMES: tuple[str, ...] = ("k_linear", "k_quadratic", "k_cubic")
 UNITS: tuple[str, ...] = ("N/m²", "N/m³", "N/m⁴")
-BLOCKS = 5  # of force, that are left out of a single test
-MOST_FOLDS = 10  # with more tests than this several are left out together
+BLOCKS = 5  # number of force blocks to leave out of a single test
+MOST_FOLDS = 10  # if there are more tests, several are left out together
 PROVEN = 6.0
-"""A law whose criterion is lower by more than this is better beyond reasonable doubt: the odds
-``exp(-6/2)`` of the other are 1 to 20."""
-AS_GOOD = 2.0  # a law whose criterion is higher by less than this does as well
+"""Difference in the criterion above which the better law counts as proven: the odds of the other,
+``exp(-6/2)``, are 1 to 20."""
+AS_GOOD = 2.0  # difference in the criterion below which two laws count as equal
 
 
 @dataclass(frozen=True, slots=True)
 class LawParameter:
-    """A coefficient of a law; the standard error allows for correlation of the residuals."""
+    """Coefficient of a law; the standard error allows for correlated residuals."""
 
     name: str
     unit: str
@@ -56,16 +56,16 @@ class LawParameter:
 
 @dataclass(frozen=True, slots=True)
 class LawCandidate:
-    """One law of the comparison; figures are nan if it could not be fitted."""
+    """One law in the comparison; figures are nan if it could not be fitted."""
 
     law: LawName
-    parameters: tuple[LawParameter, ...]  # coefficients over the penetration
-    rms_residual_N_m: float  # middle of the branches less law
-    criterion: float  # AICc less that of the quadratic law: below zero is better
+    parameters: tuple[LawParameter, ...]  # coefficients of the force over the penetration
+    rms_residual_N_m: float  # middle of the branches minus law
+    criterion: float  # AICc minus that of the quadratic law: negative is better
     cv_error_N_m: float  # root mean square error of prediction
-    cv_ratio: float  # that over the one of the quadratic law
+    cv_ratio: float  # prediction error over that of the quadratic law
     largest_difference: float  # from the quadratic law, over the largest force
-    note: str = ""  # why figures are missing, or what is odd about the law
+    note: str = ""  # why figures are missing, or a peculiarity of the law
 
     @property
     def values(self) -> dict[str, float]:
@@ -79,12 +79,12 @@ class LawChoice:
 
     laws: tuple[LawCandidate, ...]
     quadratic_supported: bool
-    """Whether no other law is provably and noticeably better, and a linear one does not do."""
+    """True if no other law is provably and noticeably better and a linear law is not enough."""
     verdict: str
-    n_effective: float  # independent nodes
+    n_effective: float  # number of independent nodes
 
     def misfits(self, top_force_N_m: float) -> str:
-        """How far off the curves each law is, in words; over the largest force [N/m]."""
+        """Describe the misfit of each law relative to the largest force [N/m]."""
         parts = []
         for c in self.laws:
             exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
@@ -94,9 +94,9 @@ class LawChoice:
 
 
 def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
-    """Compare normal contact laws on the curves of press tests, at least one.
+    """Compare normal contact laws on the curves of one or more press tests.
 
-    :class:`NumericsError` if not even the quadratic law can be fitted.
+    Raises :class:`NumericsError` if not even the quadratic law can be fitted.
     """
     data = Nodes.of(curves)
     fits: dict[LawName, FittedLaw] = {}
@@ -107,9 +107,11 @@ def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
         except NumericsError as error:
             failed[name] = str(error)
     if "quadratic" not in fits:
-        raise FitError(f"choice of law: the quadratic law was not fitted: {failed['quadratic']}")
-    least = min(fits.values(), key=lambda f: f.sum_of_squares)
-    m, nan = data.x.size / correlation_time(least.residuals, data), math.nan
+        raise FitError(
+            f"choice of law: the quadratic law could not be fitted: {failed['quadratic']}"
+        )
+    best = min(fits.values(), key=lambda f: f.sum_of_squares)
+    m, nan = data.x.size / correlation_time(best.residuals, data), math.nan
     errors = _cross_validation(data, fits)
     criteria = {name: _aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
     floor = ROUNDING * float(np.max(data.f))
@@ -119,18 +121,18 @@ def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
         if name in failed:
             laws.append(LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name]))
             continue
-        law, wrong = fits[name], errors.get(name, nan)
-        apart = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
-        zero = ", ".join(n for n, held in zip(NAMES, law.active_bound, strict=False) if held)
+        law, cv_error = fits[name], errors.get(name, nan)
+        difference = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
+        zero = ", ".join(n for n, active in zip(NAMES, law.active_bound, strict=False) if active)
         laws.append(
             LawCandidate(
                 law=name,
                 parameters=_parameters(law),
                 rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
                 criterion=criteria[name] - criteria["quadratic"],
-                cv_error_N_m=data.F_N_m * wrong,
-                cv_ratio=max(wrong, floor) / reference,
-                largest_difference=float(apart),
+                cv_error_N_m=data.F_N_m * cv_error,
+                cv_ratio=max(cv_error, floor) / reference,
+                largest_difference=float(difference),
                 note=f"{name} law: {zero} would be negative and is held at zero" if zero else "",
             )
         )
@@ -140,8 +142,8 @@ def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
 
 
 def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
-    """Information criterion of a fit for m independent nodes; nan if they are too few."""
-    k = unknowns + 1  # the variance of the noise is one more
+    """Calculate the AICc of a fit for m independent nodes; nan if there are too few."""
+    k = unknowns + 1  # plus the variance of the noise
     if m <= k + 1:
         return math.nan
     floor = (ROUNDING * float(np.max(data.f))) ** 2
@@ -149,26 +151,26 @@ def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
 
 
 def _parameters(law: FittedLaw) -> tuple[LawParameter, ...]:
-    """Coefficients over the penetration in SI, with errors from the scatter of the nodes."""
+    """Return the coefficients in SI, with standard errors from the scatter of the nodes."""
     names, units = NAMES, UNITS
     dof = max(law.data.x.size / law.tau - law.n_unknowns, 1.0)
     covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
     if law.name == "power":
         k, n = law.values
         (scale,) = law.units
-        # k = K F / span^n: the exponent is in the unit of k, too
-        by = np.array([[scale, -k * scale * math.log(law.data.span_m)], [0.0, 1.0]])
+        # k = K F / span^n: the unit of k contains the exponent
+        scaling = np.array([[scale, -k * scale * math.log(law.data.span_m)], [0.0, 1.0]])
         values = np.array([k * scale, n])
         names, units = ("k", "n"), ("N/m^(1+n)", "-")
     else:
-        by, values = np.diag(law.units), law.K * law.units
-    se = np.sqrt(np.diag(by @ covariance @ by.T))
+        scaling, values = np.diag(law.units), law.K * law.units
+    se = np.sqrt(np.diag(scaling @ covariance @ scaling.T))
     rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
 
 
 def _cross_validation(data: Nodes, fits: Mapping[LawName, FittedLaw]) -> dict[LawName, float]:
-    """Root mean square error of prediction of each law [units of F]."""
+    """Calculate the RMS prediction error of each law [units of F]."""
     several = data.n_tests > 1
     if several:
         n_folds = min(data.n_tests, MOST_FOLDS)
@@ -197,7 +199,7 @@ def _cross_validation(data: Nodes, fits: Mapping[LawName, FittedLaw]) -> dict[La
 def verdict_of(
     laws: Sequence[LawCandidate], exponent: float | None, n_effective: float
 ) -> tuple[bool, str]:
-    """Whether the quadratic law is the one to use; why, and what else to look at.
+    """Decide whether the data support the quadratic law, and explain why.
 
     `exponent` is that of the power law, `n_effective` the number of independent nodes.
     """
@@ -208,11 +210,11 @@ def verdict_of(
             "the quadratic law is the default."
         )
     better = {n: c for n, c in others.items() if c.criterion < -PROVEN and c.cv_ratio < 1.0}
-    noticed = [c for c in better.values() if c.largest_difference >= RELEVANT_DIFFERENCE]
-    if noticed:
-        best = min(noticed, key=lambda c: c.criterion)
+    relevant = [c for c in better.values() if c.largest_difference >= RELEVANT_DIFFERENCE]
+    if relevant:
+        best = min(relevant, key=lambda c: c.criterion)
         return False, (
-            f"A {_named(best.law, exponent)} law predicts better by "
+            f"A {_law_label(best.law, exponent)} law predicts better by "
             f"{100 * (1 - best.cv_ratio):.2g} %{_criterion(best)}; it differs from the "
             f"quadratic one by up to {100 * best.largest_difference:.2g} % of the largest "
             "force: look at the curves. The quadratic law stays the default."
@@ -226,22 +228,24 @@ def verdict_of(
         )
     findings = []
     for name, c in others.items():
-        kind = _named(name, exponent)
+        label = _law_label(name, exponent)
         if name in better:
             share = f"{100 * c.largest_difference:.2g} % of the largest force only"
-            findings.append(f"a {kind} law is provably better but differs by {share}")
+            findings.append(f"a {label} law is provably better but differs by {share}")
             continue
-        does = "adds nothing" if name == "cubic" else "does as well"
-        does = "is no better" if c.criterion > AS_GOOD else does
-        findings.append(f"a {kind} law {does}{_criterion(c)}")
+        outcome = "adds nothing" if name == "cubic" else "does as well"
+        outcome = "is no better" if c.criterion > AS_GOOD else outcome
+        findings.append(f"a {label} law {outcome}{_criterion(c)}")
     return True, f"The quadratic law is supported: {'; '.join(findings)}."
 
 
-def _named(name: str, exponent: float | None) -> str:
+def _law_label(name: str, exponent: float | None) -> str:
+    """Return the name of a law, with the exponent of the power law."""
     return f"power (exponent {exponent:.3g})" if name == "power" and exponent else name
 
 
 def _criterion(law: LawCandidate) -> str:
+    """Return the difference in AICc as text."""
     difference = law.criterion
     word = "lower" if difference < 0.0 else "higher"
     return f" (AICc {word} by {abs(difference):.{0 if abs(difference) >= 10 else 1}f})"

@@ -1,6 +1,7 @@
-"""A press recording made ready for the fit: read, cleaned and cut into cycles, once.
+"""Preparation of a press recording for the fit: read, clean and split into cycles.
 
-Signs after this module: positions and forces rise while the crosshead compresses the belt.
+Sign convention of the results: positions and forces rise while the crosshead compresses the
+belt.
 """
 
 from __future__ import annotations
@@ -20,27 +21,27 @@ from beltid.identify.estimators.statistics import mad_sigma, robust_mean_with_se
 Array = NDArray[np.float64]
 CycleChoice = Literal["last", "first", "all"]
 
-MIN_SAMPLES = 20  # fewest usable ones of a test
-SPIKE = 12.0  # least height of a spike, in standard deviations of the noise
-FEWEST_CLIPPED = 4  # samples at one largest force that betray a load cell at its end
-FEWEST_FREE = 10  # samples before contact that the zero of the load cell is taken from
-MIN_FORCE_OVER_NOISE = 10.0  # contact is certain if the force rises by this many times its noise
-# least and most that the largest travel and force of a press test may be
+MIN_SAMPLES = 20  # minimum number of usable samples of a test
+SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
+FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
+FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
+MIN_FORCE_OVER_NOISE = 10.0  # rise of the force over its noise that proves contact
+# range allowed for the largest travel and force of a press test
 LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
 
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSettings:
-    """How a press recording is evaluated; :class:`InputError` names every setting out of range."""
+    """Settings for a press evaluation; :class:`InputError` names every setting out of range."""
 
-    segment_length_m: float  # of belt under the press, 1 mm to 1 m
-    reference_temperature_degC: float = 22.0  # of the pooled law if temperature matters
+    segment_length_m: float  # belt length under the press, 1 mm to 1 m
+    reference_temperature_degC: float = 22.0  # for the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
-    """Yield of the press itself per force, contained in the crosshead travel."""
-    force_gain: float = 1.0  # true force over reading; the zero is found before contact
+    """Deflection of the press itself per force, included in the crosshead travel."""
+    force_gain: float = 1.0  # true force over reading; the zero comes from before contact
     displacement_gain: float = 1.0  # true travel over reading
-    cycles: CycleChoice = "last"  # which cycles of a test to use; the first is virgin rubber
-    loading_only: bool = False  # stated: never unloaded on purpose; the uncertainty is the same
+    cycles: CycleChoice = "last"  # cycles of a test to use; the first is virgin rubber
+    loading_only: bool = False  # never unloaded on purpose; does not change the uncertainty
 
     def __post_init__(self) -> None:
         problems = [
@@ -54,8 +55,8 @@ class StiffnessSettings:
             if not low <= (value := getattr(self, name)) <= high
         ]
         if not -273.15 < self.reference_temperature_degC < math.inf:
-            found = f"press.reference_temperature_degC = {self.reference_temperature_degC!r}"
-            problems.append(f"{found}, must be > -273 °C")
+            value = f"press.reference_temperature_degC = {self.reference_temperature_degC!r}"
+            problems.append(f"{value}, must be > -273 °C")
         if self.cycles not in get_args(CycleChoice):
             problems.append(f"press.cycles = {self.cycles!r}, must be last, first or all")
         if problems:
@@ -64,37 +65,37 @@ class StiffnessSettings:
 
 @dataclass(frozen=True, slots=True)
 class PressTest:
-    """One press test without its missing samples and spikes; n samples, shape (n,) each."""
+    """Press test without missing samples and spikes; n samples, arrays of shape (n,)."""
 
     label: str
     temperature_degC: float  # nan if unknown
     time_s: Array  # nan where missing
-    travel_m: Array  # of the crosshead, rising in compression
-    position_m: Array  # travel less the yield of the machine
-    force_N: Array  # compressive, zero of the load cell taken off
-    travel_sign: float  # -1 if the recorded crosshead counts down in compression, else 1
+    travel_m: Array  # crosshead travel, rising in compression
+    position_m: Array  # travel minus the deflection of the machine
+    force_N: Array  # compressive, zero of the load cell subtracted
+    travel_sign: float  # -1 if the recorded travel falls in compression, else 1
     position_noise_m: float  # standard deviations of the white noise
     force_noise_N: float
-    free_travel: bool  # whether travel before contact told the zero of the load cell
+    free_travel: bool  # whether travel before contact gave the zero of the load cell
     n_missing: int
     n_spikes: int
-    notes: tuple[str, ...]  # what was changed, for the user
-    drift_N: float = 0.0  # force after the release less that before contact; 0 if none is seen
+    notes: tuple[str, ...]  # changes to the data, for the user
+    drift_N: float = 0.0  # force after release minus force before contact; 0 if not seen
 
 
 @dataclass(frozen=True, slots=True)
 class PressCycle:
-    """Loading up to a reversal and the unloading after it, as slices of the samples of a test."""
+    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
 
     number: int  # from 1
     loading: slice
     unloading: slice
     peak_force_N: float
-    complete: bool  # whether the belt was unloaded again
+    complete: bool  # whether the belt was unloaded
 
 
 def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
-    """Columns of each test by its label; :class:`InputError` names all that are missing."""
+    """Split the columns by test label; :class:`InputError` names all missing columns."""
     needed = ("time_s", "displacement_mm", "force_N")
     absent = [name for name in ("test", *needed) if name not in press]
     if absent:
@@ -113,11 +114,11 @@ def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
 
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
-    """Clean one test, turn its signs, take off its zero and the yield of the machine.
+    """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
-    `part` holds its ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in their
-    order of time, shape (n,) each; nan where missing. :class:`InputError` if the clock runs
-    backwards, there are too few samples, absurd values, no travel, or no contact.
+    `part` holds ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
+    order, shape (n,) each; nan where missing. Raises :class:`InputError` if the clock runs
+    backwards, for too few samples, implausible values, no travel, or no contact.
     """
     _require_forward_clock(label, part["time_s"])
     displacement_mm = settings.displacement_gain * part["displacement_mm"]
@@ -130,7 +131,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
     force_sign, travel_sign = _signs(travel, force)
     travel, force = travel_sign * travel, force_sign * force
-    clipped, how = _clipped(travel, force)
+    clipped, clipping_text = _clipped(travel, force)
     travel, force, time_s = travel[~clipped], force[~clipped], time_s[~clipped]
     _require_samples(label, travel)
     noise = _noise(force)
@@ -139,21 +140,21 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     zero = _load_cell_zero(before)
     force = force - (zero or 0.0)
     _require_positive(label, force)
-    position = _without_yield(label, travel, force, settings.machine_compliance_m_N)
+    position = _plate_position(label, travel, force, settings.machine_compliance_m_N)
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
-        (force_sign < 0, "compression recorded as negative force, sign turned"),
-        (travel_sign < 0, "compression recorded as negative travel, sign turned"),
-        (clipped.any(), f"{clipped.sum()} samples left out: {how}"),
-        (bool(zero), f"zero of the load cell {zero:.3g} N taken off" if zero else ""),
+        (force_sign < 0, "compression recorded as negative force, sign reversed"),
+        (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
+        (clipped.any(), f"{clipped.sum()} samples left out: {clipping_text}"),
+        (bool(zero), f"zero of the load cell {zero:.3g} N subtracted" if zero else ""),
         (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
         ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
-    known = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
+    temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
         label=label,
-        temperature_degC=float(np.median(known)) if known.size else float("nan"),
+        temperature_degC=float(np.median(temperatures)) if temperatures.size else float("nan"),
         time_s=time_s,
         travel_m=travel,
         position_m=position,
@@ -170,6 +171,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 
 
 def _require_forward_clock(label: str, time_s: Array) -> None:
+    """Raise :class:`InputError` if the time falls."""
     clock = time_s[np.isfinite(time_s)]
     if np.any(np.diff(clock) < 0.0):
         at = float(clock[:-1][np.diff(clock) < 0.0][0])
@@ -177,21 +179,24 @@ def _require_forward_clock(label: str, time_s: Array) -> None:
 
 
 def _require_samples(label: str, travel: Array) -> None:
+    """Raise :class:`InputError` for too few samples."""
     if travel.size < MIN_SAMPLES:
-        found = f"test {label}: {travel.size} usable samples"
-        raise InputError(f"{found}, must be at least {MIN_SAMPLES}")
+        problem = f"{travel.size} usable samples, must be at least {MIN_SAMPLES}"
+        raise InputError(f"test {label}: {problem}")
 
 
 def _require_positive(label: str, force: Array) -> None:
+    """Raise :class:`InputError` if no force is positive."""
     if np.max(force) <= 0.0:
         raise InputError(
-            f"test {label}: the force goes from {force[0]:.3g} N up to {np.max(force):.3g} N only, "
-            "and no travel before contact tells the zero of the load cell: begin out of contact"
+            f"test {label}: the force only rises from {force[0]:.3g} N to {np.max(force):.3g} N, "
+            "and without travel before contact the zero of the load cell is unknown: begin out of "
+            "contact"
         )
 
 
-def _without_yield(label: str, travel: Array, force: Array, compliance_m_N: float) -> Array:
-    """Position of the plate [m]: the travel of the crosshead less the yield of the machine."""
+def _plate_position(label: str, travel: Array, force: Array, compliance_m_N: float) -> Array:
+    """Return the plate position [m]: crosshead travel minus the deflection of the machine."""
     position = travel - compliance_m_N * force
     pressed = force > 0.5 * np.max(force)
     if compliance_m_N > 0.0 and np.median(position[pressed]) <= np.median(position[~pressed]):
@@ -203,48 +208,48 @@ def _without_yield(label: str, travel: Array, force: Array, compliance_m_N: floa
 
 
 def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> None:
-    """Refuse what no press does: its squares would overflow or vanish in the fit."""
+    """Reject implausible magnitudes, whose squares would overflow or underflow in the fit."""
     problems = []
-    for (name, least, most, unit), values in zip(LIMITS, (displacement_mm, force_N), strict=True):
+    for (name, low, high, unit), values in zip(LIMITS, (displacement_mm, force_N), strict=True):
         largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        if largest > most:
-            problems.append(f"{name} reaches {largest:.3g} {unit}, must be within ±{most:g} {unit}")
-        elif 0.0 < largest < least:
-            found = f"{name} stays within ±{largest:.3g} {unit}"
-            problems.append(f"{found}, must reach {least:g} {unit}")
+        if largest > high:
+            problems.append(f"{name} reaches {largest:.3g} {unit}, must be within ±{high:g} {unit}")
+        elif 0.0 < largest < low:
+            problem = f"{name} stays within ±{largest:.3g} {unit}"
+            problems.append(f"{problem}, must reach {low:g} {unit}")
     if problems:
         raise InputError([f"test {label}: {problem}" for problem in problems])
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
-    """Spikes that could change the law, and are no turn of the crosshead.
+    """Mark spikes that could change the law; a reversal of the crosshead is not a spike.
 
-    A running median of seven samples follows a ramp, and lags by three steps where it turns; four
-    allow for steps that grow along the way.
+    A running median of seven samples follows a ramp and lags by three steps at a reversal; a limit
+    of four steps allows for steps that grow with the travel.
     """
-    away = x - running_median(x, SPIKE_WINDOW)
+    deviation = x - running_median(x, SPIKE_WINDOW)
     steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
-    return np.abs(away) > max(SPIKE * mad_sigma(away), steps, 2e-3 * spread(x))
+    return np.abs(deviation) > max(SPIKE * mad_sigma(deviation), steps, 2e-3 * spread(x))
 
 
 def _noise(x: Array) -> float:
-    """Standard deviation of the white noise on a signal that ramps."""
+    """Return the standard deviation of the white noise on a ramp."""
     return difference_sigma(x, order=2)
 
 
 def spread(x: Array) -> float:
-    """Range of the bulk of the samples: single spikes do not widen it."""
+    """Return the range of the bulk of the samples, from the 1 % to the 99 % quantile."""
     return float(np.diff(np.quantile(x, [0.01, 0.99]))[0])
 
 
 def _start_level(force: Array) -> float:
-    """Reading of the load cell at the start of a test."""
+    """Return the load cell reading at the start of a test."""
     return float(np.median(force[: int(np.clip(force.size // 100, 5, 20))]))
 
 
 def _signs(travel: Array, force: Array) -> tuple[float, float]:
-    """Signs that make force and travel rise in compression: (of the force, of the travel)."""
-    force = force - _start_level(force)  # a cell may not be tared
+    """Return the signs of force and travel that make both rise in compression."""
+    force = force - _start_level(force)  # the cell may not be tared
     force_sign = -1.0 if -np.min(force) > np.max(force) else 1.0
     pressed = np.abs(force) > 0.5 * np.max(np.abs(force))
     if not pressed.any():
@@ -254,6 +259,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
 
 
 def _require_contact(label: str, travel: Array, force: Array, noise: float) -> None:
+    """Raise :class:`InputError` if force or travel do not rise above their noise."""
     rise = float(np.max(force) - np.quantile(force, 0.01))
     if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
@@ -268,32 +274,32 @@ def _require_contact(label: str, travel: Array, force: Array, noise: float) -> N
 
 
 def _clipped(travel: Array, force: Array) -> tuple[NDArray[np.bool_], str]:
-    """Samples at the end of the load cell's range, and how that shows, in words.
+    """Mark samples clipped by the load cell's range, and describe the evidence.
 
-    There the force is one number while the crosshead goes on, by more than the step of the
-    converter or the noise explain. In a hold the crosshead stands.
+    A clipped force is constant while the crosshead moves on, by more than ADC step or noise
+    explain. In a hold the crosshead stands still.
     """
     limit, level = float(np.max(force)), _start_level(force)
-    at = force >= limit
-    below = np.flatnonzero(force[: int(np.argmax(at))] < level + 0.7 * (limit - level))
-    if np.count_nonzero(at) < FEWEST_CLIPPED or below.size < 2:
+    at_limit = force >= limit
+    below = np.flatnonzero(force[: int(np.argmax(at_limit))] < level + 0.7 * (limit - level))
+    if np.count_nonzero(at_limit) < FEWEST_CLIPPED or below.size < 2:
         return np.zeros(force.size, dtype=bool), ""
-    start, first = int(below[-1]), int(np.argmax(at))
-    way = float(np.max(travel[at]) - travel[first])
+    start, first = int(below[-1]), int(np.argmax(at_limit))
+    moved = float(np.max(travel[at_limit]) - travel[first])
     per_travel = (limit - float(force[start])) / max(float(travel[first] - travel[start]), 1e-12)
-    step = limit - float(np.max(force[~at]))
-    if way * per_travel <= 5.0 * (step + _noise(force[:first])):
+    step = limit - float(np.max(force[~at_limit]))
+    if moved * per_travel <= 5.0 * (step + _noise(force[:first])):
         return np.zeros(force.size, dtype=bool), ""
-    return at, (
-        f"the force stays at {limit:.4g} N while the crosshead moves on by {way * 1e6:.2g} µm: "
+    return at_limit, (
+        f"the force stays at {limit:.4g} N while the crosshead moves on by {moved * 1e6:.2g} µm: "
         "the load cell is at the end of its range"
     )
 
 
 def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Array]:
-    """Forces before contact and after the last release [N]; none where they are not recorded."""
+    """Return the forces before contact and after the last release [N]; empty if not recorded."""
     none = np.zeros(0)
-    # the first loading only: in a later one the belt is known to be touched before
+    # use only the first loading: before a later one the belt has been touched
     level = _start_level(force)
     rising = force[: int(np.argmax(force - level >= 0.5 * (np.max(force) - level))) + 1]
     limit = level + max(6.0 * noise, 5e-3 * (float(np.max(force)) - level))
@@ -302,25 +308,25 @@ def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Arr
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
     if end < FEWEST_FREE or moved < 0.01 * spread(travel):
         return none, none
-    sure = slice(0, max(3 * end // 4, 3))
-    # a test that begins in contact rises along the stretch much as it does behind it
-    way = np.maximum.accumulate(travel[: rising.size])
-    ahead = min(int(np.searchsorted(way, travel[0] + 2.0 * moved)), rising.size - 1)
-    if ahead - end >= 2:
-        behind = slice(end - 1, ahead + 1)
-        slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (sure, behind)]
+    free = slice(0, max(3 * end // 4, 3))
+    # if the test begins in contact, the force rises here almost as fast as afterwards
+    progress = np.maximum.accumulate(travel[: rising.size])
+    stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
+    if stop - end >= 2:
+        next_part = slice(end - 1, stop + 1)
+        slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (free, next_part)]
         if slopes[0] > 0.3 * slopes[1]:
             return none, none
-    pressed = np.flatnonzero(travel > np.max(travel[sure]))
-    # the second half of the stretch may already touch: keep clear of it
+    pressed = np.flatnonzero(travel > np.max(travel[free]))
+    # skip the second half of the stretch, which may already touch
     return force[: end // 2], force[int(pressed[-1]) + 1 :]
 
 
 def _load_cell_zero(free: Array) -> float | None:
-    """Zero of the load cell from the forces before contact [N]; None where there are none.
+    """Return the load cell zero from the forces before contact [N]; None without such forces.
 
-    0 where it does not differ from zero by four standard errors. The first half of the forces tells
-    it alone where the second one differs: the cell drifts, or the belt is touched.
+    The zero is 0 if it is within four standard errors of zero. Only the first half of the forces is
+    used if the second half differs, because the cell drifts or the belt is touched.
     """
     if not free.size:
         return None
@@ -332,7 +338,7 @@ def _load_cell_zero(free: Array) -> float | None:
 
 
 def _drift(before: Array, after: Array) -> float:
-    """Forces after the release less those before contact [N]; 0 within four standard errors."""
+    """Return the force after release minus that before contact [N]; 0 if insignificant (4 s.e.)."""
     if min(before.size, after.size) < FEWEST_FREE // 2:
         return 0.0
     first, last = (robust_mean_with_se(part) for part in (before, after))
@@ -341,10 +347,10 @@ def _drift(before: Array, after: Array) -> float:
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
-    """Samples at which the crosshead turns, with the first and the last one.
+    """Find the samples where the crosshead reverses, including start and end.
 
-    `threshold` is the smallest way back that counts as a turn, in the unit of `travel`: noise and
-    the creeping during a hold stay below it.
+    `threshold` is the smallest return travel that counts as a reversal, in the unit of `travel`: it
+    must exceed noise and creep during a hold.
     """
     turns: list[int] = []
     low = high = direction = 0
@@ -365,9 +371,9 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
 
 
 def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
-    """Cycles of a test in their order of time, told apart by the reversals of the crosshead.
+    """Split a test into cycles at the reversals of the crosshead, in time order.
 
-    Loadings to less than half of the test's largest force (preloads, aborted cycles) are none.
+    Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
     """
     travel = test.travel_m
     turns = turning_points(travel, max(0.05 * spread(travel), 10.0 * _noise(travel)))
@@ -393,18 +399,18 @@ def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
 def choose_cycles(
     cycles: tuple[PressCycle, ...], choice: CycleChoice
 ) -> tuple[tuple[PressCycle, ...], tuple[str, ...]]:
-    """Cycles of a test that enter the fit, and what there is to say about the choice.
+    """Select the cycles of a test for the fit; return them and notes for the user.
 
-    ``last`` is the belt conditioned by the cycles before; ``first`` is virgin rubber.
+    ``last`` is the belt conditioned by the earlier cycles; ``first`` is virgin rubber.
     """
-    pick = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
+    selection = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
     if not complete:
-        return cycles[pick], ("never unloaded",)
-    kept, wanted = complete[pick], cycles[pick]
+        return cycles[selection], ("never unloaded",)
+    kept, wanted = complete[selection], cycles[selection]
     notes = []
     if choice == "all" and len(kept) < len(wanted):
-        notes.append(f"{len(wanted) - len(kept)} cycles not unloaded left out")
+        notes.append(f"{len(wanted) - len(kept)} cycles without unloading left out")
     elif kept[0] is not wanted[0]:
         notes.append(
             f"cycle {wanted[0].number} is not unloaded, cycle {kept[0].number} used in its place"

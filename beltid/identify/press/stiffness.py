@@ -1,11 +1,11 @@
 """Contact stiffness from a compression press: the quadratic normal law, Eq. (3).
 
-A segment of belt is pressed into a grooved plate and released again. The law is the curve half-way
-between the loading and the unloading branch at equal penetration; its coefficients and the contact
-point of every test are found together. The standard errors hold the noise, its correlation, the
-uncertainty of the contact points, the scatter from test to test, and what the checks of the
-recording find (:mod:`beltid.identify.press.checks`). The hysteresis is no error of the law; it is
-reported by ``hysteresis_ratio`` and ``rms_residual_N_m``.
+A segment of belt is pressed into a grooved plate and released. The law is the curve midway between
+the loading and the unloading branch at equal penetration; its coefficients and the contact points
+of all tests are fitted together. The standard errors include the noise, its correlation, the
+uncertainty of the contact points, the scatter between tests, and the findings of the checks
+(:mod:`beltid.identify.press.checks`). Hysteresis does not count as an error of the law; see
+``hysteresis_ratio`` and ``rms_residual_N_m``.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.temperature import TemperatureEffect, scatter_of, temperature_effect
 from beltid.laws.penalty import NormalLaw
 
-SAME_TEMPERATURE_K = 3.0  # tests whose temperatures differ by less are at one nominal temperature
-REFERENCE_REACH_K = 5.0  # farther from the reference temperature a note says so
+SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
+REFERENCE_REACH_K = 5.0  # distance from the reference temperature worth a note
 
 
 @dataclass(frozen=True, slots=True)
 class LawEstimate:
-    """A normal law with its uncertainty: one row of the stiffness table; per metre of belt."""
+    """Normal law with its uncertainty, per metre of belt: one row of the stiffness table."""
 
-    temperature_degC: float | None  # mean of the tests, None for the pooled law
+    temperature_degC: float | None  # mean of the tests; None for the pooled law
     k_linear_N_m2: float  # coefficients of Eq. (3)
     k_quadratic_N_m3: float
-    covariance: tuple[float, float, float, float]  # of the two, row by row, in their units
-    contact_offset_mm: float  # crosshead travel at the contact point, mean over the tests
-    rms_residual_N_m: float  # measured force less law, both branches alike; mostly hysteresis
-    hysteresis_ratio: float  # work lost in the loop over that of loading, nan if never unloaded
-    max_penetration_m: float  # largest penetration and force reached: the range of validity
+    covariance: tuple[float, float, float, float]  # of both coefficients, row by row
+    contact_offset_mm: float  # mean crosshead travel at the contact point
+    rms_residual_N_m: float  # measured force minus law, both branches; mostly hysteresis
+    hysteresis_ratio: float  # work lost in the loop over that of loading; nan if never unloaded
+    max_penetration_m: float  # largest penetration and force: range of validity
     max_force_N_m: float
     n_samples: int  # within the range of the fit
-    n_effective: float  # independent nodes that the standard errors rest on
+    n_effective: float  # number of independent nodes behind the standard errors
     n_cycles: int
     contact_m: dict[str, float]  # position of the contact point of every test
-    findings: tuple[Finding, ...]  # of the checks
+    findings: tuple[Finding, ...]  # results of the checks
 
     @property
     def k_linear_se_N_m2(self) -> float:
@@ -62,20 +62,20 @@ class LawEstimate:
 
     @property
     def unseen_share(self) -> float:
-        """Standard uncertainty of the force from what no such recording can show [-].
+        """Relative standard uncertainty of the force from errors that no such recording shows [-].
 
-        Virgin rubber and loss by rate; it is not in the standard errors.
+        These are virgin rubber and rate dependence; the standard errors do not include them.
         """
         return math.hypot(*(f.size for f in self.findings if f.unseen))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What there is to say about this law."""
+        """Notes on this law."""
         return tuple(f.text for f in self.findings if f.text and not f.alarming)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with it."""
+        """Warnings about this law."""
         return tuple(f.text for f in self.findings if f.text and f.alarming)
 
     @property
@@ -85,26 +85,26 @@ class LawEstimate:
 
     @property
     def law(self) -> NormalLaw:
-        """The law itself."""
+        """Normal law of Eq. (3)."""
         return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
 
 
 @dataclass(frozen=True, slots=True)
 class StiffnessResult:
-    """Everything that a press recording tells."""
+    """Results of a press recording."""
 
     laws: tuple[LawEstimate, ...]
-    """One law per known temperature, rising; empty if no temperature is known."""
+    """One law per known temperature, ascending; empty if no temperature is known."""
     pooled: LawEstimate
-    """The law at the reference temperature: of all tests if temperature does not matter, else of
-    the tests nearest to the reference."""
+    """Law at the reference temperature: from all tests if temperature does not matter, otherwise
+    from the tests nearest to the reference."""
     temperature: TemperatureEffect
-    curves: tuple[PressCurve, ...]  # that all this comes from
-    contact_m: dict[str, float]  # position of the contact point of every test
-    set_aside: tuple[tuple[str, str], ...]  # tests that were not used, with the reason
-    n_missing: int  # samples left out of the tests used
+    curves: tuple[PressCurve, ...]  # curves used for the fits
+    contact_m: dict[str, float]  # position of the contact point of each test
+    set_aside: tuple[tuple[str, str], ...]  # rejected tests, with the reason
+    n_missing: int  # samples removed from the tests used
     n_spikes: int
-    notes: tuple[str, ...]  # what the user should know, without the warnings of the pooled law
+    notes: tuple[str, ...]  # for the user, without the warnings of the pooled law
 
 
 def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> StiffnessResult:
@@ -113,16 +113,16 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     Parameters
     ----------
     press : mapping of str to ndarray
-        Columns as :func:`~beltid.identify.press.curves.read_recording` takes them.
+        Columns as for :func:`~beltid.identify.press.curves.read_recording`.
     settings : StiffnessSettings
-        Segment length, reference temperature, machine compliance, choice of cycles.
+        Segment length, reference temperature, machine compliance, cycles to use.
 
     Raises
     ------
     InputError
         If columns are missing or no test can be used (no contact, too few samples, ...).
     FitError, ConvergenceError
-        If the curves are no law with ``k >= 0``; if the contact points are not found.
+        If no law with ``k >= 0`` describes the curves; if the contact points are not found.
     """
     recording = read_recording(press, settings)
     curves = recording.curves
@@ -135,21 +135,21 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         except FitError as error:
             problems += [f"press at {t:g} °C: {problem}" for problem in error.problems]
     if problems:
-        raise _refused(problems, curves)
+        raise _fit_error(problems, curves)
     difference, beyond_drift = _largest_difference(laws)
     effect = temperature_effect(list(groups.values()), list(groups), difference, beyond_drift)
     if effect.matters:
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
         if all(len(law.tests) == 1 for law in laws):
-            alone = sole_tests(difference)
-            pooled = replace(pooled, findings=(*pooled.findings, alone))
+            finding = sole_tests(difference)
+            pooled = replace(pooled, findings=(*pooled.findings, finding))
     else:
         try:
             pooled = _estimate(curves, None, settings)
         except FitError as error:
             problems = [f"press, all tests: {problem}" for problem in error.problems]
-            raise _refused(problems, curves) from error
-        notes = ["The pooled law is that of all tests."]
+            raise _fit_error(problems, curves) from error
+        notes = ["The pooled law comes from all tests."]
     contact_m = {c.test: c.touch_m for c in curves}
     for law in (*laws, pooled):
         contact_m |= law.contact_m
@@ -166,8 +166,8 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     )
 
 
-def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
-    """The reasons, with what other laws make of the curves."""
+def _fit_error(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
+    """Build the error from the problems and the misfits of all laws."""
     top = max(c.top_force_N_m for c in curves)
     try:
         return FitError([*problems, f"the laws compared: {choose_normal_law(curves).misfits(top)}"])
@@ -176,13 +176,13 @@ def _refused(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
-    """Curves of each nominal temperature, rising; those of unknown temperature are left out.
+    """Group the curves by nominal temperature, ascending; ignore unknown temperatures.
 
-    A group is never wider than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
+    A group spans less than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
     """
-    known = [c for c in curves if math.isfinite(c.temperature_degC)]
+    usable = [c for c in curves if math.isfinite(c.temperature_degC)]
     groups: list[list[PressCurve]] = []
-    for curve in sorted(known, key=lambda c: c.temperature_degC):
+    for curve in sorted(usable, key=lambda c: c.temperature_degC):
         first = groups[-1][0].temperature_degC if groups else -math.inf
         if curve.temperature_degC - first >= SAME_TEMPERATURE_K:
             groups.append([])
@@ -193,28 +193,28 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 def _at_reference(
     laws: Sequence[LawEstimate], curves: Sequence[PressCurve], reference_degC: float
 ) -> tuple[LawEstimate, list[str]]:
-    """The law of the tests nearest to the reference temperature, as the pooled one."""
+    """Use the law nearest to the reference temperature as the pooled law; add notes."""
     temperatures = np.array([law.temperature_degC for law in laws], dtype=float)
     nearest = int(np.argmin(np.abs(temperatures - reference_degC)))
     where = f"{temperatures[nearest]:g} °C alone (reference {reference_degC:g} °C)"
-    notes = [f"The pooled law is that of the tests at {where}."]
+    notes = [f"The pooled law comes from the tests at {where}."]
     if abs(temperatures[nearest] - reference_degC) > REFERENCE_REACH_K:
-        far = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
-        notes.append(f"No test lies within {far}.")
-    unknown = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
-    if unknown:
-        notes.append(f"Tests without temperature not used: {', '.join(sorted(unknown))}.")
+        reach = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
+        notes.append(f"No test is within {reach}.")
+    tests = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
+    if tests:
+        notes.append(f"Tests not used, temperature unknown: {', '.join(sorted(tests))}.")
     return replace(laws[nearest], temperature_degC=None), notes
 
 
 def _largest_difference(laws: Sequence[LawEstimate]) -> tuple[float, float]:
-    """Largest spread of the laws' forces at equal penetration over their mean [-].
+    """Return the largest relative spread of the laws' forces at equal penetration [-].
 
-    The second is what is left of it beyond two standard deviations of what drifting zeros do.
+    The second value is the part beyond two standard deviations of the effect of drifting zeros.
     """
     if len(laws) < 2:
         return 0.0, 0.0
-    # from a fifth of the common penetration: below, a small force would be divided by
+    # start at a fifth of the common penetration to avoid dividing by small forces
     delta = np.linspace(0.2, 1.0, 81) * min(e.max_penetration_m for e in laws)
     forces = np.array([e.law.force(delta) for e in laws])
     drifts = np.zeros(forces.shape)
@@ -222,15 +222,15 @@ def _largest_difference(laws: Sequence[LawEstimate]) -> tuple[float, float]:
         for finding in law.findings:
             if finding.check == "drift":
                 drift += sum(change @ np.stack([delta, delta**2]) for change in finding.changes)
-    of_two = np.sqrt(np.sum(np.sort(np.square(drifts), axis=0)[-2:], axis=0))
+    drift_pair = np.sqrt(np.sum(np.sort(np.square(drifts), axis=0)[-2:], axis=0))
     spread, mean = np.ptp(forces, axis=0), np.mean(forces, axis=0)
-    return float(np.max(spread / mean)), float(np.max((spread - 2.0 * of_two) / mean))
+    return float(np.max(spread / mean)), float(np.max((spread - 2.0 * drift_pair) / mean))
 
 
 def _estimate(
     curves: Sequence[PressCurve], temperature_degC: float | None, settings: StiffnessSettings
 ) -> LawEstimate:
-    """Law of some curves."""
+    """Fit the law to the curves and run all checks."""
     scatter = scatter_of([curves])
     law = fit_quadratic(curves, scatter.noise)
     case = Case(curves, law, scatter, settings.cycles, settings.loading_only)

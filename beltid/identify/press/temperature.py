@@ -1,12 +1,12 @@
-"""Does temperature matter? F test of one law against one law per temperature.
+"""Influence of temperature: F test of one common law against one law per temperature.
 
-The models are nested: one law for all curves and one per temperature, both with a free contact
-point for every test, and one law with its own contact point per curve. The residuals are those of
-the middle of the branches, so that the hysteresis, which is the same in all of them, does not hide
-a difference. They may be correlated along the curve: with the integrated autocorrelation time tau,
-a mean square of m coefficients is worth ``tau`` times the white-noise variance, and n nodes are
-worth ``n / tau``. A zero of the load cell that was not checked is an unknown in every model, so
-that it is not taken for an effect of the temperature.
+The models are nested: one law for all curves; one law per temperature, both with a free contact
+point for each test; and one law and contact point per curve. The residuals refer to the middle of
+the branches, so that the hysteresis, common to all curves, does not mask a difference. They may be
+correlated along the curve: with the integrated autocorrelation time tau, the mean square of m
+coefficients is ``tau`` times the white-noise variance, and n nodes count as ``n / tau``. An
+unchecked zero of the load cell is an unknown in every model, so that it is not mistaken for an
+effect of temperature.
 """
 
 from __future__ import annotations
@@ -22,71 +22,72 @@ from beltid.identify.press.curves import PressCurve
 from beltid.identify.press.fit import ROUNDING, fit_quadratic
 
 RELEVANT_DIFFERENCE = 5.0e-3
-"""Laws that differ by less than this share of the force are one law for the purpose."""
+"""Laws that differ by less than this share of the force count as equal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Mean squares about the curves' own laws and of these about a common one [N²/m²]."""
+    """Mean squares about individual laws per curve, and of these about a common law [N²/m²]."""
 
-    noise: float  # correlation allowed for
+    noise: float  # within curves, corrected for correlation
     noise_dof: float
-    between: float  # between curves of one group, nan if no group has two
+    between: float  # between curves of one group; nan if no group has two
     between_dof: float
 
     @property
     def curves_differ(self) -> bool:
-        """Whether curves of one group differ by more than their noise, at 5 % error."""
+        """True if curves of one group differ by more than their noise (5 % level)."""
         ratio = self.between / self.noise
         return bool(self.between_dof and fdtrc(self.between_dof, self.noise_dof, ratio) < 0.05)
 
     @property
     def inflation(self) -> float:
-        """Factor for the covariance of a law: its curves scatter by more than their noise."""
+        """Factor on the covariance of a law whose curves scatter by more than their noise."""
         return max(1.0, self.between / self.noise) if self.between_dof else 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class TemperatureEffect:
-    """Outcome of the F test."""
+    """Result of the F test."""
 
     f_statistic: float
-    """Gain of one law per temperature, over the scatter; nan with a single temperature."""
-    f_dof_between: float  # degrees of freedom of numerator and denominator
-    f_dof_within: float  # in effective samples
-    f_p_value: float  # probability of such a statistic if temperature had no influence
+    """Improvement by one law per temperature, over the scatter; nan with a single temperature."""
+    f_dof_between: float  # degrees of freedom of the numerator
+    f_dof_within: float  # degrees of freedom of the denominator, effective samples
+    f_p_value: float  # probability of this statistic or more if temperature has no influence
     matters: bool | None
-    """Significant (1 % error) and large enough to matter; None with fewer than two temperatures."""
-    statement: str  # the outcome in plain words
+    """True if significant (1 % level) and relevant; None with fewer than two temperatures."""
+    statement: str  # result in plain words
 
 
 def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, float, int]:
-    """Sum of squares [N²/m²] about one law, tau [nodes], and unknowns besides contact points.
+    """Return the sum of squares [N²/m²] about one law, tau [nodes], and the number of unknowns.
 
-    A common shift of the zeros cannot be told from k_linear where no zero is known.
+    Contact points are not counted. If no zero is known, a common shift of all zeros is equivalent
+    to a change of k_linear and is not counted either.
     """
     law = fit_quadratic(curves, noise)
     unchecked = law.data.unchecked.size
-    unknown = 2 + unchecked - (unchecked == law.data.n_tests)
-    return law.sum_of_squares * law.data.F_N_m**2, law.tau, unknown
+    n_unknowns = 2 + unchecked - (unchecked == law.data.n_tests)
+    return law.sum_of_squares * law.data.F_N_m**2, law.tau, n_unknowns
 
 
 def scatter_of(groups: Sequence[Sequence[PressCurve]]) -> Scatter:
-    """Scatter of curves within groups that should share one law each."""
+    """Estimate the scatter of curves within groups; each group should share one law."""
     curves = [c for group in groups for c in group]
-    own = [_squares([c]) for c in curves]
+    per_curve = [_squares([c]) for c in curves]
     sizes = np.array([c.position_m.size for c in curves])
-    tau = float(sizes @ [t for _, t, _ in own] / sizes.sum())
-    fitted = 3 * len(curves)
-    rss_own = sum(rss for rss, _, _ in own)
+    tau = float(sizes @ [t for _, t, _ in per_curve] / sizes.sum())
+    fitted = 3 * len(curves)  # parameters
+    rss_curves = sum(rss for rss, _, _ in per_curve)
     top = max(float(np.max(c.middle_N_m)) for c in curves)
-    noise = max(rss_own / (sizes.sum() - fitted) * tau, (ROUNDING * top) ** 2)
+    noise = max(rss_curves / (sizes.sum() - fitted) * tau, (ROUNDING * top) ** 2)
     dof = between = 0.0
     if len(curves) > len(groups):
         shared = [_squares(group, noise) for group in groups]
         n_tests = sum(len({c.test for c in group}) for group in groups)
         dof = float(fitted - n_tests - sum(u for _, _, u in shared))
-        between = max(sum(rss for rss, _, _ in shared) - rss_own, 0.0)
+        between = max(sum(rss for rss, _, _ in shared) - rss_curves, 0.0)
     between = between / dof if dof else math.nan
     return Scatter(noise, max(sizes.sum() / tau - fitted, 1.0), between, dof)
 
@@ -97,27 +98,27 @@ def temperature_effect(
     largest_difference: float,
     beyond_drift: float,
 ) -> TemperatureEffect:
-    """Test one law against one law per temperature, the curves of which are the `groups`.
+    """Test one common law against one law per temperature; `groups` are the curves of each.
 
-    If tests at the same temperature differ by more than their noise, their scatter is what a
-    difference between temperatures is measured against; else it is the noise. It matters if the
-    laws differ enough, too: `largest_difference` is that of their forces [-], `beyond_drift` what
-    load cells that drift leave of it.
+    The reference is the scatter of tests at the same temperature if they differ by more than their
+    noise, otherwise the noise. Temperature matters only if the laws also differ enough:
+    `largest_difference` is the relative difference of their forces [-], `beyond_drift` the part of
+    it that drifting load cells do not explain.
     """
     if len(groups) < 2:
         where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
         statement = f"All tests are at {where}: no statement on temperature."
         return TemperatureEffect(math.nan, 0.0, math.nan, math.nan, None, statement)
     scatter = scatter_of(groups)
-    everything = [c for group in groups for c in group]
-    one, _, unknown_one = _squares(everything, scatter.noise)
-    each = [_squares(g, scatter.noise) for g in groups]
-    dof = float(sum(u for _, _, u in each) - unknown_one)
-    against, dof_within, yardstick = scatter.noise, scatter.noise_dof, "the noise"
+    curves = [c for group in groups for c in group]
+    rss_common, _, n_common = _squares(curves, scatter.noise)
+    per_group = [_squares(g, scatter.noise) for g in groups]
+    dof = float(sum(n for _, _, n in per_group) - n_common)
+    variance, dof_within, yardstick = scatter.noise, scatter.noise_dof, "the noise"
     if scatter.curves_differ:
-        against, dof_within = scatter.between, scatter.between_dof
+        variance, dof_within = scatter.between, scatter.between_dof
         yardstick = "the scatter of tests at one temperature"
-    statistic = max(one - sum(rss for rss, _, _ in each), 0.0) / dof / against
+    statistic = max(rss_common - sum(rss for rss, _, _ in per_group), 0.0) / dof / variance
     p_value = float(fdtrc(dof, dof_within, statistic))
     significant = p_value < 0.01
     matters = significant and beyond_drift >= RELEVANT_DIFFERENCE

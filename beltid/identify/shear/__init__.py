@@ -1,10 +1,10 @@
-"""Shear stiffness of the ribs, from the build-up of the runs of the friction rig.
+"""Shear stiffness of the ribs, from the build-up of friction-rig runs.
 
 ========== ============================================================= =========
 Module     Responsibility                                                Equation
 ========== ============================================================= =========
-build_up   slope of the tension difference while everything sticks       --
-mechanics  the slope of a belt with ribs that shear, bent at its ends    (B1) to (B4)
-stiffness  slopes at several arcs to shear stiffness and bench           --
+build_up   slope of the tension difference while the belt sticks       --
+mechanics  slope of a belt with shearing ribs, bent at its ends    (B1) to (B4)
+stiffness  slopes at several arcs -> shear stiffness, bench compliance           --
 ========== ============================================================= =========
 """

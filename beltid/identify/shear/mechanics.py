@@ -1,22 +1,23 @@
-"""How fast the tensions part while the belt sticks to a pulley that begins to turn.
+"""Mechanics of the build-up: the belt sticks to a pulley that begins to turn.
 
-The tension member can move by u against the foot of the ribs, which answers with k_s u per length.
-While everything sticks, a travel x of the pulley's surface parts the tensions by
+If the tension member moves by u relative to the foot of the ribs, the ribs react with k_s u per
+length. While the belt sticks, the tension difference rises with the travel x of the pulley's
+surface by
 
     d(T_tight - T_slack)/dx = 2 / [C + lambda coth(l / (2 lambda)) / EA*],   lambda² = EA*/k_s, (B1)
 
 with the compliance C of a span and its end of the contact, the length l in contact, and
-1/EA* = 1/EA + 1/(R² k_t): on the arc the belt gives way by its stretch and by lying deeper.
-At each end of the arc bending holds the belt off the pulley over
+1/EA* = 1/EA + 1/(R² k_t): on the arc the belt yields by stretching and by penetrating deeper.
+At each end of the arc, bending holds the belt off the pulley over
 
     e = b - c - (b² - T/k)/(2 L),   b² = EI/T,   c² = 2 p + T/k,   p² = EI/k,                (B2)
 
-and a bent belt is straightened by more tension, which gives way by
+and higher tension straightens the bent belt, with a compliance
 
     B = [b³ - (T/k)(5 c² - 5 p - 2 p²/c²)/c - 2 (b⁴ - (T/k)²)/L] / (8 R² T),                 (B3)
 
-so that l = R beta - 2 e and C = L/EA + B + e/EA*, L being the effective length of a span. Where the
-line force rises from zero, over sqrt(T/k), the belt slips from the first moment on, (B4).
+so that l = R beta - 2 e and C = L/EA + B + e/EA*, with the effective length L of a span. Where the
+line force rises from zero, over sqrt(T/k), the belt slips from the start, (B4).
 
 Derived in docs/theory.md, "Build-up of the rig".
 """
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaidBelt:
-    """A belt that lies on the pulley of the rig, its supports and ribs aside; arrays (n,).
+    """A belt laid on the pulley of the rig, without supports and rib shear; arrays (n,).
 
     Attributes
     ----------
@@ -47,9 +48,9 @@ class LaidBelt:
         EA* of (B1) [N].
     lift_off : ndarray
         Arc at each end over which bending holds the belt off the pulley, e of (B2) [m]; negative
-        where the belt touches before its tangent point, as a soft bed lets it.
+        if the belt touches before its tangent point, as on a soft bed.
     end_compliance : ndarray
-        Compliance by the bending of an end, B of (B3) [m/N].
+        Compliance due to bending at one end, B of (B3) [m/N].
     rise : ndarray
         Length over which the line force would rise from zero to T/R [m].
     """
@@ -64,7 +65,7 @@ class LaidBelt:
 def laid_belt(
     EA: float, EI: float, T: Array, R: float, span: float, normal_law: tuple[float, float]
 ) -> LaidBelt:
-    """Lay a belt on, without friction.
+    """Lay a belt on the pulley, without friction.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def laid_belt(
     span : float
         Length of a free span [m].
     normal_law : pair of float
-        k_linear [N/m²] and k_quadratic [N/m³] of Eq. (3). At the ends of the contact the linear
-        part counts alone.
+        k_linear [N/m²] and k_quadratic [N/m³] of Eq. (3). Only the linear part acts at the ends
+        of the contact.
     """
     k, k_quadratic = normal_law
     b = np.sqrt(EI / T)
@@ -99,7 +100,7 @@ def laid_belt(
 
 
 def build_up_slope(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
-    """Slope of T_tight - T_slack over the travel of the pulley while everything sticks, Eq. (B1).
+    """Calculate the slope of T_tight - T_slack over pulley travel in full stick, Eq. (B1).
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def build_up_slope(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array
     arc : ndarray
         Length of the arc between the tangent points, R beta [m], shape (n,).
     span : float
-        Effective length of a free span [m]: half of both, and EA times the compliance of a support.
+        Effective length of a free span [m]: half the sum of both spans, plus EA times the
+        compliance of a support.
 
     Returns
     -------
@@ -124,26 +126,26 @@ def build_up_slope(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array
 
 
 def micro_slip(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
-    """Share by which slip at the ends of the contact flattens the slope of a run, Eq. (B4).
+    """Calculate the relative loss of slope by slip at the ends of the contact, Eq. (B4).
 
     Parameters
     ----------
     belt, k_s, arc, span
-        As for :func:`build_up_slope`.
+        As in :func:`build_up_slope`.
 
     Returns
     -------
     ndarray
-        [-], for a line through the build-up to `SHARE` of the plateau difference, shape (n,).
+        [-], for a line through the build-up up to `SHARE` of the plateau difference, shape (n,).
     """
     contact = arc - 2.0 * belt.lift_off
-    slips = SHARE * belt.rise * contact
-    decay = np.sqrt(belt.arc_EA / k_s + slips / 8.0)
+    slip_area = SHARE * belt.rise * contact
+    decay = np.sqrt(belt.arc_EA / k_s + slip_area / 8.0)
     bend = np.tanh(contact / (2.0 * decay))
     free = _end(belt, span) * belt.arc_EA
-    return np.asarray(slips / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend))
+    return np.asarray(slip_area / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend))
 
 
 def _end(belt: LaidBelt, span: float) -> Array:
-    """Compliance of a span and its end of the contact, C of (B1) [m/N]."""
+    """Return the compliance of a span and its end of the contact, C of (B1) [m/N]."""
     return np.asarray(span / belt.EA + belt.end_compliance + belt.lift_off / belt.arc_EA)

@@ -1,9 +1,9 @@
-"""Speed-loss recordings: the sliding speeds of a belt in service.
+"""Sliding speeds of a belt in service, from speed-loss recordings.
 
 ================  ===================================================================  ===========
 Module            Responsibility                                                       Equation
 ================  ===================================================================  ===========
 ``slip``          recording -> sliding speed of every operating point                  (7)
-``points``        operating points: creep, gross slip, pulley speeds the rig must run  v = omega R
+``points``        operating points: creep, gross slip, pulley speeds for the rig       v = omega R
 ================  ===================================================================  ===========
 """

@@ -1,4 +1,4 @@
-"""Operating points of a belt drive: creep, gross slip, and the pulley speeds of a rig for them."""
+"""Operating points of a belt drive: creep, gross slip, and the pulley speeds to test on a rig."""
 
 from __future__ import annotations
 
@@ -10,37 +10,39 @@ import numpy as np
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import as_set
 
-SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is no accident
-CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque give its creep
-FEWEST_RUNS = 3  # that tell a creep
-GROSS_OVER_CREEP = 2.0  # gross slip: the loss exceeds the creep at this torque by this factor,
-GROSS_SLIP_RATIO = 0.05  # or this share of the driver's speed
-SAME_SETTING = 0.02  # speeds and tensions that agree to this share belong to one series
+SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
+CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
+FEWEST_RUNS = 3  # minimum number of runs to determine the creep
+GROSS_OVER_CREEP = 2.0
+"""Gross slip: the loss exceeds this multiple of the creep at the same torque."""
+GROSS_SLIP_RATIO = 0.05
+"""Gross slip: the loss exceeds this share of the driver's speed."""
+SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
 SMALLEST_SHARE = 0.01
-"""Sliding speeds below this share of the largest need no runs of their own: the nearest measured
-coefficient is taken there."""
+"""Sliding speeds below this share of the largest need no separate runs: the law uses the nearest
+measured coefficient there."""
 SPEED_TOLERANCE = 0.02
-"""A pulley speed misses an end of the range if it is off by more than this share."""
+"""Relative deviation up to which a pulley speed still reaches the end of the range."""
 OK = "ok"
 GROSS_SLIP = "gross slip"
 
 
 @dataclass(frozen=True, slots=True)
 class SlipPoint:
-    """One operating point of the drive: a row of the slip table; nan where unknown."""
+    """Operating point of the drive: one row of the slip table; nan where unknown."""
 
     run: str
-    driver_speed_rad_s: float  # mean, negative if it turned backwards
-    initial_tension_N: float  # of the belt at rest
-    torque_N_m: float  # mean, in the sign of the recording
+    driver_speed_rad_s: float  # mean; negative if the drive turned backwards
+    initial_tension_N: float  # belt at rest
+    torque_N_m: float  # mean, with the sign of the recording
     speed_loss_rad_s: float
-    """Driver speed less driven speed times the ratio of the pulleys: positive if the driven pulley
-    falls behind in either sense of turning."""
-    speed_loss_se_rad_s: float  # with correlation of the samples and uncertainty of the ratio
+    """Driver speed minus driven speed times the pulley ratio: positive if the driven pulley falls
+    behind, whatever the direction of rotation."""
+    speed_loss_se_rad_s: float  # includes sample correlation and the uncertainty of the ratio
     slip_speed_m_s: float  # Eq. (7), and its standard error
     slip_speed_se_m_s: float
-    n_samples: int  # in which both speeds are known
-    status: str  # "ok", "gross slip", or why the point is of no use
+    n_samples: int  # samples with both speeds known
+    status: str  # "ok", "gross slip", or why the point cannot be used
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,19 +50,19 @@ class SlipResult:
     """All operating points of a speed-loss recording."""
 
     points: tuple[SlipPoint, ...]  # in the order of the recording
-    ratio: float  # driver over driven speed without torque, 1 if that is not known
-    ratio_se: float  # standard uncertainty; 0 if no run is without torque
-    max_slip_speed_m_s: float  # largest sliding speed in service, short of gross slip
-    max_slip_run: str  # the run that shows it
-    notes: tuple[str, ...]  # what the user should know
+    ratio: float  # driver speed over driven speed without torque; 1 if unknown
+    ratio_se: float  # standard uncertainty; 0 without a torque-free run
+    max_slip_speed_m_s: float  # largest sliding speed in service without gross slip
+    max_slip_run: str  # run with this sliding speed
+    notes: tuple[str, ...]  # for the user
 
 
 def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
-    """Give points with gross slip that status.
+    """Set the status of all points with gross slip.
 
-    The creep [rad/s per N m] of a series, the points of one driver speed and initial tension, is
-    the median loss per torque of its less loaded runs, at least three of them; a series of fewer
-    loaded runs has no creep to compare with.
+    A series holds the points of one driver speed and initial tension. Its creep [rad/s per N m] is
+    the median loss per torque of its less loaded runs, at least three; with fewer loaded runs there
+    is no creep to compare with.
     """
     speed, tension, torque, loss = np.array(
         [
@@ -69,9 +71,9 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
         ]
     ).T
     settings = np.stack([as_set(np.abs(speed), SAME_SETTING), as_set(tension, SAME_SETTING)])
-    settings = np.nan_to_num(settings, nan=-1.0)  # unknown ones are one setting
+    settings = np.nan_to_num(settings, nan=-1.0)  # all unknown values form one setting
     torque, loss = np.abs(torque), np.abs(loss)
-    # a run without torque says nothing of creep
+    # torque-free runs, excluded below, carry no information on creep
     good = np.array([p.status == OK for p in points]) & np.isfinite(torque) & np.isfinite(loss)
     marked = []
     for k, p in enumerate(points):
@@ -90,18 +92,18 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
 
 @dataclass(frozen=True, slots=True)
 class RequiredSpeeds:
-    """Range of pulley speeds to measure at, and whether the rig's settings cover it."""
+    """Range of pulley speeds to test, and whether the rig's settings cover it."""
 
     proposed_rad_s: tuple[float, ...]
-    """In geometric steps from the speed of the smallest sliding told from zero to the largest."""
-    covered: bool | None  # whether the rig's speeds reach both ends; None if it has none
-    statement: str  # the outcome in plain words
+    """Geometric steps from the smallest significant sliding speed to the largest."""
+    covered: bool | None  # whether the rig's speeds reach both ends; None without speeds
+    statement: str  # result in plain words
 
 
 def required_pulley_speeds(
     slip: SlipResult, R: float, n: int = 5, configured: Sequence[float] | None = None
 ) -> RequiredSpeeds:
-    """Pulley speeds ``omega = v / R`` of the friction rig that show the sliding speeds in service.
+    """Find the pulley speeds ``omega = v / R`` of the friction rig that cover sliding in service.
 
     Parameters
     ----------
@@ -112,12 +114,12 @@ def required_pulley_speeds(
     n : int
         Number of speeds to propose, >= 2.
     configured : sequence of float, optional
-        Pulley speeds that the rig is set to [rad/s].
+        Pulley speeds set on the rig [rad/s].
 
     Raises
     ------
     InputError
-        If R or n is not admissible, or no sliding speed can be told from zero.
+        If R or n is out of range, or no sliding speed differs significantly from zero.
     """
     problems = [] if R > 0.0 else [f"pulley_radius_m = {R!r}, must be > 0 m"]
     if n < 2:
@@ -128,7 +130,7 @@ def required_pulley_speeds(
         if p.status == OK and abs(p.slip_speed_m_s) > SIGNIFICANT * p.slip_speed_se_m_s
     ]
     if not speeds:
-        problems.append("no run has a speed loss that can be told from zero")
+        problems.append("no run has a speed loss that differs significantly from zero")
     if problems:
         raise InputError(problems)
     v_max = max(speeds)

@@ -1,16 +1,16 @@
 """Sliding speeds in service from the angular-speed loss of a two-pulley drive, Eq. (7).
 
-Two pulleys, one belt, a torque: the driven pulley falls behind the driver. Up to the torque that
-the belt can carry this is creep, proportional to the torque; then it slips grossly and the loss
-explodes. The largest loss short of that gives the largest sliding speed ``v = omega_loss R`` that
-the friction rig has to cover. The loss is that of the driver: ``driver_speed - ratio *
-driven_speed``, with the ratio of the pulleys from the runs without torque, where there is no loss;
-if no such run exists, the pulleys are taken as equal. The time in which the drive comes up to its
-speed or stops is left out. A drive that turns backwards is evaluated as
-the mirrored one; its speed and torque keep the signs of the recording.
+In a loaded two-pulley drive the driven pulley falls behind the driver. Up to the torque that the
+belt can carry, this is creep, proportional to the torque; beyond it the belt slips grossly and the
+loss rises steeply. The largest loss without gross slip gives the largest sliding speed
+``v = omega_loss R`` that the friction rig has to cover. The loss refers to the driver:
+``driver_speed - ratio * driven_speed``. The pulley ratio comes from the runs without torque, where
+there is no loss; without such runs the pulleys are assumed equal. Start-up and run-down of the
+drive are ignored. A drive that turns backwards is evaluated like its mirror image; its speed and
+torque keep the signs of the recording.
 
-Runs are short, and all of a series have the same sensors: their noise is pooled. A run that
-scatters far beyond its series (it shakes) keeps its own variance and correlation.
+Runs are short, and all runs of a series use the same sensors: their noise is pooled. A run that
+scatters far more than its series (it shakes) keeps its own variance and correlation.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
 SPEEDS = (DRIVER, DRIVEN)
 COLUMNS = ("initial_tension_N", "torque_N_m", *SPEEDS)
 GAINS = "the driven pulley gains on the driver"
-MIN_SAMPLES = 3  # fewest usable samples of a run
-NO_LOAD_SHARE = 0.01  # a torque below this share of the largest is none
-SHAKES = 1.0e-4  # probability of a scatter that is no longer that of the series
-FEWEST_RUNS = 3  # a series of fewer runs is pooled with all others
-SERIES_WIDTH = 0.02  # runs whose speeds agree to this share are one series
-AT_SPEED = 0.98  # share of its speed from which on a driver has come up to it
-UNSTEADY = 0.2  # a torque that changes within a run by this share of its largest is said
+MIN_SAMPLES = 3  # minimum number of usable samples of a run
+NO_LOAD_SHARE = 0.01  # a torque below this share of the largest counts as zero
+SHAKES = 1.0e-4  # probability below which a run's scatter differs from its series
+FEWEST_RUNS = 3  # if a series has fewer runs, all runs are pooled
+SERIES_WIDTH = 0.02  # relative gap in speed that separates two series
+AT_SPEED = 0.98  # share of its speed above which a driver has reached it
+UNSTEADY = 0.2  # change of torque within a run, over the largest torque, worth a note
 STANDS = 0.05
-"""A driven pulley slower than this share of the driver says nothing about its direction."""
+"""Speed of the driven pulley over the driver's below which its direction is unknown."""
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
-    """Sliding speed of every operating point of a speed-loss recording, Eq. (7); no run dropped.
+    """Calculate the sliding speed of each run of a speed-loss recording, Eq. (7); drop no run.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     """
     recorded = _runs(speedloss, pulley_radius_m)
     recorded, notes = _at_speed(recorded)
-    runs, turned = _forward_runs(recorded)
-    notes += [*turned, *_unsteady(runs)]
+    runs, backward_notes = _forward_runs(recorded)
+    notes += [*backward_notes, *_unsteady(runs)]
     series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
     ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series)
     notes += ratio_notes
@@ -92,11 +92,11 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     if _counts_load_as_negative(runs, losses):
         for run in runs.values():
             run["torque_N_m"] = -run["torque_N_m"]
-        notes.append("the torque of a driving pulley is recorded as negative: its sign turned")
+        notes.append("the torque of a driving pulley is recorded as negative: sign reversed")
     rounding = _rounding(runs, ratio)
     points = [_point(r, runs[r], losses[r], rounding[r], ratio_se, pulley_radius_m) for r in runs]
     points = [
-        replace(  # signs of the recording
+        replace(  # restore the signs of the recording
             p,
             driver_speed_rad_s=robust_mean_with_se(recorded[p.run][DRIVER]).mean,
             torque_N_m=robust_mean_with_se(recorded[p.run]["torque_N_m"]).mean,
@@ -106,19 +106,19 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     service = [p for p in points if p.status == OK]
     clear = [p for p in service if abs(p.speed_loss_rad_s) > SIGNIFICANT * p.speed_loss_se_rad_s]
     if not service or (not clear and any(p.status == GAINS for p in points)):
-        aside = [f"run {p.run}: {p.status}" for p in points if p.status != OK]
-        raise InputError([*aside, *ratio_notes])
+        reasons = [f"run {p.run}: {p.status}" for p in points if p.status != OK]
+        raise InputError([*reasons, *ratio_notes])
     largest = max(service, key=lambda p: abs(p.slip_speed_m_s))
     for status in dict.fromkeys(p.status for p in points if p.status != OK):
-        runs_so = ", ".join(p.run for p in points if p.status == status)
-        notes.append(f"{status}: {runs_so}; not counted for the largest sliding speed")
+        labels = ", ".join(p.run for p in points if p.status == status)
+        notes.append(f"{status}: {labels}; ignored for the largest sliding speed")
     return SlipResult(
         tuple(points), ratio, ratio_se, abs(largest.slip_speed_m_s), largest.run, tuple(notes)
     )
 
 
 def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str, Array]]:
-    """Columns of each run, in the order of the recording."""
+    """Check the columns and split them by run, in the order of the recording."""
     head = "speed-loss recording:"
     needed = ("run", *COLUMNS)
     problems = [f"{head} column {name} is missing" for name in needed if name not in speedloss]
@@ -140,19 +140,19 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str
 
 
 def _at_speed(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
-    """Runs without the samples before the driver has come up to its speed, and after it stops."""
+    """Cut off the samples before the driver reaches its speed and after it stops."""
     kept, shortened = {}, []
     for label, run in runs.items():
         speed = np.abs(run[DRIVER])
-        known = np.isfinite(speed)
+        finite = np.isfinite(speed)
         part = slice(None)
-        if known.any():
-            # blind to spikes; a fourth of the samples at speed are enough
+        if finite.any():
+            # robust to spikes; a quarter of the samples at speed is enough
             turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
             at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
             part = slice(at_speed[0], at_speed[-1] + 1)
         kept[label] = {name: values[part] for name, values in run.items()}
-        if np.count_nonzero(known[part]) < np.count_nonzero(known):
+        if np.count_nonzero(finite[part]) < np.count_nonzero(finite):
             shortened.append(label)
     if not shortened:
         return kept, []
@@ -160,41 +160,46 @@ def _at_speed(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
 
 
 def _unsteady(runs: Runs) -> list[str]:
-    """A note on runs whose torque is swept: their mean is no operating point."""
+    """Note runs whose torque changes: their mean is not an operating point."""
     torques = {r: run["torque_N_m"][np.isfinite(run["torque_N_m"])] for r, run in runs.items()}
     largest = max((float(np.median(np.abs(t))) for t in torques.values() if t.size), default=0.0)
-    found = []
+    changing = []
     for label, torque in torques.items():
         if torque.size < 8 * MIN_SAMPLES:
             continue
         means = [float(np.mean(part)) for part in np.array_split(torque, 8)]
         noise = difference_sigma(torque) / math.sqrt(torque.size / 8)
         if np.ptp(means) > max(UNSTEADY * largest, 8.0 * noise):
-            found.append(f"{label} ({min(means):.3g} to {max(means):.3g} N m)")
-    if not found:
+            changing.append(f"{label} ({min(means):.3g} to {max(means):.3g} N m)")
+    if not changing:
         return []
-    return [f"the torque changes within {', '.join(found)}: their means count; part them by torque"]
+    return [
+        f"the torque changes within {', '.join(changing)}: only their means are used; split these "
+        "runs by torque"
+    ]
 
 
 def _rounding(runs: Runs, ratio: float) -> dict[str, float]:
-    """Error of the loss of every run by the rounding of coarse speeds [rad/s]."""
-    known = {
+    """Estimate the error of each run's loss due to coarse speed readings [rad/s]."""
+    finite = {
         label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
     }
-    steps = converter_steps(*(np.concatenate(parts) for parts in zip(*known.values(), strict=True)))
-    found = {}
-    for label, speeds in known.items():
+    steps = converter_steps(
+        *(np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
+    )
+    errors = {}
+    for label, speeds in finite.items():
         noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
         driver, driven = converter_rounding(noise, steps)
-        found[label] = math.hypot(driver, ratio * driven)
-    return found
+        errors[label] = math.hypot(driver, ratio * driven)
+    return errors
 
 
 def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
-    """Runs of a drive that turns backwards as those of the mirrored drive, and what was turned.
+    """Mirror the runs that turn backwards, and note the signs reversed.
 
-    A torque that is negative on the whole is counted along the axis of the pulleys and turned, too;
-    one that stays positive is counted in the direction of the turning.
+    A torque that is negative overall was recorded about the axis of the pulleys; its sign is
+    reversed too. A torque that stays positive was recorded in the direction of rotation.
     """
     backward = []
     for label, run in runs.items():
@@ -207,17 +212,17 @@ def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
     if not backward:
         return forward, []
     torque = np.concatenate([runs[label]["torque_N_m"] for label in backward])
-    with_torque = bool(np.nansum(torque) < 0.0)
+    mirror_torque = bool(np.nansum(torque) < 0.0)
     for label in backward:
-        for name in (*SPEEDS, "torque_N_m") if with_torque else SPEEDS:
+        for name in (*SPEEDS, "torque_N_m") if mirror_torque else SPEEDS:
             forward[label][name] = -runs[label][name]
-    what = "speeds and of the torque" if with_torque else "speeds"
-    which = "all runs" if len(backward) == len(runs) else ", ".join(backward)
-    return forward, [f"the drive turns backwards in {which}: sign of the {what} turned"]
+    quantities = "speeds and of the torque" if mirror_torque else "speeds"
+    labels = "all runs" if len(backward) == len(runs) else ", ".join(backward)
+    return forward, [f"the drive turns backwards in {labels}: sign of the {quantities} reversed"]
 
 
 def _counts_load_as_negative(runs: Runs, losses: Mapping[str, MeanWithError]) -> bool:
-    """Whether the driven pulley clearly falls behind, and does so under negative torque only."""
+    """Tell whether the driven pulley clearly falls behind, but under negative torque only."""
     clear = [label for label, loss in losses.items() if abs(loss.mean) > SIGNIFICANT * loss.se]
     return bool(clear) and all(
         losses[label].mean > 0.0 and np.nansum(runs[label]["torque_N_m"]) < 0.0 for label in clear
@@ -225,26 +230,26 @@ def _counts_load_as_negative(runs: Runs, losses: Mapping[str, MeanWithError]) ->
 
 
 def _turns_opposite(driver_rad_s: float, driven_rad_s: float) -> bool:
-    """Whether the driven pulley turns against the driver, as no open belt lets it."""
+    """Tell whether the driven pulley turns against the driver, impossible with an open belt."""
     return driver_rad_s * driven_rad_s < 0.0 and abs(driven_rad_s) > STANDS * abs(driver_rad_s)
 
 
 def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, float, list[str]]:
-    """Ratio of driver to driven speed without torque, its standard error, and notes."""
+    """Return the driver-to-driven speed ratio without torque, its standard error, and notes."""
     torque = {label: robust_mean_with_se(run["torque_N_m"]) for label, run in runs.items()}
     largest = max((abs(t.mean) for t in torque.values() if math.isfinite(t.mean)), default=0.0)
     quotients = {
         label: run[DRIVER] / np.where(np.abs(run[DRIVEN]) > 0.0, run[DRIVEN], np.nan)
         for label, run in runs.items()
     }
-    found = pooled_means(quotients, series)
+    means = pooled_means(quotients, series)
     ratios = [
-        found[label]
+        means[label]
         for label, t in torque.items()
         if abs(t.mean)
         <= max(NO_LOAD_SHARE * largest, min(2.0 * t.se, UNSTEADY * largest) if t.se > 0 else 0.0)
-        and found[label].n_eff > 0.0
-        and found[label].se > 0.0
+        and means[label].n_eff > 0.0
+        and means[label].se > 0.0
     ]
     if not ratios:
         speeds = (abs(robust_mean_with_se(run[DRIVER]).mean) for run in runs.values())
@@ -269,6 +274,7 @@ def _point(
     ratio_se: float,
     radius: float,
 ) -> SlipPoint:
+    """Evaluate one run."""
     tension, torque, speed, driven_speed = (robust_mean_with_se(run[n]).mean for n in COLUMNS)
     n = int(np.count_nonzero(np.isfinite(run[DRIVER]) & np.isfinite(run[DRIVEN])))
     se = math.hypot(loss.se, rounding, ratio_se * driven_speed)
@@ -279,7 +285,7 @@ def _point(
         status = "the driver does not turn"
     elif _turns_opposite(speed, driven_speed):
         status = "the pulleys turn in opposite directions"
-    # a negative torque turns the roles of the pulleys round: a generator drives
+    # a negative torque swaps the roles of the pulleys, as with a generator
     elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * loss.se:
         status = GAINS
     v, v_se = (float(sliding_speed(w, radius)) for w in (loss.mean, se))
@@ -287,7 +293,7 @@ def _point(
 
 
 def speed_series(speed_rad_s: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
-    """Runs at the same speed [rad/s]; all runs as one series where some speed has too few."""
+    """Group the runs by speed [rad/s]; one series of all runs if any speed has too few."""
     runs = np.array(list(speed_rad_s), dtype=object)
     speeds = np.abs(np.array(list(speed_rad_s.values()), dtype=float))
     labels = settings_of(speeds, SERIES_WIDTH)
@@ -299,62 +305,63 @@ def speed_series(speed_rad_s: Mapping[str, float]) -> tuple[tuple[str, ...], ...
 def pooled_means(
     samples: Mapping[str, Array], series: Sequence[Sequence[str]]
 ) -> dict[str, MeanWithError]:
-    """Mean of every run without its spikes, its standard error from the pooled noise.
+    """Average each run without its spikes; the standard error comes from the pooled noise.
 
     Parameters
     ----------
     samples : mapping of str to ndarray
         Evenly spaced samples of a steady signal for each run, nan where missing, shape (n,).
     series : sequence of sequence of str
-        Runs whose noise is alike.
+        Labels of the runs with equal noise.
 
     Returns
     -------
     dict of str to MeanWithError
         The standard error is ``t sqrt(s² tau / n)`` with the pooled variance s² and correlation
-        time tau [samples]; t widens it to a probability of 68 % for the degrees of freedom of s²
-        (Student). nan where nothing determines the noise.
+        time tau [samples]; Student's t for the degrees of freedom of s² widens it to a probability
+        of 68 %. nan if the noise cannot be determined.
     """
-    found: dict[str, MeanWithError] = {}
+    pooled: dict[str, MeanWithError] = {}
     for labels in series:
         means = _means_of_series([np.asarray(samples[label], dtype=float) for label in labels])
-        found |= zip(labels, means, strict=True)
-    return found
+        pooled |= zip(labels, means, strict=True)
+    return pooled
 
 
 def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
+    """Average each run of one series; see :func:`pooled_means`."""
     runs = _without_spikes(recorded)
     n = np.array([np.count_nonzero(np.isfinite(r)) for r in runs], dtype=float)
     mean = [float(np.nanmean(r)) if k else np.nan for r, k in zip(runs, n, strict=True)]
     squares = np.array([np.nansum((r - m) ** 2) for r, m in zip(runs, mean, strict=True)])
-    # a run that shakes must not settle the correlation of all: each has the same weight at first
-    alike = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(runs, squares, strict=True)]
-    tau = np.minimum(integrated_autocorrelation_time(*alike), np.maximum(n, 1.0))
-    known = (n / tau > 1.0) & (squares > 0.0)
+    # a run that shakes must not dominate the correlation: start with equal weights
+    normalised = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(runs, squares, strict=True)]
+    tau = np.minimum(integrated_autocorrelation_time(*normalised), np.maximum(n, 1.0))
+    usable = (n / tau > 1.0) & (squares > 0.0)
     shakes = np.zeros(n.size, dtype=bool)
-    if np.count_nonzero(known) >= FEWEST_RUNS:
-        # chi² over the median of the runs, which is blind to those that shake
-        freedom = n[known] / tau[known] - 1.0
-        typical = np.median(squares[known] / chdtri(freedom, 0.5))
-        shakes[known] = chdtrc(freedom, squares[known] / typical) < SHAKES
-    for same in (np.flatnonzero(~shakes), *np.flatnonzero(shakes)[:, None]):
-        of_noise = integrated_autocorrelation_time(*(runs[k] for k in same))
-        tau[same] = np.minimum(of_noise, np.maximum(n[same], 1.0))
-    freedom = np.maximum(n / tau - 1.0, 0.0)  # independent samples less the mean of the run
-    variance = np.divide(squares, tau * freedom, out=np.zeros(n.size), where=freedom > 0.0)
-    pool = float(freedom[~shakes].sum())
-    if pool > 0.0:
-        variance[~shakes] = freedom[~shakes] @ variance[~shakes] / pool
-        freedom[~shakes] = pool
-    known = (freedom > 0.0) & (n > 0.0)
+    if np.count_nonzero(usable) >= FEWEST_RUNS:
+        # chi² relative to the median of the runs, which ignores those that shake
+        dof = n[usable] / tau[usable] - 1.0
+        typical = np.median(squares[usable] / chdtri(dof, 0.5))
+        shakes[usable] = chdtrc(dof, squares[usable] / typical) < SHAKES
+    for group in (np.flatnonzero(~shakes), *np.flatnonzero(shakes)[:, None]):
+        tau_group = integrated_autocorrelation_time(*(runs[k] for k in group))
+        tau[group] = np.minimum(tau_group, np.maximum(n[group], 1.0))
+    dof = np.maximum(n / tau - 1.0, 0.0)  # independent samples minus one for the mean
+    variance = np.divide(squares, tau * dof, out=np.zeros(n.size), where=dof > 0.0)
+    pooled_dof = float(dof[~shakes].sum())
+    if pooled_dof > 0.0:
+        variance[~shakes] = dof[~shakes] @ variance[~shakes] / pooled_dof
+        dof[~shakes] = pooled_dof
+    usable = (dof > 0.0) & (n > 0.0)
     se = np.full(n.size, np.nan)
-    student = stdtrit(np.maximum(freedom[known], 1.0), float(ndtr(1.0)))
-    se[known] = student * np.sqrt(variance[known] * tau[known] / n[known])
+    student = stdtrit(np.maximum(dof[usable], 1.0), float(ndtr(1.0)))
+    se[usable] = student * np.sqrt(variance[usable] * tau[usable] / n[usable])
     return [MeanWithError(*map(float, row)) for row in zip(mean, se, n / tau, strict=True)]
 
 
 def _without_spikes(runs: Sequence[Array]) -> list[Array]:
-    """Runs with nan in place of spikes, which exceed the noise of their run and of all runs."""
+    """Replace spikes by nan; a spike exceeds the noise of its run and of all runs."""
     steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in runs])
     common = mad_sigma(np.concatenate([steps, -steps])) / np.sqrt(2.0) if steps.size else 0.0
     return [np.where(outlier_mask(r, common), np.nan, r) for r in runs]
