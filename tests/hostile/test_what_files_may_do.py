@@ -188,7 +188,7 @@ def test_no_cell_of_an_exported_table_is_a_formula(tmp_path):
         assert all(name[0].isalpha() for name in header)
         for row in rows:
             cells = dict(zip(header, row, strict=True))
-            # the one word of a row is one of ours; none where the law does not state what was measured
+            # the one word of a row is one of ours, or empty if the law states no measured range
             assert cells.pop("range", "") in ("", "measured", "inferred", "extrapolated")
             assert all(cell == "" or np.isfinite(float(cell)) for cell in cells.values())
 

@@ -121,7 +121,7 @@ def test_only_the_right_boundary_recovers_the_surface(given: GivenForce, wrong: 
 
 def test_a_table_without_tensions_at_rest_gives_the_surface() -> None:
     arc_deg, _, v, tight, slack = simulated_runs(virtual_bench("hub"), T_REST).T
-    # bending turns the ends of spans of 0.10 m, 0.02 N m²: their directions enclose more than the arc
+    # bending (0.02 N m²) turns the ends of the spans (0.10 m): they enclose more than the arc
     turned = 0.02 / (2.0 * R * 0.10) * (1.0 / tight + 1.0 / slack)
     angle = np.radians(arc_deg) + turned
     table = {
