@@ -19,7 +19,7 @@ from beltid.bench.channels.channel_mapping import (
     RawTable,
     map_channels,
     missing_setting,
-    told_elsewhere,
+    stated_elsewhere,
     unit_conversion,
 )
 from beltid.bench.channels.text_tables import candidates_of, convert, wanted_of
@@ -95,7 +95,7 @@ class RunSettings:
         self.table = table
         self.runs = options.runs
         self.options = options
-        self.stated = told_elsewhere(options.runs, (), table)
+        self.stated = stated_elsewhere(options.runs, (), table)
         self.pattern = None
         self.run_table: RunTable | None = None
         self.used: set[str] = set()
