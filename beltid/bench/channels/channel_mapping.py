@@ -416,8 +416,8 @@ def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -
         )
     if candidate.scaling:
         return (
-            f"{shown} holds whole numbers, and beside them {candidate.scaling}, which was not "
-            f"applied: say {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
+            f"{shown} holds whole numbers, but the file states {candidate.scaling}, which was not "
+            f"applied: state {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
             f"{line}{column.unit}}}}} if they are not"
         )
     return ""
@@ -468,7 +468,7 @@ def unit_conversion(
     if calibrated is not None:
         converted = calibrated.conversion(unit)
         return converted or (
-            f"{shown} is in {unit}, but the calibration in the config is for {calibrated.per}"
+            f"{shown} is in {unit}, but the calibration of the config is for {calibrated.per}"
         )
     if isinstance(setting, str):
         return conversion(setting, column.unit)
@@ -482,12 +482,12 @@ def unit_conversion(
                 return None
             return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
         return (
-            f"the unit of {name}, read as {column.name}, is not told; "
-            f"say it: {line}{column.unit}}}}}"
+            f"the unit of {name}, read as {column.name}, is missing; "
+            f"state it: {line}{column.unit}}}}}"
         )
     if plain in RAW:
         return (
-            f"{shown} is in {unit}, its calibration must be told: "
+            f"{shown} is in {unit}, its calibration is missing; state it: "
             f"{line}250 {column.unit}/{'mV' if plain == 'mV' else 'V'}}}}}, "
             f"or {{factor: 250, offset: 0}}"
         )

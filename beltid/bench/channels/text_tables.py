@@ -214,7 +214,7 @@ def check_header(
     if meant not in ("", table.kind):
         problems.add(
             f"{place}: these are the columns of a recording of {schemas.table(meant).command}, "
-            f"not of {table.command}; a config names it as data.{meant}",
+            f"not of {table.command}; in a config its key is data.{meant}",
             code="columns",
         )
         return
