@@ -360,7 +360,7 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     if shares[best] == 0 or list(marks.values()).count(marks[best]) > 1:
         channel_names = ", ".join(c.name for c in view.candidates[:20]) or "none"
         raise InputError(
-            f"{path}: the channels do not show the kind of recording; state --kind press, rig, "
+            f"{path}: the channels do not show the kind of recording, say --kind press, rig, "
             f"speedloss or points; found: {channel_names}"
         )
     return best
