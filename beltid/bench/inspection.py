@@ -350,7 +350,7 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     if not config.rig.model_fields_set & {"kind", "weight_on"}:
         tables["rig"] += [schemas.rig_table(*rig_kind) for rig_kind in schemas.RIG_KINDS]
     shares = {k: max(_share_of(view, table, config) for table in tables[k]) for k in kinds}
-    # no kind has all its sensors (their units may be ambiguous): count the explained channels
+    # if no kind has all its sensors (units may be ambiguous), the explained channels decide
     whole = max(shares.values()) == 1.0
     marks = {
         kind: (share, 0 if whole or share == 0.0 else _explained(view, kind, config))

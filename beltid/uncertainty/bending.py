@@ -212,8 +212,8 @@ class _Evidence:
         if curvature >= 0.0:
             return None
         top = x[best] - 0.5 * slope / curvature
-        known = np.min(np.abs(x - top)) <= NEAR / math.sqrt(-2.0 * curvature)
-        return None if known or not x[best - 1] < top < x[best + 1] else float(top)
+        is_known = np.min(np.abs(x - top)) <= NEAR / math.sqrt(-2.0 * curvature)
+        return None if is_known or not x[best - 1] < top < x[best + 1] else float(top)
 
     def _least_certain(self) -> float | None:
         """Return a place in the interval with the most uncertain integral; None if it is resolved.

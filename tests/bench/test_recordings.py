@@ -600,7 +600,9 @@ def test_parts_of_a_parquet_table_in_several_units(tmp_path):
         half.to_parquet(tmp_path / f"{name}.parquet", index=False)
     columns = read_recording(tmp_path, "rig").columns
     np.testing.assert_allclose(columns["time_s"], frame["time_s"], rtol=0, atol=1e-12)
-    with pytest.raises(InputError, match=r"b\.parquet: time_s .*another unit than in the first"):
+    with pytest.raises(
+        InputError, match=r"b\.parquet: time_s .*a different unit than in the first"
+    ):
         list(open_big(tmp_path))
 
 

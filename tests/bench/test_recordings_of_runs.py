@@ -154,12 +154,12 @@ def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
     )
     assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
         "runs/runs.csv: has no row for R100.csv",
-        "runs/R100.csv:1: column arc_deg is missing; if it holds for every run: "
-        "runs: {rig: {values: {arc_deg: ...}}}; if the names of the files tell it: "
+        "runs/R100.csv:1: column arc_deg is missing; if it is the same for every run: "
+        "runs: {rig: {values: {arc_deg: ...}}}; if the file names contain it: "
         'runs: {rig: {pattern: "{run}_{arc_deg}.csv"}}; or in a table of the files: '
         "runs: {rig: {table: runs.csv}}",
-        "runs/R100.csv:1: column initial_tension_N is missing; if it holds for every run: "
-        "runs: {rig: {values: {initial_tension_N: ...}}}; if the names of the files tell it: "
+        "runs/R100.csv:1: column initial_tension_N is missing; if it is the same for every run: "
+        "runs: {rig: {values: {initial_tension_N: ...}}}; if the file names contain it: "
         'runs: {rig: {pattern: "{run}_{initial_tension_N}.csv"}}; or in a table of the files: '
         "runs: {rig: {table: runs.csv}}",
         "runs/runs.csv:5: R7 is not among the files read",

@@ -230,11 +230,11 @@ def channels_meant(
     a number only count as well. See `map_channels`.
     """
     columns = [c for c in context.table.columns if roles is None or c.name in roles]
-    found = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
-    taken = {id(candidate) for named in found.values() for candidate, _, _ in named[:1]}
+    matches = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
+    taken = {id(candidate) for named in matches.values() for candidate, _, _ in named[:1]}
     free = [c for c in candidates if c.name and id(c) not in taken]
     for column in columns:
-        if column.name in found or column.name in context.options.names:
+        if column.name in matches or column.name in context.options.names:
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         any_unit = column.dtype == "string" or column.name in context.options.units
@@ -244,8 +244,8 @@ def channels_meant(
         if numbered and len(fitting) == 1 and column.name in sensors_of(context.table):
             fitting = [*fitting, *_numbered_alike(fitting[0], free, column, context.kind)]
         if fitting:
-            found[column.name] = [(c, "recognised", False) for c in fitting]
-    return {column.name: found[column.name] for column in columns if column.name in found}
+            matches[column.name] = [(c, "recognised", False) for c in fitting]
+    return {column.name: matches[column.name] for column in columns if column.name in matches}
 
 
 def _numbered_alike(
@@ -570,8 +570,8 @@ def missing_setting(setting: str, kind: str, place: str) -> Problem:
 def how_to_state(setting: str, kind: str) -> str:
     """Return advice on how to state a setting that no column holds."""
     return (
-        f"; if it holds for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if the "
-        f"names of the files tell it: runs: {{{kind}: {{pattern: "
+        f"; if it is the same for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if "
+        f"the file names contain it: runs: {{{kind}: {{pattern: "
         f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
         "{table: runs.csv}}"
     )

@@ -88,21 +88,21 @@ def read_parquet(
     """
     runs, label = context.options.runs, context.table.label
     not_needed = stated_elsewhere(runs, (), context.table)
-    found = [(part, map_columns(part, context, not_needed)) for part in tables]
+    mapped = [(part, map_columns(part, context, not_needed)) for part in tables]
     if context.problems.count:
         return []
     named = runs.pattern is not None or runs.table is not None
-    parts = [found] if all(label in m for _, m in found) and not named else [[f] for f in found]
+    parts = [mapped] if all(label in m for _, m in mapped) and not named else [[f] for f in mapped]
     return [_raw(part, str(path) if len(part) > 1 else part[0][0].name, context) for part in parts]
 
 
 def _raw(
-    found: Sequence[tuple[ParquetTable, Mappings]], name: str, context: MappingContext
+    mapped: Sequence[tuple[ParquetTable, Mappings]], name: str, context: MappingContext
 ) -> RawTable:
-    """Join several files into one raw table."""
+    """Join files, each with its mappings, into one raw table."""
     table, problems, row, parts = context.table, context.problems, 1, []
     first: dict[str, Wanted] = {}
-    for part, mappings in found:
+    for part, mappings in mapped:
         wanted = _wanted(part, mappings, first, context)
         for rows in parquet_blocks(part, wanted, table, row):
             row += len(rows)
@@ -112,25 +112,25 @@ def _raw(
             parts.append(columns)
     if row == 1:
         raise InputError(f"{name}: holds no samples")
-    columns, mappings = together(parts, table), found[0][1]
+    columns, mappings = together(parts, table), mapped[0][1]
     clock = first["time_s"].clock if "time_s" in first else None
     if clock is not None:
         runs = Texts.of(columns[table.label]).codes if table.label in columns else None
         columns["time_s"] = clock.elapsed(
             columns["time_s"], lambda i: (f"{name}, row {i + 1}", i + 1), problems, runs
         )
-    names = [c.name for c in candidates_of(found[0][0], context)]
+    names = [c.name for c in candidates_of(mapped[0][0], context)]
     notes = (*notes_of(mappings, table, names), *([] if clock is None else clock.notes()))
     stated = {
-        role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in found))
+        role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in mapped))
         for role, m in mappings.items()
     }
-    inside = found[0][0].inside
+    inside = mapped[0][0].inside
     return RawTable(
         name,
         (inside.name, inside.stem),
         inside.stem,
-        {role: values for role, values in columns.items() if any(role in m for _, m in found)},
+        {role: values for role, values in columns.items() if any(role in m for _, m in mapped)},
         stated,
         notes=notes,
         name_place=name,
@@ -186,7 +186,9 @@ def stream_parquet(
             context.problems.raise_if_any()
             for role, mapping in part_mappings.items():
                 if mapping.conversion != getattr(mappings.get(role), "conversion", Conversion(1.0)):
-                    text = f"{part.name}: {mapping.shown} has another unit than in the first file"
+                    text = (
+                        f"{part.name}: {mapping.shown} has a different unit than in the first file"
+                    )
                     raise InputError(text)
             wanted = _wanted(part, part_mappings, first, context)
             for rows in parquet_blocks(part, wanted, context.table, row):

@@ -112,7 +112,7 @@ def _read_part(
 
 
 def wanted_columns(
-    found: Layout,
+    file_layout: Layout,
     candidates: Sequence[Candidate],
     context: MappingContext,
     not_needed: Collection[str] = (),
@@ -121,7 +121,7 @@ def wanted_columns(
 
     Parameters
     ----------
-    found : Layout
+    file_layout : Layout
         Header and units of the file.
     candidates : sequence of Candidate
         Its columns.
@@ -130,10 +130,10 @@ def wanted_columns(
     not_needed : collection of str
         Columns that the file need not contain.
     """
-    at_header = replace(context, place=f"{context.place}:{found.header_line}")
-    at_units = replace(context, place=f"{context.place}:{found.first_line - 1}")
+    at_header = replace(context, place=f"{context.place}:{file_layout.header_line}")
+    at_units = replace(context, place=f"{context.place}:{file_layout.first_line - 1}")
     wrong = context.problems.count
-    mappings = map_channels(candidates, at_units if found.unit_cells else at_header)
+    mappings = map_channels(candidates, at_units if file_layout.unit_cells else at_header)
     if context.problems.count == wrong:
         check_header([c.name for c in candidates], at_header, mappings, not_needed)
     return mappings, wanted_of(mappings, context)
@@ -166,7 +166,7 @@ def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMappin
 def check_header(
     header: Sequence[str],
     context: MappingContext,
-    found: Mapping[str, ChannelMapping],
+    mappings: Mapping[str, ChannelMapping],
     not_needed: Collection[str] = (),
 ) -> None:
     """Report missing columns and suggest which columns may be meant.
@@ -179,20 +179,20 @@ def check_header(
         Names of the columns in the file.
     context : MappingContext
         Columns needed, and the place of the header.
-    found : mapping of str to ChannelMapping
+    mappings : mapping of str to ChannelMapping
         Our columns that were found.
     not_needed : collection of str
         Columns that may be missing because they are stated elsewhere.
     """
     table, place, problems = context.table, context.place, context.problems
     names_in_file = {c.name: context.options.names.get(c.name, c.name) for c in table.columns}
-    names_in_file |= {role: mapping.candidate.name for role, mapping in found.items()}
+    names_in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
     messages: list[str] = []
     for ours, theirs in names_in_file.items():
         if (
-            ours in found
+            ours in mappings
             or ours in not_needed
             or not (table.column(ours).required or theirs != ours)
         ):
@@ -206,7 +206,7 @@ def check_header(
             missing.append((ours, close))
         advice = how_to_state(ours, table.kind) if setting else guess
         messages.append(f"{place}: column {called} is missing{advice}")
-    if not found and not any(column.required for column in table.columns):
+    if not mappings and not any(column.required for column in table.columns):
         first = next(column.name for column in table.columns if column.dtype == "float64")
         missing.append((first, []))
         messages.append(f"{place}: holds no column of {table.command}")
@@ -235,8 +235,8 @@ def kind_of_columns(header: Sequence[str]) -> str:
     """Recognise a kind of recording by the sensors in its header; "" if none or several fit."""
     rigs = [schemas.rig_table(measures, weight_on) for measures, weight_on in schemas.RIG_KINDS]
     tables = (schemas.table("press"), schemas.table("speedloss"), *rigs)
-    found = {t.kind for t in tables if set(sensors_of(t)) <= _columns_meant(header, t.kind)}
-    return found.pop() if len(found) == 1 else ""
+    kinds = {t.kind for t in tables if set(sensors_of(t)) <= _columns_meant(header, t.kind)}
+    return kinds.pop() if len(kinds) == 1 else ""
 
 
 def _columns_meant(header: Sequence[str], kind: str) -> set[str]:

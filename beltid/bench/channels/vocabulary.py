@@ -53,8 +53,8 @@ def _as_words(key: str) -> re.Pattern[str]:
 
 
 def _words(keys: str, fillers: str = "") -> Words:
-    known = tuple(key.strip() for key in keys.split(","))
-    return Words(tuple(sorted(known, key=len, reverse=True)), frozenset(fillers.split()))
+    key_words = tuple(key.strip() for key in keys.split(","))
+    return Words(tuple(sorted(key_words, key=len, reverse=True)), frozenset(fillers.split()))
 
 
 _DATE: Final = _words("datum,messdatum,pruefdatum,date,jour", "de du of the essai test")

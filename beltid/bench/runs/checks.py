@@ -253,7 +253,7 @@ def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:
     """
     size = np.abs(finite)
     if kind == "points" and column.name != "arc_deg":
-        return ""  # written by hand, of belts of any size
+        return ""  # tables written by hand, for belts of any size
     if column.unit == "N" and "tension" in column.name:
         if finite.max() > 0.0 and size.max() < 5.0:
             return "kN"
