@@ -1,18 +1,18 @@
-"""What benches write: files of any format -> validated columns of a recording.
+"""Reading of bench files: any format -> validated columns of a recording.
 
-The rooms in the order of the data; imports go up this table only:
+The modules in the order of the data flow; a module imports only from those above it:
 
 ================= ======================================================================
 Module            Responsibility
 ================= ======================================================================
-``read_options``  how the files of a bench differ from ours, as its config states it
-``files``         the files of a recording: found, unpacked, their format recognised
+``read_options``  how the files of a bench differ from ours, as stated in its config
+``files``         find and unpack the files of a recording, recognise their format
 ``formats``       a reader for each format: bytes -> named channels, or rows of numbers
-``channels``      which channel is which of our columns, converted to its unit
-``runs``          samples -> runs with label and settings, checked
-``big_recording`` a recording of any size, read run by run
-``recording``     any recording: files opened, channels read, joined, checked; which are big
-``recorded_date`` the day on which a recording was made, as its files tell
-``inspection``    what was found in files: formats, channels, runs, gaps
+``channels``      map channels to our columns and convert their units
+``runs``          samples -> checked runs with label and settings
+``big_recording`` recordings of any size, read run by run
+``recording``     all recordings: open files, read and join channels, check; detect big ones
+``recorded_date`` the day on which a recording was made, from its files
+``inspection``    what files contain: formats, channels, runs, gaps
 ================= ======================================================================
 """

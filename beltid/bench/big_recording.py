@@ -1,6 +1,6 @@
 """Recordings of the friction rig of any size, read run by run.
 
-A CSV file, plain or packed with gzip, or Parquet files; what a file is, its bytes tell.
+A CSV file, plain or gzip-compressed, or Parquet files. The format is recognised from the bytes.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from beltid.tables.schemas import NOMINAL
 __all__ = ["BigRecording", "open_big", "read_head"]
 
 HEAD: Final = 1 << 20
-_FEEDS: Final = "a file of this size must have line feeds"
+_FEEDS: Final = "a file of this size must use line feeds"
 
 
 def open_big(path: Path, config: Any = None) -> BigRecording:
-    """Open a recording of the friction rig to be read run by run, whatever its size.
+    """Open a recording of the friction rig of any size for reading run by run.
 
     Parameters
     ----------
     path : Path
-        A CSV file, plain or packed with gzip, a Parquet file, or a folder of Parquet files.
+        A CSV file, plain or gzip-compressed, a Parquet file, or a folder of Parquet files.
     config : Config, optional
         Names, units and dialect of the bench's files.
 
     Raises
     ------
     InputError
-        If its head cannot be that of a recording of the friction rig; whatever is wrong further
-        down is told while the runs are read.
+        If its head is not that of a friction rig recording. Errors further down are reported
+        while the runs are read.
     """
     options, sources = ReadOptions.of(config, "rig"), unread_sources(path)
     return _parquet(sources, path, options) if are_parquet(sources) else _csv(path, options)
@@ -63,7 +63,7 @@ def open_big(path: Path, config: Any = None) -> BigRecording:
 
 @dataclass(frozen=True, slots=True)
 class TextHead:
-    """The head of a big text file, and the bytes that follow.
+    """The head of a big text file and the bytes after it.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class TextHead:
     layout : Layout
         Header, units and separators.
     chunks : iterator of bytes
-        The file from its first row on.
+        The file from its first row onwards.
     """
 
     decoded: Decoded
@@ -81,12 +81,12 @@ class TextHead:
 
 
 def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
-    """Head of a text file of any size, plain or packed with gzip.
+    """Read the head of a text file of any size, plain or gzip-compressed.
 
     Raises
     ------
     InputError
-        If the first lines are no text with a header.
+        If the first lines are not text with a header.
     """
     name = str(path)
     chunks = ahead(file_chunks(path), 2)
@@ -101,7 +101,7 @@ def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
     layout = text_layout(decoded, name, options, table)
     body = _after_lines(first, layout.first_line - 1)
     if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):
-        raise InputError(f"{name}: lines that end in a carriage return alone; {_FEEDS}")
+        raise InputError(f"{name}: lines end with a carriage return only; {_FEEDS}")
     return TextHead(decoded, layout, itertools.chain([body], chunks))
 
 
@@ -112,14 +112,14 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
     context = MappingContext(table, options, name, problems)
     mappings, wanted = wanted_columns(layout, candidates_of(layout), context)
     _refuse_missing_settings(mappings, context, f"{name}:{layout.header_line}")
-    told = list(head.decoded.notes)
-    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, told)
-    told += [*layout.notes, *notes_of(mappings, table, layout.header)]
-    return BigRecording(path, ahead(blocks, 1), table, mappings, wanted["time_s"].clock, told)
+    notes = list(head.decoded.notes)
+    blocks = csv_blocks(head.chunks, layout, wanted, head.decoded.encoding, name, notes)
+    notes += [*layout.notes, *notes_of(mappings, table, layout.header)]
+    return BigRecording(path, ahead(blocks, 1), table, mappings, wanted["time_s"].clock, notes)
 
 
 def _after_lines(data: bytes, lines: int) -> bytes:
-    """Bytes after some lines; none if there are not more."""
+    """Return the bytes after the first `lines` lines; empty if there are none."""
     at = 0
     for _ in range(lines):
         at = data.find(b"\n", at) + 1
@@ -131,9 +131,9 @@ def _after_lines(data: bytes, lines: int) -> bytes:
 def _refuse_missing_settings(
     mappings: Mapping[str, ChannelMapping], context: MappingContext, place: str
 ) -> None:
-    """Raise what is wrong with the columns of a recording whose rows must tell the settings."""
+    """Raise all problems with the columns, including settings that no column holds."""
     table, problems = context.table, context.problems
-    wrong = problems.count  # then the settings have been asked for as well
+    wrong = problems.count  # missing settings have been reported as well in this case
     for setting in NOMINAL:
         needed = setting in table.names and table.column(setting).required
         if needed and setting not in mappings and not wrong:
@@ -147,5 +147,5 @@ def _parquet(sources: Sequence[Source], path: Path, options: ReadOptions) -> Big
     context = MappingContext(options.table("rig"), options)
     mappings, clock, blocks = stream_parquet(sources, context)
     _refuse_missing_settings(mappings, context, sources[0].name)
-    told = notes_of(mappings, context.table, ())
-    return BigRecording(path, ahead(blocks, 1), context.table, mappings, clock, told, ", row ")
+    notes = notes_of(mappings, context.table, ())
+    return BigRecording(path, ahead(blocks, 1), context.table, mappings, clock, notes, ", row ")

@@ -1,4 +1,4 @@
-"""What was understood of files before anything is computed with them: formats, channels, runs."""
+"""Inspect files before anything is computed from them: formats, channels, runs."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ from beltid.tables.columns import Table
 
 TORQUE_SENSORS: Final = set(sensors_of(schemas.rig_table("torque")))
 ANY_TABLE: Final = schemas.table("press")
-"""Any of our names makes the header of a tidy file plain to see."""
+"""Table whose column names help to find the header; any of our tables will do."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelView:
-    """A channel as it stands in the file.
+    """A channel as it is in the file.
 
     Attributes
     ----------
     candidate : Candidate
         Name, unit and group.
     n_samples : int
-        Samples.
+        Number of samples.
     rate_Hz : float
-        Rate that the format tells [1/s]; nan where a time channel does.
+        Rate stated by the format [1/s]; nan if a time channel gives it.
     low, high, first : float
         Smallest, largest and first number, in the unit of the file; nan for texts.
     """
@@ -74,7 +74,7 @@ class ChannelView:
     first: float = np.nan
 
     def with_numbers(self, numbers: np.ndarray) -> ChannelView:
-        """The same channel with more samples of it."""
+        """Return the channel with more samples added."""
         finite = numbers[np.isfinite(numbers)]
         longer = replace(self, n_samples=self.n_samples + len(numbers))
         if not finite.size:
@@ -89,22 +89,22 @@ class ChannelView:
 
 @dataclass(frozen=True, slots=True)
 class FileView:
-    """A file as it was understood.
+    """An inspected file.
 
     Attributes
     ----------
     name : str
         Its name.
     format : str
-        Format in words.
+        Name of the format.
     encoding : str
-        Encoding of its text, "" where it is no text.
+        Encoding of its text, "" for other files.
     channels : tuple of ChannelView
-        Every channel.
+        All channels.
     fields : tuple of Field
         Header fields.
     notes : tuple of str
-        What was found out on the way.
+        Notes from reading it.
     """
 
     name: str
@@ -116,26 +116,26 @@ class FileView:
 
     @property
     def candidates(self) -> list[Candidate]:
-        """Its channels as candidates for our columns."""
+        """Channels as candidates for our columns."""
         return [channel.candidate for channel in self.channels]
 
 
 @dataclass(frozen=True, slots=True)
 class RunView:
-    """A run as it was found.
+    """A run found in a recording.
 
     Attributes
     ----------
     label : str
         Its label.
     n_samples : int
-        Samples.
+        Number of samples.
     duration_s, rate_Hz : float
-        Length [s] and median rate [1/s].
+        Duration [s] and median rate [1/s].
     gaps : tuple of float
-        Times at which samples are missing: a step of more than three median steps follows [s].
+        Times after which samples are missing: the next step is over three median steps [s].
     settings : dict
-        Arc, tension, temperature, speed reached, where the kind has them.
+        Arc, tension, temperature, speed reached, if the kind has them.
     """
 
     label: str
@@ -148,24 +148,24 @@ class RunView:
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What was understood of a recording.
+    """Result of inspecting a recording.
 
     Attributes
     ----------
     kind : str
         Kind of recording, stated or recognised.
     files : tuple of FileView
-        Its files; channels are looked at in the first one where all are alike.
+        Its files; if all are alike, only the first one has its channels inspected.
     mappings : dict of str to ChannelMapping
-        Our columns -> how they are read, as far as it is decided.
+        Our columns -> how they are read, as far as known.
     runs : tuple of RunView
-        Its runs; none where it is not understood yet.
+        Its runs; empty if it cannot be read yet.
     notes : tuple of str
-        What was found out.
+        Notes for the user.
     problems : tuple of str
-        What is still to be told; none where the recording can be read.
+        What the user must still state or correct; empty if the recording can be read.
     rig : dict of str to str
-        Keys of the section `rig` that the channels ask for and the config does not state.
+        Keys of the section `rig` that the channels require and the config does not state.
     can_be : dict of str to tuple of str
         Channels of the first file that are not read -> our columns that they can be.
     """
@@ -181,17 +181,17 @@ class Inspection:
 
 
 def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
-    """Look at files of any size, and read them as the stage of their kind does.
+    """Inspect files of any size and read them as the stage of their kind does.
 
     Parameters
     ----------
     path : Path
         File, folder, pattern or zip file.
     config : Config
-        What is known about the files already.
+        Options stated so far.
     kind : str, optional
-        Kind of recording; None: found out from the channels. It is "" in the result where it
-        cannot be found out.
+        Kind of recording; None: recognised from the channels. It is "" in the result if it
+        cannot be recognised.
 
     Raises
     ------
@@ -227,15 +227,15 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
         return Inspection(
             kind, tuple(files), mappings, (), files[0].notes, error.problems, rig, can_be
         )
-    known = recording.mappings if isinstance(recording, Recording) else {}
-    mappings = known or _mappings(files[0], kind, config)
+    mappings = recording.mappings if isinstance(recording, Recording) else {}
+    mappings = mappings or _mappings(files[0], kind, config)
     if rig:
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
     return Inspection(kind, tuple(files), mappings, tuple(runs), notes, (), rig)
 
 
 def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]:
-    """Files as they were understood, and those that are read at once as they were opened."""
+    """Inspect files; also return the opened files if the recording is read at once."""
     options = ReadOptions.of(config, "rig")
     at_once = sources_read_at_once(path, options)
     sources = at_once or unread_sources(path)
@@ -246,14 +246,14 @@ def _looked_into(path: Path, config: Any) -> tuple[list[FileView], list[Opened]]
         encoding = head.decoded.encoding
         return [_text_view(str(path), head.decoded, head.layout, head.chunks, encoding)], []
     opened, problems = open_sources(sources, options), Problems()
-    for wrong in (text for one in opened for text in one.wrong):
-        problems.add(wrong)
+    for message in (text for file in opened for text in file.wrong):
+        problems.add(message)
     problems.raise_if_any()
-    return [_view(one, options) for one in opened], opened
+    return [_view(file, options) for file in opened], opened
 
 
 def _view(opened: Opened, options: ReadOptions) -> FileView:
-    """An opened file, with the range of its channels."""
+    """Inspect an opened file, with the ranges of its channels."""
     if opened.channels is None:
         assert opened.text is not None
         layout = text_layout(opened.text, opened.name, options, ANY_TABLE)
@@ -280,9 +280,9 @@ def _view(opened: Opened, options: ReadOptions) -> FileView:
 def _text_view(
     name: str, decoded: Decoded, layout: Layout, chunks: Iterable[bytes], encoding: str
 ) -> FileView:
-    """Columns of a table in a text file, with their range; `encoding` is that of the chunks."""
+    """Inspect the columns of a text file and their ranges; `encoding` is that of the chunks."""
     views = {str(c.key): ChannelView(c) for c in text_candidates(layout)}
-    for rows in csv_blocks(chunks, layout, _looked_at(layout), encoding, name, []):
+    for rows in csv_blocks(chunks, layout, _all_columns(layout), encoding, name, []):
         nothing = np.full(len(rows), np.nan)
         views = {k: v.with_numbers(rows.numbers.get(k, nothing)) for k, v in views.items()}
     notes = (*decoded.notes, *layout.notes)
@@ -291,8 +291,8 @@ def _text_view(
     return FileView(name, format_name, decoded.encoding, channels, layout.fields, notes)
 
 
-def _looked_at(layout: Layout) -> dict[str, Wanted]:
-    """All columns of a text file: as numbers where the first rows hold mostly numbers."""
+def _all_columns(layout: Layout) -> dict[str, Wanted]:
+    """Return all columns of a text file, as numbers if the first rows are mostly numbers."""
     cells, wanted = layout.first_cells(), {}
     for candidate in text_candidates(layout):
         filled = cells[candidate.key]
@@ -302,16 +302,16 @@ def _looked_at(layout: Layout) -> dict[str, Wanted]:
 
 
 def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[FileView]:
-    """Parquet files; the range of the channels is looked for in the first one."""
+    """Inspect Parquet files; only the first one has the ranges of its channels."""
     from beltid.bench.channels.parquet_tables import candidates_of
     from beltid.bench.formats import parquet
 
     first = parquet.ParquetTable.of(sources[0])
-    there, n = first.schema, first.content.metadata.num_rows
+    schema, n = first.schema, first.content.metadata.num_rows
     numeric = [
         name
-        for name in there.names
-        if there.names.count(name) == 1 and parquet.holds_numbers(there.field(name))
+        for name in schema.names
+        if schema.names.count(name) == 1 and parquet.holds_numbers(schema.field(name))
     ]
     candidates = candidates_of(first, MappingContext(ANY_TABLE, options))
     views = {c.name: ChannelView(c, 0 if c.name in numeric else n) for c in candidates}
@@ -328,28 +328,29 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
 
 
 def _rig_meant(view: FileView, config: Any) -> dict[str, str]:
-    """What the channels say of the rig where they are not those that the config states."""
+    """Return the `rig` keys that the channels require and the config does not state."""
     if config.rig.model_fields_set & {"kind", "weight_on"}:
         return {}
     shares = {
-        found: _share_of(view, schemas.rig_table(*found), config) for found in schemas.RIG_KINDS
+        rig_kind: _share_of(view, schemas.rig_table(*rig_kind), config)
+        for rig_kind in schemas.RIG_KINDS
     }
-    best = max(shares, key=lambda found: shares[found])
+    best = max(shares, key=lambda rig_kind: shares[rig_kind])
     if shares[best] < 1.0 or best[0] == "two_cells":
         return {}
     return {"kind": best[0]} | ({"weight_on": best[1]} if best[0] == "dead_weight" else {})
 
 
 def _kind_meant(view: FileView, config: Any, path: Path) -> str:
-    """The kind of recording whose sensors the channels are."""
+    """Recognise the kind of recording by its sensors."""
     if _is_table_of_plateaus(view, config):
         return "points"
     kinds = ("press", "speedloss", "rig")
     tables = {kind: [ReadOptions.of(config, kind).table(kind)] for kind in kinds}
     if not config.rig.model_fields_set & {"kind", "weight_on"}:
-        tables["rig"] += [schemas.rig_table(*found) for found in schemas.RIG_KINDS]
+        tables["rig"] += [schemas.rig_table(*rig_kind) for rig_kind in schemas.RIG_KINDS]
     shares = {k: max(_share_of(view, table, config) for table in tables[k]) for k in kinds}
-    # sensors that share a unit are no sensor of their kind yet: then the channels explained decide
+    # if no kind has all its sensors (units may be ambiguous), the explained channels decide
     whole = max(shares.values()) == 1.0
     marks = {
         kind: (share, 0 if whole or share == 0.0 else _explained(view, kind, config))
@@ -357,84 +358,86 @@ def _kind_meant(view: FileView, config: Any, path: Path) -> str:
     }
     best = max(marks, key=lambda kind: marks[kind][::-1])
     if shares[best] == 0 or list(marks.values()).count(marks[best]) > 1:
-        found = ", ".join(c.name for c in view.candidates[:20]) or "none"
+        channel_names = ", ".join(c.name for c in view.candidates[:20]) or "none"
         raise InputError(
-            f"{path}: the channels do not tell what it is a recording of, say --kind press, rig, "
-            f"speedloss or points; found: {found}"
+            f"{path}: the channels do not show the kind of recording, say --kind press, rig, "
+            f"speedloss or points; found: {channel_names}"
         )
     return best
 
 
 def _explained(view: FileView, kind: str, config: Any) -> int:
-    """How many channels a kind of recording reads, or has a column for."""
+    """Count the channels that a kind of recording reads or may have a column for."""
     mappings = _mappings(view, kind, config)
     return len(mappings) + len(_can_be(view, [kind], mappings, config))
 
 
 def _is_table_of_plateaus(view: FileView, config: Any) -> bool:
-    """Whether a row is a plateau: a speed and an arc or a coefficient, and no time."""
+    """Return whether each row is a plateau: a speed and an arc or a coefficient, but no time."""
     if any(np.isfinite(channel.rate_Hz) for channel in view.channels):
         return False
-    there = {kind: _there(view, schemas.table(kind), config) for kind in ("rig", "points")}
-    if "time_s" in there["rig"]:
+    columns_by_kind = {
+        kind: _columns_meant(view, schemas.table(kind), config) for kind in ("rig", "points")
+    }
+    if "time_s" in columns_by_kind["rig"]:
         return False
-    found = there["points"]
-    slides = bool(found & {"pulley_speed_rad_s", "slip_speed_m_s"})
-    return slides and ("arc_deg" in found or {"mu", "normal_force_N_m"} <= found)
+    columns = columns_by_kind["points"]
+    has_speed = bool(columns & {"pulley_speed_rad_s", "slip_speed_m_s"})
+    return has_speed and ("arc_deg" in columns or {"mu", "normal_force_N_m"} <= columns)
 
 
 def _share_of(view: FileView, table: Table, config: Any) -> float:
-    """Share of the sensors of a table that the channels of a file can be."""
+    """Return the share of a table's sensors that the file has channels for."""
     sensors = set(sensors_of(table))
     if "weight_N" in table.names and table.column("weight_N").required:
-        sensors.add("weight_N")  # no sensor, but nothing else tells such a bench
-    there = _there(view, table, config)
-    found = len(sensors & there)
-    if sensors == TORQUE_SENSORS:  # one of both tensions is enough
-        either = bool(there & {"tension_tight_N", "tension_slack_N"})
-        return (found + either) / (len(sensors) + 1)
-    return found / len(sensors)
+        sensors.add("weight_N")  # not a sensor, but the only mark of such a bench
+    columns = _columns_meant(view, table, config)
+    count = len(sensors & columns)
+    if sensors == TORQUE_SENSORS:  # one of the two tensions is enough
+        either = bool(columns & {"tension_tight_N", "tension_slack_N"})
+        return (count + either) / (len(sensors) + 1)
+    return count / len(sensors)
 
 
-def _there(view: FileView, table: Table, config: Any) -> set[str]:
-    """Our columns of a table that channels of a file can be meant by."""
+def _columns_meant(view: FileView, table: Table, config: Any) -> set[str]:
+    """Return the columns of a table that channels of the file can be."""
     context = MappingContext(table, ReadOptions.of(config, table.kind))
     return set(channels_meant(view.candidates, context))
 
 
 def _mappings(view: FileView, kind: str, config: Any) -> dict[str, ChannelMapping]:
-    """How channels are read, as far as it is decided."""
+    """Map the channels of a file to our columns, as far as possible."""
     options = ReadOptions.of(config, kind)
     table = options.table(kind)
-    found: dict[str, ChannelMapping] = {}
+    mappings: dict[str, ChannelMapping] = {}
     for group in _groups(view.candidates):
-        found = {**map_channels(group, MappingContext(table, options)), **found}
-    return found
+        mappings = {**map_channels(group, MappingContext(table, options)), **mappings}
+    return mappings
 
 
 def _can_be(
     view: FileView, kinds: Sequence[str], mappings: dict[str, ChannelMapping], config: Any
 ) -> dict[str, tuple[str, ...]]:
-    """What channels that are not read can be: by their unit, or by a known word in their name."""
-    read = {m.candidate.qualified for m in mappings.values()}
-    found: dict[str, tuple[str, ...]] = {}
+    """Return which columns unread channels can be, by their unit or a known word in their name."""
+    read_names = {m.candidate.qualified for m in mappings.values()}
+    roles_by_channel: dict[str, tuple[str, ...]] = {}
     for candidate in view.candidates:
         roles: list[str] = []
-        for kind in kinds if candidate.qualified not in read else ():
+        for kind in kinds if candidate.qualified not in read_names else ():
             options = ReadOptions.of(config, kind)
-            open_columns = [
+            missing_columns = [
                 c
                 for c in options.table(kind).columns
                 if c.dtype == "float64" and c.required and c.name not in mappings
             ]
-            possible = [c.name for c in open_columns if can_be(candidate, c)]
+            possible = [c.name for c in missing_columns if can_be(candidate, c)]
             hinted = [name for name in possible if name in roles_hinted(candidate.name, kind)]
-            told = bool(unit_of(candidate) or candidate.written)
+            has_unit = bool(unit_of(candidate) or candidate.written)
             sensors = [name for name in possible if name not in schemas.SETTINGS]
-            roles += hinted or (sensors if told else [])
+            roles += hinted or (sensors if has_unit else [])
         if roles:
-            found[candidate.qualified] = tuple(dict.fromkeys(roles))
-    return found
+            roles_by_channel[candidate.qualified] = tuple(dict.fromkeys(roles))
+    return roles_by_channel
 
 
 def _groups(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
@@ -445,7 +448,7 @@ def _groups(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
 
 
 def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
-    """Runs of a recording, in the order of their first sample."""
+    """Return the runs of a recording, in the order of their first sample."""
     label = schemas.table(kind).label
     labels = Texts.of(columns[label])
     sensors = {name: x for name, x in columns.items() if name != label and x.dtype != object}
@@ -463,19 +466,19 @@ def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
     time = columns["time_s"]
     steps = np.diff(time)
     step = float(np.median(steps)) if steps.size else 0.0
-    late = np.flatnonzero(steps > 3.0 * step) if step > 0 else np.empty(0, dtype=int)
+    gap_starts = np.flatnonzero(steps > 3.0 * step) if step > 0 else np.empty(0, dtype=int)
     return RunView(
         label,
         len(time),
         float(time[-1] - time[0]),
         1.0 / step if step > 0 else np.nan,
-        tuple(float(time[i]) for i in late),
+        tuple(float(time[i]) for i in gap_starts),
         _settings(columns, kind),
     )
 
 
 def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
-    """What a run was made at."""
+    """Return the settings of a run."""
     settings = {}
     for name in ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC"):
         values = part.get(name)
@@ -484,7 +487,7 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
     speed = {"rig": "pulley_speed_rad_s", "speedloss": "driver_speed_rad_s"}.get(kind)
     if speed is not None and np.isfinite(part[speed]).any():
         turning = np.abs(part[speed])
-        # without the rest; the highest samples alone would be the noise of the sensor
+        # omit the rest phase; the highest samples alone would show sensor noise
         turning = turning[turning >= 0.5 * np.nanquantile(turning, 0.9)]
         settings[speed] = float(np.median(turning))
     if kind == "press":
@@ -493,7 +496,7 @@ def _settings(part: dict[str, np.ndarray], kind: str) -> dict[str, float]:
 
 
 def _text_format(text: str) -> str:
-    """What wrote a table in a text file, where its first lines tell."""
+    """Recognise the program that wrote a text file from its first lines."""
     head = text[:4000]
     if head.startswith("MTS793|"):
         return "MTS 793 text"

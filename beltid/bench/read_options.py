@@ -1,4 +1,4 @@
-"""How the files of a bench differ from ours, as its config states it for a kind of recording."""
+"""Options for reading the files of a bench, as its config states them for a kind of recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltid.tables.units import Calibration
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How the files of a bench differ from ours; by default in nothing.
+    """Differences between the files of a bench and ours; none by default.
 
     Attributes
     ----------
@@ -24,11 +24,11 @@ class ReadOptions:
     units : mapping
         Our column -> its unit in the file, or the calibration of its sensor.
     dialect : DialectSection
-        How tables are written: separators, encoding; null is found out from the file.
+        Separators and encoding of tables; those that are null are detected from the file.
     runs : RunsOfKind
-        Where label and settings of the runs stand.
+        Where to find label and settings of the runs.
     rig : RigSection
-        The friction rig: its kind tells the channels of a recording.
+        The friction rig: its kind determines the channels of a recording.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class ReadOptions:
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
-        """Options that a config states for a kind of recording."""
+        """Return the options that a config states for a kind of recording."""
         if config is None:
             return cls()
         dialect = config.dialect
@@ -53,7 +53,7 @@ class ReadOptions:
         return cls(names, units, dialect, config.runs.of(kind), config.rig)
 
     def table(self, kind: str) -> Table:
-        """The table that a kind of recording must fill."""
+        """Return the table that a kind of recording must fill."""
         if kind != "rig":
             return schemas.table(kind)
         running = self.rig.kind == "running"

@@ -1,6 +1,6 @@
-"""The day on which a recording was made, as far as its files tell.
+"""Find the day on which a recording was made, if its files contain it.
 
-It stands in a header field (Date, Prüfdatum, start time), or in a time stamp of the first sample;
+It is in a header field (Date, Prüfdatum, start time) or in the time stamp of the first sample;
 `beltid.bench.formats.clock` reads it.
 """
 
@@ -30,27 +30,27 @@ WORDS: Final = re.compile(
     r"wf_start_time",
     re.IGNORECASE,
 )
-"""Names of header fields that may tell the day; a time of day alone has no day in it."""
+"""Names of header fields that may contain the day; a time of day alone does not."""
 EXCEL_DAY: Final = re.compile(r'\s*"?([2-7]\d{4})([.,]\d*)?"?\s*($|[;\t])')
-"""A date as Excel holds it: days from 1899-12-30."""
+"""A date as Excel stores it: days from 1899-12-30."""
 
 
 def recorded_on(path: Path, config: Config, kind: str) -> str | None:
-    """Day of a recording, ``2024-05-17``; that of the first and the last file of several.
+    """Find the day of a recording, ``2024-05-17``; for several files those of the first and last.
 
     Parameters
     ----------
     path : Path
         File, folder, pattern or zip file.
     config : Config
-        How the files are written.
+        Options for reading the files.
     kind : str
         Kind of recording.
 
     Returns
     -------
     str or None
-        None where no file tells it, or none can be read.
+        None if no file contains it, or none can be read.
     """
     options = ReadOptions.of(config, kind)
     try:
@@ -59,14 +59,14 @@ def recorded_on(path: Path, config: Config, kind: str) -> str | None:
             sources = sources_of(path)
         ends = [sources[0], sources[-1]] if len(sources) > 1 else sources
         days = [day for source in ends if (day := next(_of_file(source, options), None))]
-    except InputError:  # what is wrong with it is told by the one who reads the samples
+    except InputError:  # reported when the samples are read
         return None
     return " to ".join(dict.fromkeys(sorted(days))) or None
 
 
 def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
     head = source.first_bytes(HEAD_BYTES)
-    if len(head) == HEAD_BYTES:  # whole lines, as its text has to be decoded
+    if len(head) == HEAD_BYTES:  # cut to whole lines so that the text can be decoded
         head = head[: head.rfind(b"\n") + 1 or None]
     form = sniff(head, source.name)
     if form == PARQUET:
@@ -74,17 +74,17 @@ def _of_file(source: Source, options: ReadOptions) -> Iterator[str]:
     elif form == TEXT:
         yield from _of_text(decode(head, source.name, options.dialect.encoding).text, options)
     else:
-        for one in open_sources([source], options):
-            if one.text is not None:  # packed
-                yield from _of_text(one.text.text[:HEAD_BYTES], options)
-            if one.channels is not None:
-                yield from _of_channels(one.channels)
+        for opened in open_sources([source], options):
+            if opened.text is not None:  # compressed
+                yield from _of_text(opened.text.text[:HEAD_BYTES], options)
+            if opened.channels is not None:
+                yield from _of_channels(opened.channels)
 
 
 def _of_text(text: str, options: ReadOptions) -> Iterator[str]:
-    found = layout(text, "", options.dialect, [options.names.get("time_s", "time_s")])
-    yield from _of_fields(found.fields)
-    yield from _of_cells(zip(found.header, found.first_cells(), strict=True))
+    file_layout = layout(text, "", options.dialect, [options.names.get("time_s", "time_s")])
+    yield from _of_fields(file_layout.fields)
+    yield from _of_cells(zip(file_layout.header, file_layout.first_cells(), strict=True))
 
 
 def _of_channels(file: BenchFile) -> Iterator[str]:
@@ -108,7 +108,7 @@ def _of_parquet(source: Source) -> Iterator[str]:
 
 
 def _of_fields(fields: Iterable[Field]) -> Iterator[str]:
-    """Days in header fields whose names may tell them."""
+    """Yield the days in header fields whose names may mean a date."""
     for field in fields:
         if not WORDS.fullmatch(field.name.strip()):
             continue
@@ -120,7 +120,7 @@ def _of_fields(fields: Iterable[Field]) -> Iterator[str]:
 
 
 def _of_cells(columns: Iterable[tuple[str, Sequence[str]]]) -> Iterator[str]:
-    """Days of the first time stamps, and of the first dates beside times of day."""
+    """Yield the days of the first time stamps, and of the first dates in date columns."""
     for name, cells in columns:
         written = written_as(cells)
         is_stamp = written == "clock" or (written == "date" and means_date(name))

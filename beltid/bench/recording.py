@@ -1,6 +1,6 @@
-"""Recordings of the benches: files of any format in, validated columns out.
+"""Read recordings of the benches: files of any format in, validated columns out.
 
-A big recording of the friction rig is read run by run, by `big_recording`.
+`big_recording` reads big recordings of the friction rig run by run.
 """
 
 from __future__ import annotations
@@ -64,9 +64,10 @@ if TYPE_CHECKING:
     from beltid.bench.formats.parquet import ParquetTable
 
 IN_OUR_UNITS: Final = "in_our_units"
-"""Attribute of a DataFrame that was read with its config, or computed."""
+"""Attribute of a DataFrame that is in our names and units already: read with its config, or
+computed."""
 BIG: Final = 64 << 20
-"""Bytes of a recording, unpacked, from which on it is read run by run."""
+"""Smallest size of a recording that is read run by run [bytes, unpacked]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +79,14 @@ class Recording:
     kind : str
         "press", "rig" or "speedloss".
     columns : dict of str to ndarray
-        The columns of the schema in its order and units: float64 with nan where a number is
-        missing, object arrays of str for labels. An optional column that the file does not have
-        is all nan.
+        The columns of the schema in its order and units: float64 with nan for missing numbers,
+        object arrays of str for labels. An optional column that the file lacks is all nan.
     path : Path
         The file.
     notes : tuple of str
-        What was found out, left out or missing.
+        Notes on what was recognised, left out or missing.
     mappings : dict
-        Our columns -> how they were read; empty where the file has our own columns.
+        Our columns -> how they were read; empty if the file has our own columns.
     is_artifact : bool
         Whether it is a simulated recording: an artifact of ours.
     """
@@ -100,28 +100,28 @@ class Recording:
 
     @property
     def n_samples(self) -> int:
-        """Samples in it."""
+        """Number of samples."""
         return len(self.columns[schemas.table(self.kind).label])
 
 
 def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording:
-    """Read a recording and check that it can be what it claims to be.
+    """Read a recording and check that it is plausible.
 
     Parameters
     ----------
     path : path
-        A file of any format that benches write (see `beltid.bench.formats`), plain or packed with
-        gzip; a Parquet file with the columns of the kind; or a folder, a pattern such as
+        A file of any format that benches write (see `beltid.bench.formats`), plain or
+        gzip-compressed; a Parquet file with the columns of the kind; or a folder, a pattern such as
         ``runs/*.lvm`` or a zip file with a file per run.
     kind : {"press", "rig", "speedloss"}
-        What it is a recording of.
+        Kind of recording.
     config : Config, optional
-        Names, units and dialect of the bench's files, and where settings of the runs stand.
+        Names, units and dialect of the bench's files, and where to find settings of the runs.
 
     Raises
     ------
     InputError
-        With everything that is wrong, each with its line.
+        With all errors, each with its line.
     """
     path = Path(path)
     options = ReadOptions.of(config, kind)
@@ -130,28 +130,27 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
 
 
 def is_big(path: Path) -> bool:
-    """Whether a recording takes that much on the disk that reading it is worth helpers.
+    """Return whether a recording is so big on disk that helper processes pay off.
 
-    Whether it is read run by run, `read_rig` finds out: a small file may be packed.
+    `read_rig` decides whether it is read run by run: a small file may be compressed.
     """
     return sum(file.size for file in signature_of(path)) >= BIG
 
 
 def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
-    """Read a recording of the friction rig: a big one whose rows tell all settings run by run.
+    """Read a recording of the friction rig; run by run if it is big and its rows hold all settings.
 
     Parameters
     ----------
     path : Path
         A file, folder, pattern or zip file; see `beltid.bench.recording.read_recording`.
     config : Config, optional
-        Names, units and dialect of the bench's files, and where settings of the runs stand.
+        Names, units and dialect of the bench's files, and where to find settings of the runs.
 
     Raises
     ------
     InputError
-        With everything that is wrong with a recording that is read at once, or the head of a big
-        one.
+        With all errors in a recording that is read at once, or in the head of a big one.
     """
     options = ReadOptions.of(config, "rig")
     sources = sources_read_at_once(path, options)
@@ -161,12 +160,12 @@ def read_rig(path: Path, config: Any = None) -> Recording | BigRecording:
 
 
 def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | None:
-    """Files of a recording that is read at once; None if it is read run by run.
+    """Return the files of a recording that is read at once; None if it is read run by run.
 
     Raises
     ------
     InputError
-        If there is no file, or it is too large to be read at once and cannot be run by run.
+        If there is no file, or it is too large to read at once and cannot be read run by run.
     """
     runs = options.runs
     in_rows = runs == ReadOptions().runs
@@ -185,7 +184,7 @@ def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | Non
 
 
 def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
-    """Whether a file that begins with these bytes is big, and of a format that is read in blocks.
+    """Return whether a file is big and its format can be read in blocks.
 
     Parameters
     ----------
@@ -194,12 +193,12 @@ def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
     path : Path
         The file.
     whole : bool
-        Whether they are all of it.
+        Whether `data` is the whole file.
     """
     allowed: tuple[str, ...] = (TEXT, PARQUET)
     if sniff(data[:1024], path.name) == GZIP:
         allowed = (TEXT,)
-        # what is wrong with it is told by the one who reads it
+        # the reader reports a damaged file
         with contextlib.suppress(OSError, EOFError, zlib.error):
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(BIG if whole else 1024)
             whole = whole and len(data) < BIG
@@ -210,50 +209,52 @@ def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
 def recording_from(
     sources: Sequence[Source], path: Path, kind: str, options: ReadOptions
 ) -> Recording:
-    """The recording in some files; see `read_recording`."""
+    """Read the recording in one or more files; see `read_recording`."""
     if is_many(path):
         refuse_large(path, sources)
     if are_parquet(sources):
-        found = _from_parquet(sources, path, kind, options)
+        recording = _from_parquet(sources, path, kind, options)
     else:
-        found = recording_of(open_sources(sources, options), path, kind, options)
-    return replace(found, notes=(*found.notes, *folders_left_out(path, sources)))
+        recording = recording_of(open_sources(sources, options), path, kind, options)
+    return replace(recording, notes=(*recording.notes, *folders_left_out(path, sources)))
 
 
 def recording_of(
     opened: Sequence[Opened], path: Path, kind: str, options: ReadOptions
 ) -> Recording:
-    """The recording that opened files hold.
+    """Read the recording in opened files.
 
     Parameters
     ----------
     opened : sequence of Opened
         The files.
     path : Path
-        What was named.
+        The path that the user named.
     kind : {"press", "rig", "speedloss"}
-        What it is a recording of.
+        Kind of recording.
     options : ReadOptions
-        What the config states.
+        Options stated in the config.
 
     Raises
     ------
     InputError
-        With everything that is wrong, each with its line.
+        With all errors, each with its line.
     """
     table, problems = options.table(kind), Problems()
-    read = [read_opened(one, MappingContext(table, options, one.name, problems)) for one in opened]
-    if not all(read):  # what cannot be read at all; wrong rows are told with what the checks find
-        problems.told_once([one.name for one in opened])
+    tables_by_file = [
+        read_opened(file, MappingContext(table, options, file.name, problems)) for file in opened
+    ]
+    if not all(tables_by_file):  # unreadable files; wrong rows are reported after the checks
+        problems.told_once([file.name for file in opened])
         problems.raise_if_any()
-    raw_tables = [raw for found in read for raw in found]
+    raw_tables = [raw for tables in tables_by_file for raw in tables]
     return _joined(raw_tables, path, kind, options, problems)
 
 
 def _joined(
     raw_tables: Sequence[RawTable], path: Path, kind: str, options: ReadOptions, problems: Problems
 ) -> Recording:
-    """The recording that raw tables are together, checked."""
+    """Join raw tables to a recording and check it."""
     table = options.table(kind)
     columns, place, notes, stated = joined(raw_tables, table, options, problems)
     notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
@@ -263,14 +264,14 @@ def _joined(
 
 
 def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
-    """Columns in our names and units as a DataFrame that says so to `columns_of`.
+    """Return columns in our names and units as a DataFrame, marked as such for `columns_of`.
 
     Parameters
     ----------
     columns : mapping of str to ndarray
         The columns, shape (n,) each.
     notes : sequence of str
-        What was found out about them: ``.attrs["notes"]`` of the frame.
+        Notes on them: ``.attrs["notes"]`` of the frame.
     """
     import pandas as pd
 
@@ -280,44 +281,44 @@ def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd
 
 
 def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
-    """Columns of a recording that is in memory, checked as those of a file.
+    """Return the columns of a recording in memory, checked like those of a file.
 
     Parameters
     ----------
     frame : DataFrame, pyarrow Table, mapping or Recording
-        The samples; other columns than those of the kind are left out.
+        The samples; columns that the kind does not have are ignored.
     kind : {"press", "rig", "speedloss"}
-        What it is a recording of.
+        Kind of recording.
     config : Config, optional
         Names and units of the columns.
 
     Raises
     ------
     InputError
-        With everything that is wrong, each with its row.
+        With all errors, each with its row.
     """
     from beltid.bench.formats.frames import arrow_of
     from beltid.bench.formats.parquet import ParquetTable
 
     options, path = ReadOptions.of(config, kind), Path("frame")
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
-        options = ReadOptions(rig=options.rig)  # what the config says of files is done
+        options = ReadOptions(rig=options.rig)  # names and units are ours already
         frame = frame.columns if isinstance(frame, Recording) else frame
-    of_all = {"values": options.runs.values}  # a frame has no name and no header
-    options = replace(options, runs=ReadOptions().runs.model_copy(update=of_all))
+    constant_settings = {"values": options.runs.values}  # a frame has no name and no header
+    options = replace(options, runs=ReadOptions().runs.model_copy(update=constant_settings))
     table = options.table(kind)
     arrow = arrow_of(frame, "frame", {options.names.get(name, name) for name in table.names})
     part = ParquetTable("frame", path, arrow, arrow.schema)
-    found = _of_tables([part], path, kind, options)
-    if table.label not in found.mappings and "time_s" in table.names:  # it may be the index
+    recording = _of_tables([part], path, kind, options)
+    if table.label not in recording.mappings and "time_s" in table.names:  # it may be the index
         raise InputError(f"frame: column {table.label} is missing", code="columns")
-    return found.columns
+    return recording.columns
 
 
 def _of_tables(
     tables: Sequence[ParquetTable], path: Path, kind: str, options: ReadOptions
 ) -> Recording:
-    """The recording that Parquet files, or a table of Arrow, hold."""
+    """Read the recording in Parquet files or an Arrow table."""
     from beltid.bench.channels.parquet_tables import read_parquet
 
     context = MappingContext(options.table(kind), options)
@@ -331,7 +332,7 @@ def _of_tables(
 def _from_parquet(
     sources: Sequence[Source], path: Path, kind: str, options: ReadOptions
 ) -> Recording:
-    """Recording in Parquet files: an artifact of ours (simulated), or files of the same columns."""
+    """Read a recording in Parquet files: our artifact (simulated), or files of equal columns."""
     from beltid.artifacts.artifact import SEAL_KEY, artifact_from_bytes
     from beltid.bench.formats.parquet import ParquetTable
 
@@ -356,18 +357,18 @@ def _from_parquet(
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A file whose format is known: its text, its channels, or why it cannot be read.
+    """A file of known format: its text, its channels, or the reasons why it cannot be read.
 
     Attributes
     ----------
     name : str
         Its name, for messages.
     text : Decoded or None
-        The text, of a table in a text file.
+        The text, for a text file.
     channels : BenchFile or None
-        What was found, of any other format.
+        The contents, for any other format.
     wrong : tuple of str
-        Why it cannot be read.
+        Reasons why it cannot be read.
     """
 
     name: str
@@ -377,34 +378,34 @@ class Opened:
 
 
 def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened]:
-    """Open files, those of delicate formats together in a child process."""
+    """Open files; those of formats whose readers may crash are read together in a child process."""
     opened: list[Opened] = []
     jobs: dict[int, tuple[str, Path]] = {}
     with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
         for number, source in enumerate(sources):
             try:
-                one = _opened(source, options, Path(folder, str(number)))
+                opened_file = _opened(source, options, Path(folder, str(number)))
             except InputError as error:
-                one = Opened(source.name, wrong=error.problems)
-            if isinstance(one, tuple):
-                jobs[number] = one
-                one = Opened(source.name)
-            opened.append(one)
+                opened_file = Opened(source.name, wrong=error.problems)
+            if isinstance(opened_file, tuple):
+                jobs[number] = opened_file
+                opened_file = Opened(source.name)
+            opened.append(opened_file)
         if jobs:
             from beltid.bench.formats.isolated.process import read_isolated
 
-            for number, found in zip(jobs, read_isolated(list(jobs.values())), strict=True):
+            for number, contents in zip(jobs, read_isolated(list(jobs.values())), strict=True):
                 name = sources[number].name
                 opened[number] = (
-                    Opened(name, wrong=tuple(found.at(name)))
-                    if isinstance(found, InputError)
-                    else Opened(name, channels=found)
+                    Opened(name, wrong=tuple(contents.at(name)))
+                    if isinstance(contents, InputError)
+                    else Opened(name, channels=contents)
                 )
     return opened
 
 
 def read_opened(opened: Opened, context: MappingContext) -> list[RawTable]:
-    """Columns of an opened file; `context` takes what is wrong."""
+    """Read the columns of an opened file; `context` collects the problems."""
     for wrong in opened.wrong:
         context.problems.add(wrong)
     try:
@@ -421,7 +422,7 @@ def read_opened(opened: Opened, context: MappingContext) -> list[RawTable]:
 
 
 def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple[str, Path]:
-    """An opened file, or the format and the file that the child process has to read."""
+    """Open a file, or return the format and the path that the child process must read."""
     data = plain = source.read()
     name = source.inside.name.removesuffix(".gz")
     format_name = sniff(data, name)
@@ -442,13 +443,13 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         from beltid.bench.formats import uff
 
         return Opened(source.name, channels=uff.read(plain, source.name))
-    what = {
+    refusal = {
         PARQUET: "a Parquet file among others, name it alone",
         ZIP: "a zip file within another packed file, unpack it",
         GZIP: "packed twice, unpack it",
     }.get(format_name)
-    what = unread(plain) or what
-    if what:
-        raise InputError(f"{source.name}: is {what}")
+    refusal = unread(plain) or refusal
+    if refusal:
+        raise InputError(f"{source.name}: is {refusal}")
     decoded = decode(plain, source.name, options.dialect.encoding)
     return Opened(source.name, text=decoded)

@@ -1,16 +1,16 @@
-"""Simulated less measured in units of its standard uncertainty (ASME V&V 20).
+"""Simulated minus measured coefficients over their standard uncertainty (ASME V&V 20).
 
-With the comparison error E = S - D of simulation and experiment, and the errors of the model, of
-its inputs, of its numerics and of the data, E says something about the model only beyond
+The comparison error E = S - D of simulation and experiment contains the errors of the model, of its
+inputs, of its numerics and of the data. It says something about the model only beyond
 
     u_val² = u_num² + u_input² + u_D²
 
-(ASME V&V 20-2009, Eq. 1-5-9). Where inputs and data share errors the squares may not be added one
-by one: each shared error's change of E comes in whole (section 5-3 there), which is done here. The
-scatter behind the surface is added as if it were independent of the run's own; where the surface
-was made from the same runs this is on the safe side by the few percent that one run weighs in it.
-A setting that the bench missed while the simulation was given the nominal one is a known error that
-is not corrected: it counts in full.
+(ASME V&V 20-2009, Eq. 1-5-9). If inputs and data share errors, their squares must not be added
+separately; each shared error enters with its total change of E (section 5-3 there), as done here.
+The scatter behind the surface is added as if it were independent of the scatter of the run. If the
+surface was built from the same runs, this is conservative by the few percent that one run weighs in
+it. If the bench missed a setting and the simulation used the nominal one, that is a known error
+without correction: it counts in full.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from beltid.uncertainty.sources import Source, reduction_sources
 Array = NDArray[np.float64]
 
 WITHIN = 2.0
-"""Standard uncertainties within which a difference says nothing about the model."""
+"""Standard uncertainties within which a difference says nothing about the model [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,9 @@ class Validation:
     Attributes
     ----------
     measured : ndarray
-        Of the measured coefficient, shared errors and scatter.
+        Of the measured coefficient: shared errors and scatter.
     measured_scatter : ndarray
-        Its scatter alone.
+        Of the measured coefficient: scatter only.
     simulated_scatter : ndarray
         Of the simulated coefficient by scatter.
     numerical : ndarray
@@ -66,14 +66,14 @@ class Validation:
 
     @property
     def u_input(self) -> Array:
-        """Of the simulated coefficient by its inputs (n,)."""
+        """Standard uncertainty of the simulated coefficient by its inputs (n,)."""
         shared = np.sum(np.square(self.simulated), axis=1)
         own = np.square(self.simulated_scatter) + np.square(self.settings)
         return np.asarray(np.sqrt(shared + own))
 
     @property
     def u_validation(self) -> Array:
-        """Of the difference (n,)."""
+        """Standard uncertainty of the difference (n,)."""
         parts = (self.measured_scatter, self.simulated_scatter, self.numerical, self.settings)
         total = np.sum(np.square(self.difference), axis=1)
         return np.asarray(np.sqrt(total + sum(np.square(part) for part in parts)))
@@ -92,7 +92,7 @@ class Validated:
     result : AgreementResult
         The comparison, with ``u_validation``.
     validation : Validation
-        The parts of that.
+        The parts of ``u_validation``.
     sources : tuple of Source
         Shared errors.
     inputs_known : bool
@@ -105,20 +105,20 @@ class Validated:
     inputs_known: bool
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of the comparison table; absolute, of mu."""
+        """Return columns of the comparison table: absolute uncertainties of mu [-]."""
         mu = self.result.mu_measured
         parts = self.validation
-        known = np.where(self.inputs_known, 1.0, np.nan)
+        one_or_nan = np.where(self.inputs_known, 1.0, np.nan)
         return {
             "u_measured": parts.measured * mu,
-            "u_input": parts.u_input * mu * known,
-            "u_numerical": parts.numerical * mu * known,
+            "u_input": parts.u_input * mu * one_or_nan,
+            "u_numerical": parts.numerical * mu * one_or_nan,
             "u_validation": parts.u_validation * mu,
             "e_over_u": self.result.error_over_uncertainty,
         }
 
     def extra(self) -> dict[str, Any]:
-        """What the artifact keeps of it."""
+        """Return budget and summary for the metadata of the artifact."""
         parts = self.validation
         rows = budget(
             QUANTITY,
@@ -142,12 +142,12 @@ class Validated:
         }
 
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know of it."""
+        """Return notes for the reader."""
         if self.inputs_known:
             return ()
         return (
             "the uncertainty of the simulated runs is not known (no artifact of simulate-rig that "
-            "tells it): u_validation holds what is known of the measured ones, and the scatter",
+            "contains it): u_validation holds only that of the measured runs, and the scatter",
         )
 
 
@@ -157,16 +157,16 @@ def validated(
     simulated: Mapping[str, np.ndarray],
     uncertainty: RunsUncertainty | None,
 ) -> Validated:
-    """Uncertainties of the differences of a comparison.
+    """Compute the uncertainties of the differences of a comparison.
 
     Parameters
     ----------
     result : AgreementResult
         The comparison.
     measured, simulated : mapping of str to ndarray
-        The reduced runs of both sides.
+        Tables of reduced runs, measured and simulated.
     uncertainty : RunsUncertainty or None
-        What is known of the simulated runs.
+        Uncertainty of the simulated runs; None if unknown.
     """
     of_measured, of_simulated = result.rows
     mu = result.mu_measured
@@ -189,7 +189,7 @@ def validated(
         missed = _missed_settings(result, measured, simulated)
         parts = Validation(
             measured=whole,
-            measured_scatter=scatter if own is None else _known(own[of_measured]) / mu,
+            measured_scatter=scatter if own is None else _finite_or_zero(own[of_measured]) / mu,
             simulated_scatter=uncertainty.scatter[rows],
             numerical=uncertainty.numerical[rows],
             settings=np.abs(np.sum(uncertainty.by_setting[rows] * missed, axis=1)),
@@ -205,7 +205,7 @@ def validated(
 def _missed_settings(
     result: AgreementResult, measured: Mapping[str, np.ndarray], simulated: Mapping[str, np.ndarray]
 ) -> Array:
-    """Ln of initial tension and speed of the bench over those of the simulation (n, 2)."""
+    """Return ln of initial tension and speed, measured over simulated (n, 2)."""
     of_measured, of_simulated = result.rows
     tensions = (
         _column(measured, "initial_tension_N", of_measured),
@@ -219,12 +219,12 @@ def _missed_settings(
 def _with_reduction(
     sources: tuple[Source, ...], parts: Validation, shared: Mapping[str, np.ndarray]
 ) -> tuple[tuple[Source, ...], Validation]:
-    """What the reduction of the measured runs shares, in sources and differences.
+    """Add the errors that the reduction of the measured runs shares to sources and differences.
 
-    The surface may have been made from these runs: what an error does to both is one difference.
+    If the surface was built from these runs, the change of both by one error is subtracted.
     """
-    known = {source.error for source in sources}
-    added = tuple(source for source in reduction_sources(shared) if source.error not in known)
+    present = {source.error for source in sources}
+    added = tuple(source for source in reduction_sources(shared) if source.error not in present)
     sources, none = (*sources, *added), np.zeros((len(parts.measured), len(added)))
     difference = np.hstack([parts.difference, none])
     for k, source in enumerate(sources):
@@ -239,7 +239,7 @@ def _rows_of(
     simulated: Mapping[str, np.ndarray],
     of_simulated: np.ndarray,
 ) -> list[int] | None:
-    """Row of each matched run in what is known of the simulated ones; None if one is missing."""
+    """Return the row of each matched run in `uncertainty`; None if a run is missing there."""
     if uncertainty is None:
         return None
     places = {label: k for k, label in enumerate(uncertainty.runs)}
@@ -248,29 +248,29 @@ def _rows_of(
 
 
 def _column(columns: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> np.ndarray:
-    """Values of a column; zero where they are not known."""
+    """Return the values of a column; zero where they are missing."""
     if name not in columns:
         return np.zeros(rows.size)
-    return _known(np.asarray(columns[name], dtype=float)[rows])
+    return _finite_or_zero(np.asarray(columns[name], dtype=float)[rows])
 
 
-def _known(values: np.ndarray) -> np.ndarray:
+def _finite_or_zero(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), values, 0.0)
 
 
-def _log_ratio(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Logarithm of found over wanted settings (n,); zero where one is not known."""
-    known = (found > 0.0) & (wanted > 0.0)
-    return np.log(np.where(known, found, 1.0) / np.where(known, wanted, 1.0))
+def _log_ratio(actual: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+    """Return the logarithm of actual over nominal settings (n,); zero if one is unknown."""
+    known = (actual > 0.0) & (nominal > 0.0)
+    return np.log(np.where(known, actual, 1.0) / np.where(known, nominal, 1.0))
 
 
 def within_words(validation: Mapping[str, Any]) -> str:
-    """In how many points the difference is within its uncertainty, in words."""
+    """Return the number of runs whose difference is within its uncertainty, in words."""
     return f"{validation['within_2u']} of {validation['n']} runs"
 
 
 def dominant(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The largest contributions, in words."""
+    """Return the largest contributions, in words."""
     parts = [
         row
         for row in rows

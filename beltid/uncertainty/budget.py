@@ -1,8 +1,8 @@
-"""The budget of an uncertainty: every contribution named, compared and combined (JCGM 100).
+"""Uncertainty budget: every contribution named, compared and combined (JCGM 100).
 
 A result may have several values (the runs of a campaign, the nodes of a surface). A contribution is
-told by its root mean square over them and by its largest value, relative to the result. What the
-contributions add up to is the root of the sum of squares at each value.
+stated by its root mean square over them and by its largest value, relative to the result. The
+combined uncertainty is the root of the sum of squares at each value.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ LEAST_PERCENT = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Contribution of what differs from run to run, or from sample to sample.
+    """Contribution that varies from run to run, or from sample to sample.
 
     Attributes
     ----------
     name : str
-        What it is.
+        Name of the contribution.
     relative : ndarray, shape (n,)
         Standard uncertainty over the result [-].
     degrees_of_freedom : float or None
-        Of its estimate; None if it is not known.
+        Degrees of freedom of its estimate; None if not known.
     """
 
     name: str
@@ -49,18 +49,18 @@ class Scatter:
 def budget(
     quantity: str, sources: Sequence[Source], changes: Array, *scatter: Scatter
 ) -> list[dict[str, Any]]:
-    """Rows of a budget, the combined standard uncertainty last.
+    """Return the rows of a budget, with the combined standard uncertainty last.
 
     Parameters
     ----------
     quantity : str
-        What the budget is of.
+        The result whose budget it is.
     sources : sequence of Source
         Errors that act on all values together.
     changes : ndarray, shape (n, K)
         Relative change of the n values by one standard uncertainty of each source [-].
     *scatter : Scatter
-        The rest, independent of each other; at least one.
+        Other contributions, independent of each other; at least one.
 
     Returns
     -------
@@ -69,22 +69,22 @@ def budget(
         largest_percent, share_percent (of the combined variance), degrees_of_freedom.
     """
     n = scatter[0].relative.size
-    square = {source.name: np.zeros(n) for source in sources}
+    variance = {source.name: np.zeros(n) for source in sources}
     for source, change in zip(sources, changes.T, strict=True):
-        square[source.name] += change**2
-    total = sum((np.square(s.relative) for s in scatter), start=sum(square.values(), np.zeros(n)))
+        variance[source.name] += change**2
+    total = sum((np.square(s.relative) for s in scatter), start=sum(variance.values(), np.zeros(n)))
     whole = float(np.mean(total))
 
     def row(name: str, acts_on: str, part: Array, **stated: Any) -> dict[str, Any]:
-        found = {"quantity": quantity, "source": name, "acts_on": acts_on}
+        labels = {"quantity": quantity, "source": name, "acts_on": acts_on}
         unknown = {"basis": "", "standard_uncertainty": None, "unit": ""}
         figures = {**_figures(part, whole), "degrees_of_freedom": None}
-        return found | unknown | figures | stated
+        return labels | unknown | figures | stated
 
     first = {source.name: source for source in reversed(sources)}
-    shared = [row(name, TOGETHER, part, **_stated(first[name])) for name, part in square.items()]
-    shared = [one for one in shared if one["largest_percent"] > LEAST_PERCENT]
-    shared.sort(key=lambda one: -one["contribution_percent"])
+    shared = [row(name, TOGETHER, part, **_stated(first[name])) for name, part in variance.items()]
+    shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
+    shared.sort(key=lambda entry: -entry["contribution_percent"])
     each = [
         row(
             s.name,
@@ -97,33 +97,33 @@ def budget(
         if np.any(s.relative)
     ]
     freedom = effective_freedom(whole, scatter)
-    known = None if math.isinf(freedom) else freedom
-    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=known)]
+    known_freedom = None if math.isinf(freedom) else freedom
+    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=known_freedom)]
 
 
 def _stated(source: Source) -> dict[str, Any]:
-    """What was stated of a source, or assumed; of one that was fitted there is no such figure."""
+    """Return basis and size of a source; a fitted source has no size to state."""
     if source.basis == FITTED:
         return {"basis": FITTED}
     return {"basis": source.basis, "standard_uncertainty": source.shown, "unit": source.unit}
 
 
 def combined(changes: Array, scatter: Array) -> Array:
-    """Combined relative standard uncertainty (n,) of shared errors (n, K) and scatter (n,)."""
+    """Combine shared errors (n, K) and scatter (n,) to relative standard uncertainties (n,)."""
     return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
 
 
 def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float:
-    """Effective degrees of freedom by Welch and Satterthwaite; infinite where nothing limits them.
+    """Compute the effective degrees of freedom by Welch and Satterthwaite; may be infinite.
 
-    The scatter alone has finite ones: a standard uncertainty that was stated counts as known.
+    Only scatter has finite degrees of freedom: a stated standard uncertainty counts as exact.
     """
-    spent = sum(
+    reciprocal_sum = sum(
         float(np.mean(np.square(part.relative))) ** 2 / part.degrees_of_freedom
         for part in scatter
         if part.degrees_of_freedom is not None
     )
-    return whole**2 / spent if spent > 0.0 else math.inf
+    return whole**2 / reciprocal_sum if reciprocal_sum > 0.0 else math.inf
 
 
 def _figures(square: Array, whole: float) -> dict[str, float]:
@@ -151,11 +151,11 @@ class SurfaceUncertainty:
     changes : ndarray, shape (nf, nv, K)
         Change of ln mu by one standard uncertainty of each source.
     scatter : ndarray, shape (nf, nv, r)
-        Factor of the covariance by what differs from run to run.
+        Factor of the covariance by scatter from run to run.
     arcs_deg : ndarray
-        The arc settings, as the sources count them [deg].
+        Arc settings in the order in which the sources number them [deg].
     degrees_of_freedom : float or None
-        Of the scatter.
+        Degrees of freedom of the scatter.
     """
 
     surface: FrictionSurface
@@ -167,16 +167,16 @@ class SurfaceUncertainty:
 
     @property
     def factor(self) -> np.ndarray:
-        """Factor of the whole covariance (nf, nv, K + r), the shared sources first."""
+        """Factor of the total covariance (nf, nv, K + r), shared sources first."""
         return np.concatenate([self.changes, self.scatter], axis=-1)
 
     def columns(self, n_rows: int) -> dict[str, Any]:
-        """Columns of the surface table; the rows of the average come first, the others are empty.
+        """Return columns of the surface table: rows of the average first, all others empty.
 
         Parameters
         ----------
         n_rows : int
-            Rows of the table.
+            Number of rows of the table.
         """
         mu = self.surface.mu_nodes
         rows = self.factor.reshape(mu.size, -1)
@@ -187,7 +187,7 @@ class SurfaceUncertainty:
         return {"mu_u": u, "mu_factor": factor}
 
     def extra(self, force_range: tuple[float, float]) -> dict[str, Any]:
-        """Names of the columns of the factor, and the budget over a range of forces [N/m]."""
+        """Return the sources of the factor's columns, and the budget over a force range [N/m]."""
         low, high = force_range
         f = self.surface.normal_force_N_m
         inside = (f >= low * (1.0 - 1e-9)) & (f <= high * (1.0 + 1e-9))
@@ -200,10 +200,10 @@ class SurfaceUncertainty:
             changes,
             Scatter("scatter of the runs", scatter, self.degrees_of_freedom),
         )
-        named = [asdict(source) for source in self.sources]
+        sources = [asdict(source) for source in self.sources]
         return {
             "uncertainty": {
-                "sources": named,
+                "sources": sources,
                 "arcs_deg": self.arcs_deg,
                 "budget_force_N_m": [low, high],
             },

@@ -1,6 +1,6 @@
 """A friction campaign: runs and the bench they are simulated on, and both with errors corrected.
 
-Apart from the runs themselves: whoever only reduces recordings loads no simulator.
+A separate module from the runs, so that reducing recordings does not import the simulator.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Campaign:
     bench : Bench
         Belt, rig, and the surface that the inverse solution starts from.
     press : PressLaw
-        The contact law and its making.
+        The contact law and its fit to the press.
     """
 
     measured: Measured
@@ -38,12 +38,12 @@ class Campaign:
 
     @property
     def runs(self) -> list[MeasuredRun]:
-        """The runs as the inverse solution takes them."""
-        of = self.measured
-        points = zip(of.beta, of.T_0, of.omega, strict=True)
-        order = range(of.mu.size) if of.order is None else of.order
-        warm = np.full(of.mu.size, np.nan) if of.temperature_degC is None else of.temperature_degC
-        rows = zip(points, of.mu, of.mu_se, of.arc, order, warm, strict=True)
+        """Runs in the form that the inverse solution needs."""
+        m = self.measured
+        points = zip(m.beta, m.T_0, m.omega, strict=True)
+        order = range(m.mu.size) if m.order is None else m.order
+        T = np.full(m.mu.size, np.nan) if m.temperature_degC is None else m.temperature_degC
+        rows = zip(points, m.mu, m.mu_se, m.arc, order, T, strict=True)
         return [
             MeasuredRun(
                 point=OperatingPoint(*map(float, point)),
@@ -57,7 +57,7 @@ class Campaign:
         ]
 
     def corrected(self, errors: Errors) -> Self:
-        """Runs and bench with errors put right."""
+        """Return runs and bench with errors corrected."""
         belt, rig = self.bench.belt, self.bench.rig
         measured = self.measured.corrected(errors)
         bench = replace(

@@ -1,9 +1,9 @@
-"""What the inputs of a drive leave open of its speed losses.
+"""Uncertainty of the speed losses of a drive that its inputs cause.
 
-Every shared error moves the inputs by one standard uncertainty, and the drive is solved again; the
-friction surface counts by the scatter of the losses over its ensemble. An error of the inputs acts
-on all points together, with its sign. The string serves for it at rod level as well, but for points
-in full slip: how they slip the rod alone knows.
+Each shared error moves the inputs by one standard uncertainty, and the drive is solved again. The
+friction surface contributes the scatter of the losses over its ensemble. An error of the inputs
+acts on all points together, with its sign. The string model gives these changes for rods as well,
+except at points in full slip, which only the rod model describes.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 
 SHEAR_WITHOUT_BENDING: Final = 0.06
-"""Standard uncertainty of a string's loss, relative, of ribs that shear: it is 3 % below to 11 %
+"""Relative standard uncertainty of a string's loss with ribs that shear: it is 3 % below to 11 %
 above that of rods (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
 METHODS: Final[tuple[Method, ...]] = ("rod", "string")
 MEMBERS_WITH_RODS: Final = 16
-"""Members of an ensemble that are solved with rods: their scatter is known to a fifth."""
+"""Members of an ensemble that are solved with rods: gives their scatter within a fifth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,12 @@ class DriveUncertainty:
     Attributes
     ----------
     shared : ndarray (n_points, n_pulleys, K)
-        By each of the K sources, with their signs.
+        Change by each of the K sources, with its sign.
     surface : ndarray (n_points, n_pulleys)
         Standard deviation over the ensemble of the friction surface; 0 without one.
     by_string : ndarray of bool (n_points,)
-        Points whose rods slip, but have no steady state with one of the errors or surfaces: for
-        these the string says what it changes.
+        Points whose rods slip but have no steady state with one of the errors or surfaces; their
+        changes come from the string model.
     """
 
     shared: Array
@@ -54,7 +54,7 @@ class DriveUncertainty:
     by_string: NDArray[np.bool_]
 
     def with_source(self, change: Array) -> DriveUncertainty:
-        """With the change (n_points, n_pulleys) by one more source at the end."""
+        """Append the change (n_points, n_pulleys) by one more source."""
         return replace(self, shared=np.concatenate([self.shared, change[..., None]], axis=-1))
 
     @property
@@ -71,7 +71,7 @@ def drive_uncertainty(
     sources: Sequence[Source],
     ensemble: Sequence[FrictionSurface] = (),
 ) -> DriveUncertainty:
-    """Move the inputs of a drive one by one.
+    """Compute the change of the speed losses by each input of a drive.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ def drive_uncertainty(
     results : sequence of DriveResult
         Their results, by string or rod.
     press : PressLaw
-        The contact law of the drive and its making.
+        The contact law of the drive and its fit to the press.
     sources : sequence of Source
         Errors of :func:`beltid.uncertainty.sources.drive_sources`.
     ensemble : sequence of FrictionSurface
-        Surfaces that might be the true one; none if that is not known.
+        Surfaces that may be the true one; empty if unknown.
 
     Returns
     -------
@@ -95,48 +95,51 @@ def drive_uncertainty(
     """
     slips = np.array([bool(r.state.rods) and FULL_SLIP in r.status for r in results], dtype=bool)
     by_string = np.zeros(len(points), dtype=bool)
-    of_string = _solved(drive, points, "string", [None] * len(points))
-    losses = _losses(drive, of_string)
+    string_results = _solved(drive, points, "string", [None] * len(points))
+    losses = _losses(drive, string_results)
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
     shared = np.zeros((*losses.shape, len(sources)))
     for k, moved in enumerate(inputs):
-        shared[..., k] = _losses(drive, _solved(*moved, "string", of_string)) - losses
+        shared[..., k] = _losses(drive, _solved(*moved, "string", string_results)) - losses
     surfaces = [replace(drive, surface=surface) for surface in ensemble]
     surface = np.zeros(losses.shape)
     if surfaces:
-        surface = _scatter([_losses(d, _solved(d, points, "string", of_string)) for d in surfaces])
+        surface = _scatter(
+            [_losses(d, _solved(d, points, "string", string_results)) for d in surfaces]
+        )
     at = np.flatnonzero(slips).tolist()
     if not at:
         return DriveUncertainty(shared, surface, by_string)
     best = [results[i] for i in at]
     losses = _losses(drive, best)
     for k, (other, moved_points) in enumerate(inputs):
-        mine = [moved_points[i] for i in at]
-        change = _losses(other, _solved(other, mine, "rod", best)) - losses
-        known = np.isfinite(change)
-        by_string[at] |= ~known.all(axis=1)
-        shared[at, :, k] = np.where(known, change, shared[at, :, k])
-    some = surfaces[:: max(len(surfaces) // MEMBERS_WITH_RODS, 1)]
-    if some:
-        mine = [points[i] for i in at]
-        members = np.array([_losses(d, _solved(d, mine, "rod", best)) for d in some])
-        known = np.isfinite(members).all(axis=0)
-        by_string[at] |= ~known.all(axis=1)
-        # the belt lets go on a surface of little friction: without it the others scatter too little
-        of_rods = _scatter(members)
-        surface[at] = np.where(known, of_rods, np.fmax(of_rods, surface[at]))
+        chosen_points = [moved_points[i] for i in at]
+        change = _losses(other, _solved(other, chosen_points, "rod", best)) - losses
+        is_solved = np.isfinite(change)
+        by_string[at] |= ~is_solved.all(axis=1)
+        shared[at, :, k] = np.where(is_solved, change, shared[at, :, k])
+    few_surfaces = surfaces[:: max(len(surfaces) // MEMBERS_WITH_RODS, 1)]
+    if few_surfaces:
+        chosen_points = [points[i] for i in at]
+        members = np.array(
+            [_losses(d, _solved(d, chosen_points, "rod", best)) for d in few_surfaces]
+        )
+        is_solved = np.isfinite(members).all(axis=0)
+        by_string[at] |= ~is_solved.all(axis=1)
+        # members of low friction may have no steady state; without them the scatter is too small
+        rod_scatter = _scatter(members)
+        surface[at] = np.where(is_solved, rod_scatter, np.fmax(rod_scatter, surface[at]))
     return DriveUncertainty(shared, surface, by_string)
 
 
 def change_by_slower_friction(
     drive: Drive, points: Sequence[DrivePoint], results: Sequence[DriveResult]
 ) -> Array:
-    """Standard uncertainty of the losses by friction slower than was measured [rad/s].
+    """Compute the uncertainty of the losses from friction below the measured speeds [rad/s].
 
-    Friction that stays as it is at the slowest measured speed, and friction that goes on with its
-    whole trend, are the limits of a uniform distribution, (D14). The losses at one limit, the
-    farther one, tell their slope over the share of the trend. Short of full slip the string has
-    none of it.
+    Two limits bound a uniform distribution, (D14): friction stays as at the slowest measured speed,
+    or continues with its whole trend. The losses at the farther limit give their slope over the
+    share of the trend. Without full slip the string model has no such uncertainty.
 
     Parameters
     ----------
@@ -146,8 +149,8 @@ def change_by_slower_friction(
     Returns
     -------
     ndarray, shape (n_points, n_pulleys)
-        With the sign of the change from the first to the second limit; nan where neither rod nor
-        string has a steady state at the limit.
+        Standard uncertainty with the sign of the change from the first to the second limit; nan
+        where neither rod nor string has a steady state at the limit.
     """
     change = np.zeros((len(points), len(drive.pulleys)))
     farther = WHOLE_TREND if drive.slow_trend <= 0.5 else NEAREST
@@ -163,40 +166,40 @@ def change_by_slower_friction(
         at = np.flatnonzero(which).tolist()
         if not at:
             continue
-        mine = [points[i] for i in at]
+        chosen_points = [points[i] for i in at]
         near: Results = [results[i] if method == METHODS[0] else None for i in at]
-        here = near if method == METHODS[0] else _solved(drive, mine, method, near)
-        there = _solved(limit, mine, method, near)
+        here = near if method == METHODS[0] else _solved(drive, chosen_points, method, near)
+        there = _solved(limit, chosen_points, method, near)
         slope = (_losses(drive, here) - _losses(limit, there)) / (drive.slow_trend - farther)
         change[at] = slope * u_over_slope
     return change
 
 
 def _scatter(members: Sequence[Array] | Array) -> Array:
-    """Standard deviation over members; nan where fewer than two have a steady state."""
+    """Return the standard deviation over members; nan if fewer than two have a steady state."""
     losses = np.array(members)
     counts = np.isfinite(losses).sum(axis=0)
-    away = losses - np.nansum(losses, axis=0) / np.maximum(counts, 1)
-    squares = np.nansum(away**2, axis=0)
+    deviation = losses - np.nansum(losses, axis=0) / np.maximum(counts, 1)
+    squares = np.nansum(deviation**2, axis=0)
     return np.where(counts > 1, np.sqrt(squares / np.maximum(counts - 1, 1)), np.nan)
 
 
 def _solved(
     drive: Drive, points: Sequence[DrivePoint], method: Method, near: Results
 ) -> list[DriveResult | None]:
-    """Results of points, each begun from one nearby; None without a steady state."""
+    """Solve points, each from a nearby result; None without a steady state."""
     simulator = Simulator(drive, method)
-    found: list[DriveResult | None] = []
+    solved: list[DriveResult | None] = []
     for point, start in zip(points, near, strict=True):
         try:
-            found.append(simulator.solve(point, start))
+            solved.append(simulator.solve(point, start))
         except ConvergenceError:
-            found.append(None)
-    return found
+            solved.append(None)
+    return solved
 
 
 def _losses(drive: Drive, results: Results) -> Array:
-    """Speed losses of all pulleys [rad/s], (n_points, n_pulleys); nan without a steady state."""
+    """Return the speed losses [rad/s], (n_points, n_pulleys); nan without a steady state."""
     unknown = np.full(len(drive.pulleys), np.nan)
     return np.array([unknown if r is None else r.in_order(r.loss.total) for r in results])
 
@@ -204,7 +207,7 @@ def _losses(drive: Drive, results: Results) -> Array:
 def with_errors(
     drive: Drive, points: Sequence[DrivePoint], press: PressLaw, errors: Errors
 ) -> tuple[Drive, list[DrivePoint]]:
-    """A drive and its points with errors put right."""
+    """Return a drive and its points with errors corrected."""
     n = len(drive.pulleys)
     pulleys = tuple(
         replace(

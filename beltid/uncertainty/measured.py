@@ -1,4 +1,4 @@
-"""Reduced runs of a friction rig from the columns of their table, and with errors corrected."""
+"""Reduced runs of a friction rig, read from their table, and their correction for errors."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Measured:
     beta : ndarray
         Contact arc [rad].
     T_0 : ndarray
-        Initial tension [N], mean of both cells; where a force is given, the tension it gives.
+        Initial tension [N], mean of both cells; if a force is given, the tension from it.
     omega : ndarray
         Speed of the pulley [rad/s].
     tight, slack : ndarray
@@ -50,24 +50,24 @@ class Measured:
     mu, mu_se : ndarray
         Sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-].
     columns : mapping of str to ndarray, shape (n, places)
-        Change of ln mu of each run by a unit of errors that runs share and follow each in its own
-        way: key of the source -> a column per place.
+        Change of ln mu of each run per unit of a shared error, for errors to which each run has its
+        own sensitivity: key of the source -> a column per place.
     order : ndarray of int, optional
-        Place of each run in the campaign; by default they come one after the other.
+        Position of each run in the campaign; by default the order here.
     temperature_degC : ndarray, optional
-        Temperature of each run while sliding [°C], nan where it is not known, as by default.
+        Temperature of each run while sliding [°C], nan if unknown; by default all unknown.
     largest_tension : float, optional
         Largest tension of the campaign [N]; by default that of these runs.
     kind : RigKind
-        What the rig measures: which errors the tensions can have.
+        What the rig measures; determines which errors the tensions can have.
     given_force : {"none", "tight", "slack", "hub"}
-        Force that stays while the pulley turns, see :class:`beltid.params.Rig`.
+        Force that stays constant while the pulley turns, see :class:`beltid.params.Rig`.
     momentum : ndarray or float
-        Part of the tensions as they were measured that turned a running belt [N]; it is taken off
+        Momentum flux m v² of a running belt in the measured tensions [N]; already subtracted from
         all tensions here.
-    beside_torque : ndarray of bool, optional
-        Whether it is the tight tension that was measured beside a torque; by default as the kind
-        says.
+    torque_with_tight : ndarray of bool, optional
+        Whether the tension measured together with a torque is the tight one; by default as `kind`
+        states.
     """
 
     R: float
@@ -86,7 +86,7 @@ class Measured:
     kind: RigKind = TWO_CELLS
     given_force: GivenForce = "none"
     momentum: Array | float = 0.0
-    beside_torque: NDArray[np.bool_] | None = None
+    torque_with_tight: NDArray[np.bool_] | None = None
 
     @property
     def arcs_deg(self) -> Array:
@@ -96,7 +96,7 @@ class Measured:
 
     @property
     def normal_force(self) -> Array:
-        """Mean of Eq. (8) over the arc [N/m]."""
+        """Mean normal force over the arc, Eq. (8) [N/m]."""
         return mean_normal_force(self.tight, self.slack, self.R)
 
     @property
@@ -105,9 +105,9 @@ class Measured:
         return sliding_speed(self.omega, self.R)
 
     def with_effects(self, effects: Sequence[Effect], response: Array) -> Self:
-        """The runs with what shifts the friction beside the surface among the columns.
+        """Add effects that shift the friction in addition to the surface to the columns.
 
-        `response` (n,) is the derivative of ln mu of each run by ln of a factor on the surface.
+        `response` (n,) is the derivative of ln mu of each run by the ln of a factor on the surface.
         """
         columns = {
             effect.key: effect.columns * response[:, None]
@@ -117,12 +117,12 @@ class Measured:
         return replace(self, columns={**self.columns, **columns})
 
     def corrected(self, errors: Errors) -> Self:
-        """The runs with errors put right: each value as it would truly have been.
+        """Return the runs with errors corrected, i.e. with the true values.
 
         Raises
         ------
         InputError
-            If an error is as large as what it is an error of.
+            If an error is as large as the value itself.
         """
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
@@ -132,7 +132,7 @@ class Measured:
             raise InputError(
                 "uncertainty: an error of the load cells or of the arc is as large as a tension or "
                 f"an arc itself (lowest tension {np.min(self.slack):.3g} N, shortest arc "
-                f"{np.degrees(np.min(self.beta)):.3g} deg), must be small against them"
+                f"{np.degrees(np.min(self.beta)):.3g} deg), must be much smaller"
             )
         log_ratio = self.mu * self.beta + np.log(tight / self.tight) - np.log(slack / self.slack)
         corrected = replace(
@@ -148,26 +148,26 @@ class Measured:
         return corrected.scattered(self._by_columns(errors))
 
     def scattered(self, change: Array) -> Self:
-        """Runs whose ln mu differs by `change` (n,), their force at rest unchanged.
+        """Return the runs with ln mu changed by `change` (n,) and the same force at rest.
 
-        One tension rises and the other falls; what is given, a tension or their sum, stays.
+        One tension rises and the other falls; a given tension, or a given sum, stays constant.
         """
-        more = self.mu * self.beta * np.expm1(change)  # of ln(tight/slack)
+        rise = self.mu * self.beta * np.expm1(change)  # of ln(tight/slack)
         if self.given_force == "hub":
-            both, ratio = self.tight + self.slack, self.tight / self.slack * np.exp(more)
-            tight, slack = both * ratio / (1.0 + ratio), both / (1.0 + ratio)
+            total, ratio = self.tight + self.slack, self.tight / self.slack * np.exp(rise)
+            tight, slack = total * ratio / (1.0 + ratio), total / (1.0 + ratio)
         else:
-            of_tight = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
-            tight = self.tight * np.exp(of_tight * more)
-            slack = self.slack * np.exp((of_tight - 1.0) * more)
+            tight_share = {"none": 0.5, "tight": 0.0, "slack": 1.0}[self.given_force]
+            tight = self.tight * np.exp(tight_share * rise)
+            slack = self.slack * np.exp((tight_share - 1.0) * rise)
         return replace(self, mu=self.mu * np.exp(change), tight=tight, slack=slack)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
-        """Tight, slack and initial tension [N] with errors of what is measured put right.
+        """Return tight, slack and initial tension [N] with errors of the measurement corrected.
 
-        Each kind by its own formula, as in :mod:`beltid.identify.friction.kinds`; `beta` (n,) is
-        the arc put right. The only cell beside a torque is that of its span; the force on the axis
-        has the errors of the first cell. A weight has none.
+        Each kind of rig has its formula, as in :mod:`beltid.identify.friction.kinds`; `beta` (n,)
+        is the corrected arc. A rig with torque has one cell, that of its span; the hub force has
+        the errors of the first cell. A weight has no error.
         """
         kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
@@ -184,50 +184,50 @@ class Measured:
             tight, slack = tensions_by_hub_force(M, hub, beta, R, spans)
             T_0 = self._cell(errors, 0, self.T_0)
         elif kind.measures == "torque":
-            of_tight = self.beside_torque
-            if of_tight is None:
-                of_tight = np.full(self.mu.size, kind.torque_with == "tight")
+            is_tight = self.torque_with_tight
+            if is_tight is None:
+                is_tight = np.full(self.mu.size, kind.torque_with == "tight")
             by_tight = tensions_by_torque(M, R, T_tight=self._cell(errors, 0, self.tight))
             by_slack = tensions_by_torque(M, R, T_slack=self._cell(errors, 1, self.slack))
-            tight, slack = np.where(of_tight, by_tight, by_slack)
-            T_0 = np.where(of_tight, *(self._cell(errors, cell, self.T_0) for cell in (0, 1)))
+            tight, slack = np.where(is_tight, by_tight, by_slack)
+            T_0 = np.where(is_tight, *(self._cell(errors, cell, self.T_0) for cell in (0, 1)))
         else:
             tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
             T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
             if kind.weight is not None:
-                turning = self._turning(errors)
-                T_0 = self.T_0 - turning
+                momentum_error = self._momentum_error(errors)
+                T_0 = self.T_0 - momentum_error
                 tight, slack = (
-                    (self.tight - turning, slack)
+                    (self.tight - momentum_error, slack)
                     if kind.weight == "tight"
-                    else (tight, self.slack - turning)
+                    else (tight, self.slack - momentum_error)
                 )
         return tight, slack, tension_given(self.given_force, tight, slack, T_0)
 
     def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Tensions by a cell that is put right [N]; cell 0 is the tight one.
+        """Return tensions with the errors of a cell corrected [N]; cell 0 is the tight one.
 
-        The cell reads what turns a running belt, too; that is taken off by the belt's mass.
+        The cell also reads m v² of a running belt, which is subtracted by the belt's mass.
         """
         zero, reading = errors.at("cell_offset", cell), tension + self.momentum
         gain = self._gain(errors, cell, reading)
-        return np.asarray(tension + reading * gain + zero - self._turning(errors))
+        return np.asarray(tension + reading * gain + zero - self._momentum_error(errors))
 
-    def _turning(self, errors: Errors) -> Array | float:
-        """Error of m v² (n,) [N], which is taken off all tensions of a running belt.
+    def _momentum_error(self, errors: Errors) -> Array | float:
+        """Return the error of m v² (n,) [N], which is subtracted from tensions of a running belt.
 
-        The speed of the belt is taken as known as well as that of the pulley, whose gain it shares.
+        The speed of the belt has the gain error of the speed of the pulley.
         """
         return self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
 
     def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Error of the gain of a cell at some tensions, as a share."""
+        """Return the gain error of a cell at each tension, as a share."""
         largest = self.largest_tension or float(np.max(self.tight))
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
 
     def _by_columns(self, errors: Errors) -> Array:
-        """Change of ln mu (n,) by the errors that each run follows in its own way."""
+        """Return the change of ln mu (n,) by shared errors in `columns`."""
         change = np.zeros(self.mu.size)
         for key, columns in self.columns.items():
             size = [errors.at(key, place) for place in range(columns.shape[1])]
@@ -236,7 +236,7 @@ class Measured:
 
 
 def tension_given(given: GivenForce, tight: Array, slack: Array, T_0: Array) -> Array:
-    """Tension before the pulley turns (n,) [N], from those while sliding where a force is given."""
+    """Return the tension before the pulley turns (n,) [N]; by the given force, if there is one."""
     return {"none": T_0, "tight": tight, "slack": slack, "hub": 0.5 * (tight + slack)}[given]
 
 
@@ -247,7 +247,7 @@ def measured_runs(
     kind: RigKind = TWO_CELLS,
     given_force: GivenForce = "none",
 ) -> Measured:
-    """Rows of a friction table; the tensions follow from force and coefficient, Eqs. (5) and (8).
+    """Read rows of a friction table; tensions by force and coefficient, Eqs. (5) and (8).
 
     Parameters
     ----------
@@ -260,27 +260,27 @@ def measured_runs(
     kind : RigKind
         What the rig measures.
     given_force : {"none", "tight", "slack", "hub"}
-        Force that stays while the pulley turns.
+        Force that stays constant while the pulley turns.
 
     Returns
     -------
     Measured
-        A standard error that is missing is the median of the others, or zero if none is known; what
-        the runs share is not in it but in the columns.
+        A missing standard error is the median of the others, or zero if none is known; errors that
+        the runs share are not in it but in `columns`.
     """
     arc_deg, f, v, mu = (np.asarray(columns[name], dtype=float)[rows] for name in POSITIVE)
     own = own_errors(columns)
     errors = np.full(mu.size, np.nan) if own is None else own[rows]
     known = np.isfinite(errors)
     typical = float(np.median(errors[known])) if known.any() else 0.0
-    initial, warm = columns.get("initial_tension_N"), columns.get("temperature_degC")
+    T_rest, T_degC = columns.get("initial_tension_N"), columns.get("temperature_degC")
     beta = np.radians(arc_deg)
     log_ratio = mu * beta
     slack = f * R * log_ratio / np.expm1(log_ratio)
     tight = slack * np.exp(log_ratio)
-    T_0 = np.sqrt(tight * slack) if initial is None else np.asarray(initial, dtype=float)[rows]
+    T_0 = np.sqrt(tight * slack) if T_rest is None else np.asarray(T_rest, dtype=float)[rows]
     T_0 = np.where(np.isfinite(T_0), T_0, np.sqrt(tight * slack))
-    turning, beside = columns.get("momentum_N"), columns.get("torque_with")
+    flux, torque_with = columns.get("momentum_N"), columns.get("torque_with")
     return Measured(
         R=R,
         arc=arc_settings(arc_deg),
@@ -293,24 +293,26 @@ def measured_runs(
         mu_se=np.where(known, errors, typical),
         columns={key: values[rows][:, None] for key, values in shared_columns(columns).items()},
         order=np.asarray(rows, dtype=np.intp),
-        temperature_degC=None if warm is None else np.asarray(warm, dtype=float)[rows],
+        temperature_degC=None if T_degC is None else np.asarray(T_degC, dtype=float)[rows],
         kind=kind,
         given_force=given_force,
-        momentum=0.0 if turning is None else np.nan_to_num(np.asarray(turning, dtype=float)[rows]),
-        beside_torque=None if beside is None else np.asarray(beside == "tight")[rows],
+        momentum=0.0 if flux is None else np.nan_to_num(np.asarray(flux, dtype=float)[rows]),
+        torque_with_tight=None if torque_with is None else np.asarray(torque_with == "tight")[rows],
     )
 
 
 def shared_columns(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Change of ln mu of each run (n,) by what the reduction shares; 0 where it is not known."""
-    named = {key: np.asarray(columns[key], float) for key, _ in REDUCTION_SOURCES if key in columns}
-    return {key: np.where(np.isfinite(values), values, 0.0) for key, values in named.items()}
+    """Return the change of ln mu (n,) by shared errors of the reduction; 0 where unknown."""
+    shared = {
+        key: np.asarray(columns[key], float) for key, _ in REDUCTION_SOURCES if key in columns
+    }
+    return {key: np.where(np.isfinite(values), values, 0.0) for key, values in shared.items()}
 
 
 def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Standard errors of mu (n,) without what the runs share; None if the table has none.
+    """Return standard errors of mu (n,) without shared errors; None if the table has none.
 
-    The column ``mu_sliding_se`` is the whole of it: its own and the shared parts add up in squares.
+    The column ``mu_sliding_se`` is the total: the run's own part and shared parts add in squares.
     """
     if "mu_sliding_se" not in columns:
         return None
@@ -320,7 +322,7 @@ def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def arc_settings(arc_deg: np.ndarray) -> np.ndarray:
-    """Number of the arc setting of each run (n,), ascending from 0."""
+    """Number the arc setting of each run (n,), ascending from 0."""
     order = np.argsort(arc_deg, kind="stable")
     ordered = arc_deg[order]
     labels = np.empty(arc_deg.size, dtype=np.intp)
@@ -331,19 +333,19 @@ def arc_settings(arc_deg: np.ndarray) -> np.ndarray:
 def numbered_arcs(
     arcs_deg: Sequence[float] | np.ndarray, known_deg: Sequence[float] | np.ndarray
 ) -> tuple[NDArray[np.intp], list[float]]:
-    """Number of each arc (n,) among known ones, and all arcs [deg]: new ones follow the known."""
-    every = [float(arc) for arc in known_deg]
+    """Return the number of each arc (n,), and all arcs [deg]: new ones follow the known ones."""
+    all_arcs = [float(arc) for arc in known_deg]
     numbers = []
     for arc in arcs_deg:
-        near = [k for k, other in enumerate(every) if math.isclose(arc, other, rel_tol=ARC_GAP)]
-        numbers.append(near[0] if near else len(every))
+        near = [k for k, other in enumerate(all_arcs) if math.isclose(arc, other, rel_tol=ARC_GAP)]
+        numbers.append(near[0] if near else len(all_arcs))
         if not near:
-            every.append(float(arc))
-    return np.array(numbers, dtype=np.intp), every
+            all_arcs.append(float(arc))
+    return np.array(numbers, dtype=np.intp), all_arcs
 
 
 def valid_rows(columns: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
-    """Those of some rows whose arc, force, speed and coefficient are positive numbers."""
+    """Select the rows whose arc, force, speed and coefficient are positive numbers."""
     good = np.ones(rows.size, dtype=bool)
     for name in POSITIVE:
         values = np.asarray(columns[name], dtype=float)[rows]

@@ -1,17 +1,17 @@
-"""The Monte Carlo check of the linear uncertainties (JCGM 101): the chain with drawn errors.
+"""Monte Carlo check of the linear uncertainties (JCGM 101): the chain with drawn errors.
 
 Each replicate draws
 
-- one error for every source, from a normal distribution, which acts on all that share it;
-- the scatter of every run: normal, with the standard error of its mu, which holds the correlation
-  of its samples; independent from run to run;
+- one error for every source, from a normal distribution, which acts on all runs that share it;
+- the scatter of every run: normal, with the standard error of its mu, which includes the
+  correlation of its samples; independent from run to run;
 - for the refined surface the roughness that its smoothness leaves open ("randomise, then
   optimise": J. M. Bardsley et al., SIAM J. Sci. Comput. 36 (2014) A1895), so that in the linear
-  case the replicates have the very covariance of the solution.
+  case the replicates have exactly the covariance of the solution.
 
-Then normal force, published surface and refined surface are made anew: the rig laid on and
-simulated with the drawn inputs, the surface solved for from the nominal one with frozen smoothness
-and weights. A replicate depends on the seed and its own number only.
+Then normal force, published surface and refined surface are computed again: the belt is laid on
+and the rig simulated with the drawn inputs, and the surface is solved for from the nominal one with
+frozen smoothness and weights. A replicate depends only on the seed and its number.
 
 Where the replicates differ from the law of propagation, the linear uncertainty is not good enough.
 """
@@ -45,15 +45,15 @@ from beltid.uncertainty.sources import Errors, Source
 Array = NDArray[np.float64]
 
 MESH = 1.0
-"""Elements over the default; what the finer mesh of the solution changes is taken over from it."""
+"""Ratio of elements to the default; the effect of the solution's finer mesh is added as offset."""
 MOST_ITERATIONS = 8
 TOLERANCE = 2.0e-4
-"""Change of ln mu of any run at which a replicate has converged: chord steps leave a tenth."""
+"""Largest change of ln mu of any run in a converged replicate; chord steps leave a tenth of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """All that replicates start from; plain data, to be sent to workers.
+    """Starting point of the replicates; plain data that can be sent to workers.
 
     Attributes
     ----------
@@ -64,17 +64,17 @@ class Nominal:
     published : SurfaceGrid
         The surface by the published procedure.
     settings : SurfaceSettings
-        How that was made.
+        Settings of that procedure.
     speeds : ndarray, shape (m,)
         Speeds of the solution [m/s].
     sources : tuple of Source
         Errors that runs share.
     slopes : ndarray, shape (n, 8)
-        Derivatives of the simulated ln mu by the inputs: where an iteration starts.
+        Derivatives of the simulated ln mu by the inputs, for the first guess of an iteration.
     mesh : tuple of int
         Elements of each run.
     offset : ndarray, shape (n,)
-        ln mu that the solution's own mesh simulates, less that of this one.
+        Simulated ln mu with the mesh of the solution minus that with this mesh.
     open_roughness : ndarray, shape (size, r)
         Factor of the quadratic form of the roughness.
     """
@@ -102,7 +102,7 @@ class Replicates:
     published : ndarray, shape (n, nf', nv')
         The same for the published surface.
     failed : tuple of str
-        What went wrong in replicates that have no result.
+        Error messages of replicates without a result.
     """
 
     refined: Array
@@ -117,7 +117,10 @@ def prepare(
     settings: SurfaceSettings,
     linear: tuple[Sequence[Source], Array],
 ) -> Nominal:
-    """What the replicates start from; `linear` are the sources and the slopes of the inputs."""
+    """Prepare the starting point of the replicates.
+
+    `linear` holds the sources and the slopes of the inputs.
+    """
     sources, slopes = linear
     mesh = mesh_of(campaign.bench, campaign.runs, MESH)
     rig = RigRuns(campaign.bench, campaign.runs, speeds, mesh)
@@ -138,16 +141,16 @@ def prepare(
 
 
 def replicates(nominal: Nominal, seed: int, numbers: Sequence[int]) -> Replicates:
-    """Carry out some replicates.
+    """Compute some replicates.
 
     Parameters
     ----------
     nominal : Nominal
-        What they start from.
+        Starting point.
     seed : int
-        Of the whole check.
+        Seed of the whole check.
     numbers : sequence of int
-        Which replicates of it.
+        Numbers of the replicates to compute.
     """
     refined, published, failed = [], [], []
     for number in numbers:
@@ -167,7 +170,7 @@ def replicates(nominal: Nominal, seed: int, numbers: Sequence[int]) -> Replicate
 
 
 def gathered(parts: Sequence[Replicates]) -> Replicates:
-    """Replicates of several calls as one, in their order."""
+    """Join the replicates of several calls in their order."""
     return Replicates(
         refined=np.concatenate([p.refined for p in parts]),
         published=np.concatenate([p.published for p in parts]),
@@ -176,7 +179,7 @@ def gathered(parts: Sequence[Replicates]) -> Replicates:
 
 
 def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Changes of ln mu at the nodes of the refined and of the published surface."""
+    """Return the changes of ln mu at the nodes of the refined and of the published surface."""
     measured = nominal.campaign.measured
     errors = Errors.drawn(nominal.sources, rng.standard_normal(len(nominal.sources)))
     scatter = rng.standard_normal(measured.mu.size)
@@ -193,13 +196,13 @@ def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array
 def refined_again(
     nominal: Nominal, corrected: Campaign, errors: Errors, drawn: tuple[Array, Array]
 ) -> Array:
-    """Parameters of the refined surface with drawn errors: chord steps from the linear guess."""
+    """Solve for the refined surface with drawn errors: chord steps from the linear guess."""
     refined = nominal.refined
     scatter, pull = refined.errors * drawn[0], drawn[1]
     rig = RigRuns(corrected.bench, corrected.runs, nominal.speeds, nominal.mesh)
     target = np.log(corrected.measured.mu) + scatter - nominal.offset
     guess = scatter + residual_change(nominal.campaign, errors, nominal.slopes, refined.speed_slope)
-    # products by einsum: a threaded library could round otherwise on another machine
+    # einsum, because a threaded library may round differently on another machine
     parameters = refined.parameters + np.einsum("pn,n->p", refined.gain, guess)
     parameters = parameters + np.einsum("pq,q->p", refined.pull, pull)
     for _ in range(MOST_ITERATIONS):
@@ -219,14 +222,14 @@ def refined_again(
 
 
 LARGEST_DEVIATION = 0.20
-"""Relative difference of standard uncertainties that is too large."""
+"""Largest acceptable relative difference of standard uncertainties."""
 LARGEST_ASYMMETRY = 1.25
-"""Upper over lower half-width of the 95 % interval, or its inverse, that is too large."""
+"""Largest acceptable ratio of the half-widths of the 95 % interval, upper to lower or inverse."""
 CHANCE = 3.0
-"""Standard errors of a figure from replicates within which it is chance."""
+"""Standard errors of a figure from replicates within which a deviation counts as chance."""
 MOST_FAILED = 0.5
 SHOWN = 3
-"""Draws that failed and are shown."""
+"""Failed draws shown in messages."""
 QUANTILES = (0.025, 0.5, 0.975)
 # standard errors of figures from n normal replicates, times sqrt(n)
 OF_DEVIATION = math.sqrt(0.5)
@@ -246,7 +249,7 @@ class LinearCheck:
     deviation : ndarray, shape (n,)
         ``found / linear - 1``.
     asymmetry : ndarray, shape (n,)
-        Upper over lower half-width of the interval that holds 95 % of the replicates.
+        Upper over lower half-width of the interval that contains 95 % of the replicates.
     """
 
     replicates: int
@@ -257,23 +260,23 @@ class LinearCheck:
 
     @property
     def too_far(self) -> NDArray[np.bool_]:
-        """Values whose standard uncertainty differs by more than a fifth, beyond chance (n,)."""
+        """Mask of values whose uncertainty differs by more than a fifth, beyond chance (n,)."""
         chance = CHANCE * OF_DEVIATION / math.sqrt(self.replicates)
         return np.asarray(np.abs(self.deviation) > max(LARGEST_DEVIATION, chance))
 
     @property
     def lopsided(self) -> NDArray[np.bool_]:
-        """Values with an asymmetric distribution, beyond chance (n,)."""
+        """Mask of values whose distribution is asymmetric beyond chance (n,)."""
         chance = CHANCE * OF_LOG_ASYMMETRY / math.sqrt(self.replicates)
         return np.asarray(np.abs(np.log(self.asymmetry)) > max(math.log(LARGEST_ASYMMETRY), chance))
 
     @property
     def fails(self) -> NDArray[np.bool_]:
-        """Values for which the linear uncertainty is not good enough (n,)."""
+        """Mask of values for which the linear uncertainty is not good enough (n,)."""
         return self.too_far | self.lopsided
 
     def row(self, group: str, chosen: NDArray[np.bool_]) -> dict[str, object]:
-        """A row that sums up the values chosen by a mask (n,)."""
+        """Return a table row that summarises the values chosen by a mask (n,)."""
         if not chosen.any():
             return {"group": group, "values": 0, "linear_fails": 0}
         deviation, asymmetry = self.deviation[chosen], np.log(self.asymmetry[chosen])
@@ -291,34 +294,34 @@ class LinearCheck:
 def linear_check(replicates: Array, linear: Array) -> LinearCheck:
     """Compare replicates (N, n) of ln mu with linear standard uncertainties (n,).
 
-    A value without uncertainty on both sides agrees.
+    A value that has no uncertainty on one of the two sides counts as agreeing.
     """
     low, middle, high = np.quantile(replicates, QUANTILES, axis=0)
-    found = np.std(replicates, axis=0, ddof=1)
-    none = (linear <= 0.0) | (found <= 0.0)
-    safe = np.where(none, 1.0, linear)
-    lower, upper = np.where(none, 1.0, middle - low), np.where(none, 1.0, high - middle)
+    deviations = np.std(replicates, axis=0, ddof=1)
+    has_none = (linear <= 0.0) | (deviations <= 0.0)
+    safe = np.where(has_none, 1.0, linear)
+    lower, upper = np.where(has_none, 1.0, middle - low), np.where(has_none, 1.0, high - middle)
     return LinearCheck(
         replicates=replicates.shape[0],
         linear=linear,
-        found=found,
-        deviation=np.where(none, 0.0, found / safe - 1.0),
+        found=deviations,
+        deviation=np.where(has_none, 0.0, deviations / safe - 1.0),
         asymmetry=upper / lower,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class MonteCarlo:
-    """Replicates of a refined surface with what they say about the linear uncertainties.
+    """Replicates of a refined surface and their comparison with the linear uncertainties.
 
     Attributes
     ----------
     nominal : Nominal
-        What they started from.
+        Starting point.
     found : Replicates
         The replicates.
     refined, published : LinearCheck
-        Comparison at the nodes of both surfaces.
+        Comparison at the nodes of each surface.
     """
 
     nominal: Nominal
@@ -327,12 +330,12 @@ class MonteCarlo:
     published: LinearCheck
 
     def members(self) -> np.ndarray:
-        """Mu at the nodes of the refined surface of each replicate, shape (nodes, n)."""
+        """Return mu at the nodes of the refined surface of each replicate, shape (nodes, n)."""
         mu = self.nominal.refined.surface.mu_nodes
         return np.asarray((mu * np.exp(self.found.refined)).reshape(-1, mu.size).T)
 
     def table(self) -> list[dict[str, Any]]:
-        """Rows for printing: where the linear uncertainty holds and where it does not."""
+        """Return rows for printing: where the linear uncertainty is valid and where it is not."""
         force = self.nominal.campaign.measured.normal_force
         surface, grid = self.nominal.refined.surface, self.nominal.published
         f = np.repeat(surface.normal_force_N_m, surface.slip_speed_m_s.size)
@@ -345,7 +348,7 @@ class MonteCarlo:
         ]
 
     def extra(self, seed: int) -> dict[str, Any]:
-        """What the artifact keeps beside the members."""
+        """Return the metadata that the artifact keeps in addition to the members."""
         return {
             "monte_carlo": {
                 "replicates": self.found.refined.shape[0],
@@ -357,7 +360,7 @@ class MonteCarlo:
         }
 
     def _places(self) -> list[dict[str, float]]:
-        """Nodes of the refined surface where the linear uncertainty is not good enough."""
+        """Return the nodes of the refined surface where the linear uncertainty fails."""
         surface, check = self.nominal.refined.surface, self.refined
         n = surface.slip_speed_m_s.size
         return [
@@ -372,7 +375,7 @@ class MonteCarlo:
         ]
 
     def note(self) -> str:
-        """The verdict in a sentence."""
+        """Return the result of the check in a sentence."""
         n, fails = self.found.refined.shape[0], int(np.count_nonzero(self.refined.fails))
         if not fails:
             return (
@@ -388,7 +391,7 @@ class MonteCarlo:
         )
 
     def warnings(self) -> tuple[str, ...]:
-        """Replicates that failed."""
+        """Return a warning about replicates that failed, if any."""
         failed = self.found.failed
         if not failed:
             return ()
@@ -404,7 +407,7 @@ def check_of(
     Parameters
     ----------
     nominal : Nominal
-        What they started from.
+        Starting point.
     found : Replicates
         The replicates.
     factor : ndarray, shape (nf, nv, K + r)
@@ -415,29 +418,29 @@ def check_of(
     Raises
     ------
     ConvergenceError
-        If half of the replicates failed.
+        If half of the replicates or more failed.
     """
-    count, asked = found.refined.shape[0], found.refined.shape[0] + len(found.failed)
-    if count <= MOST_FAILED * asked:
+    count, total = found.refined.shape[0], found.refined.shape[0] + len(found.failed)
+    if count <= MOST_FAILED * total:
         raise ConvergenceError(
             [
-                f"Monte Carlo: {len(found.failed)} of {asked} draws failed, more than half "
+                f"Monte Carlo: {len(found.failed)} of {total} draws failed, more than half "
                 "must succeed: the uncertainties are too large for the rig",
                 *found.failed[:SHOWN],
             ]
         )
     measured, grid, settings = nominal.campaign.measured, nominal.published, nominal.settings
-    published = [
+    published_factors = [
         published_changes(measured, grid, sources, settings),
         scatter_factor(published_curves(measured), grid, arcs=False),
     ]
-    of_published = np.linalg.norm(np.concatenate(published, axis=-1), axis=-1)
-    of_refined = np.linalg.norm(factor, axis=-1)
+    u_published = np.linalg.norm(np.concatenate(published_factors, axis=-1), axis=-1)
+    u_refined = np.linalg.norm(factor, axis=-1)
     return MonteCarlo(
         nominal=nominal,
         found=found,
-        refined=linear_check(found.refined.reshape(count, -1), of_refined.ravel()),
-        published=linear_check(found.published.reshape(count, -1), of_published.ravel()),
+        refined=linear_check(found.refined.reshape(count, -1), u_refined.ravel()),
+        published=linear_check(found.published.reshape(count, -1), u_published.ravel()),
     )
 
 

@@ -1,13 +1,13 @@
 """Errors of the press in the coefficients of the contact law, Eq. (3).
 
-With a force gain e_F, a travel gain e_x and a segment length e_L that are wrong by a share,
+With relative errors e_F of the force gain, e_x of the travel gain and e_L of the segment length,
 
     k_linear -> k_linear (1 + e_F) / ((1 + e_L) (1 + e_x)),
     k_quadratic -> k_quadratic (1 + e_F) / ((1 + e_L) (1 + e_x)²).
 
-A compliance of the machine that is wrong by c moves a point of force f per length by c L f along
-the travel. The law is fitted with a free contact point, so that the change of its coefficients is
-the projection of f'(delta) c L f on (delta, delta², f'(delta)) over the range of the fit.
+An error c of the machine compliance moves a point of force f per length by c L f along the travel.
+The law is fitted with a free contact point, so the change of its coefficients is the projection of
+f'(delta) c L f on (delta, delta², f'(delta)) over the range of the fit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ POINTS = 200
 
 @dataclass(frozen=True, slots=True)
 class PressLaw:
-    """A contact law with what is known of its making.
+    """A contact law with covariance and range of its fit.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class PressLaw:
         return bool(np.any(self.covariance != 0.0))
 
     def coefficients(self, errors: Errors) -> Array:
-        """Coefficients (2,) with errors put right; one that would be negative is zero."""
+        """Return the coefficients (2,) with errors corrected; negative ones become zero."""
         k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
         k = k + self._scatter_factor() @ [errors.at("law", 0), errors.at("law", 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
@@ -62,26 +62,26 @@ class PressLaw:
         return np.asarray(np.maximum(corrected, 0.0))
 
     def corrected(self, errors: Errors) -> NormalLaw:
-        """The law with errors put right."""
+        """Return the law with errors corrected."""
         return NormalLaw(*self.coefficients(errors).tolist())
 
     def _scatter_factor(self) -> Array:
-        """Matrix S (2, 2) with S S' the covariance; one that is not positive counts as such."""
-        # by the correlations: both coefficients are of very different size
+        """Return S (2, 2) with S S' the covariance; negative eigenvalues count as zero."""
+        # scale to correlations because the coefficients differ in size by orders of magnitude
         scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         safe = np.where(scale > 0.0, scale, 1.0)
         values, vectors = np.linalg.eigh(self.covariance / np.outer(safe, safe))
         return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _per_compliance(self) -> Array:
-        """Change of the coefficients (2,) per compliance [m/N] put right."""
+        """Return the change of the coefficients (2,) per corrected compliance [m/N]."""
         delta = self.max_penetration_m * np.linspace(0.0, 1.0, POINTS)[1:]
         slope, force = self.law.stiffness(delta), self.law.force(delta)
         present = np.array([self.law.k_linear_N_m2 > 0.0, self.law.k_quadratic_N_m3 > 0.0])
         design = np.column_stack([np.column_stack([delta, delta**2])[:, present], slope])
         size = np.linalg.norm(design, axis=0)
-        moved = slope * self.segment_length_m * force
-        found = np.linalg.lstsq(design / size, moved, rcond=None)[0] / size
+        force_change = slope * self.segment_length_m * force
+        solution = np.linalg.lstsq(design / size, force_change, rcond=None)[0] / size
         change = np.zeros(2)
-        change[present] = found[:-1]  # the last one moves the contact point
+        change[present] = solution[:-1]  # the last one moves the contact point
         return change

@@ -1,12 +1,12 @@
-"""How the surface of the published procedure follows every error: the procedure once more.
+"""Sensitivity of the published surface to every error: repeat the procedure.
 
-The procedure is a chain of formulas and splines without iteration, so that it is repeated with
-each error put right. Its nodes lie where the runs are and move with them; a change is taken at a
-node and brought back to the node's own force and speed along the slope of the surface.
+The procedure is a chain of formulas and splines without iteration, so it is repeated with each
+error corrected. Its nodes lie where the runs are and move with them; a change is taken at the moved
+node and shifted back to the force and speed of the nominal node along the slope of the surface.
 
-The scatter of the runs reaches a node by the weights of the splines along the force, the mean over
-the arcs follows. What the standard error of a node holds beyond that is the spread between arcs: an
-error that nodes have in common, as the same arcs are averaged at all of them.
+The scatter of the runs acts on a node through the weights of the splines along the force, followed
+by the mean over the arcs. The rest of a node's standard error is the spread between arcs: an error
+common to all nodes, because the same arcs are averaged at each.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 def published_curves(measured: Measured) -> CurveSet:
-    """Curves of each arc and speed of a campaign."""
+    """Build the curves of each arc and speed of a campaign."""
     points = Points(
         arc_deg=np.degrees(measured.beta),
         f=measured.normal_force,
@@ -40,16 +40,16 @@ def published_curves(measured: Measured) -> CurveSet:
 
 
 def published_grid(measured: Measured, settings: SurfaceSettings) -> SurfaceGrid:
-    """Averaged surface of a campaign by the published procedure."""
+    """Build the averaged surface of a campaign by the published procedure."""
     curves = published_curves(measured)
     return average(curves, settings.force_nodes, errors_known=True)[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
-    """Change of ln mu at the nodes of the nominal surface (nf, nv), other less nominal."""
+    """Return the change of ln mu at the nominal nodes (nf, nv), other minus nominal."""
     surface = nominal.to_surface()
     f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s[None, :]
-    if other.mu.shape != nominal.mu.shape:  # nodes came or went
+    if other.mu.shape != nominal.mu.shape:  # nodes were added or removed
         moved = other.to_surface().mu(f, v)
         return np.asarray(np.log(moved / nominal.mu))
     by_f, by_v = surface.gradient(f, v)
@@ -62,7 +62,7 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 def published_changes(
     measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], settings: SurfaceSettings
 ) -> Array:
-    """Change of ln mu at the nodes by one standard uncertainty of each source, (nf, nv, K)."""
+    """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
     columns = [
         changes_at_nodes(
             nominal, published_grid(measured.corrected(Errors.single(source)), settings)
@@ -73,39 +73,39 @@ def published_changes(
 
 
 def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) -> Array:
-    """Factor (nf, nv, r) of the covariance of ln mu by the scatter of runs, and of arcs.
+    """Compute a factor (nf, nv, r) of the covariance of ln mu by scatter of runs, and of arcs.
 
-    With arcs its diagonal is that of the standard errors of the nodes; an unknown standard error
-    counts as none.
+    With arcs, the diagonal of the covariance equals the squared standard errors of the nodes; an
+    unknown standard error counts as zero.
     """
     nf, nv = grid.mu.shape
     relative = np.where(np.isfinite(grid.mu_se), grid.mu_se, 0.0) / grid.mu
-    by_speed = [_of_runs(curves, grid.normal_force_N_m, k) for k in range(nv)]
+    run_covariances = [_run_covariance(curves, grid.normal_force_N_m, k) for k in range(nv)]
     covariance = np.zeros((nf, nv, nf, nv))
     excess = np.zeros((nf, nv))
-    for k, of_runs in enumerate(by_speed):
-        known = np.sqrt(np.diag(of_runs))
-        # carried on or held nodes may be surer by this sum than their standard error says
-        shrink = np.minimum(1.0, relative[:, k] / np.where(known > 0.0, known, 1.0))
-        covariance[:, k, :, k] = of_runs * np.outer(shrink, shrink)
-        excess[:, k] = np.sqrt(np.maximum(relative[:, k] ** 2 - (known * shrink) ** 2, 0.0))
+    for k, by_runs in enumerate(run_covariances):
+        from_runs = np.sqrt(np.diag(by_runs))
+        # the sum may exceed the standard error of extrapolated or constant nodes: scale it down
+        shrink = np.minimum(1.0, relative[:, k] / np.where(from_runs > 0.0, from_runs, 1.0))
+        covariance[:, k, :, k] = by_runs * np.outer(shrink, shrink)
+        excess[:, k] = np.sqrt(np.maximum(relative[:, k] ** 2 - (from_runs * shrink) ** 2, 0.0))
     flat = covariance.reshape(nf * nv, nf * nv) + arcs * np.outer(excess, excess)
     if not np.any(flat):
         return np.zeros((nf, nv, 0))
     return factor_of(flat).reshape(nf, nv, -1)
 
 
-def _of_runs(curves: CurveSet, force: Array, speed: int) -> Array:
-    """Covariance of ln mu of the mean over arcs at one speed (nf, nf) by the scatter of runs."""
-    mine = [c for c in curves.curves if c.speed == speed]
+def _run_covariance(curves: CurveSet, force: Array, speed: int) -> Array:
+    """Return the covariance of ln mu, mean over arcs at one speed (nf, nf), by scatter of runs."""
+    curves_at_speed = [c for c in curves.curves if c.speed == speed]
     total = np.zeros((force.size, force.size))
-    for curve in mine:
+    for curve in curves_at_speed:
         share = np.square(curve.se / curve.mu)
         if curve.f.size == 1:
             weights = np.ones((force.size, 1))
         else:
             nodes = np.log(curve.f)
-            held = np.clip(np.log(force), nodes[0], nodes[-1])
-            weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(held)
-        total += (weights * share) @ weights.T / len(mine) ** 2
+            clipped = np.clip(np.log(force), nodes[0], nodes[-1])
+            weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(clipped)
+        total += (weights * share) @ weights.T / len(curves_at_speed) ** 2
     return total

@@ -38,7 +38,7 @@ BUILD_UP_SOURCES: Final = (
     ("end_bending", "bending at the ends of the contact", BENDING_SPREAD),
     ("micro_slip", "slip at the ends of the contact", MICRO_SLIP_SPREAD),
 )
-"""Key, words and size of what the model of the build-up leaves open."""
+"""Key, name and size of the uncertainties of the build-up model."""
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
@@ -48,7 +48,7 @@ def friction_uncertainty(
     R: float,
     kind: RigKind = TWO_CELLS,
 ) -> Found:
-    """Combined uncertainties of the runs of a friction rig, and their budget.
+    """Compute the combined uncertainties of the runs of a friction rig, and their budget.
 
     Parameters
     ----------
@@ -64,32 +64,32 @@ def friction_uncertainty(
     Returns
     -------
     columns, budget
-        ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be used; a row
+        ``mu_sliding_u`` [-] and ``normal_force_u_N_m``, nan for runs that cannot be used; one row
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    if not rows.size:  # coefficients without an arc, as a table may state them
+    if not rows.size:  # a table may state coefficients without an arc
         none = np.full(len(columns["status"]), np.nan)
         return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
     measured = measured_runs(columns, rows, R, kind)
-    of_rig = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
-    sources = (*of_rig, *reduction_sources(measured.columns))
-    of_mu, of_force = np.zeros((2, rows.size, len(sources)))
+    bench_sources = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
+    sources = (*bench_sources, *reduction_sources(measured.columns))
+    mu_changes, force_changes = np.zeros((2, rows.size, len(sources)))
     for k, source in enumerate(sources):
-        after = measured.corrected(Errors.single(source))
-        of_mu[:, k] = after.mu / measured.mu - 1.0
-        of_force[:, k] = after.normal_force / measured.normal_force - 1.0
+        corrected = measured.corrected(Errors.single(source))
+        mu_changes[:, k] = corrected.mu / measured.mu - 1.0
+        force_changes[:, k] = corrected.normal_force / measured.normal_force - 1.0
     scatter = measured.mu_se / measured.mu
     none = np.zeros(rows.size)
     mu_u, force_u = (np.full(len(columns["status"]), np.nan) for _ in range(2))
-    mu_u[rows] = measured.mu * combined(of_mu, scatter)
-    force_u[rows] = measured.normal_force * combined(of_force, none)
-    of_runs = Scatter("scatter of the samples", scatter)
+    mu_u[rows] = measured.mu * combined(mu_changes, scatter)
+    force_u[rows] = measured.normal_force * combined(force_changes, none)
+    mu_scatter = Scatter("scatter of the samples", scatter)
     return (
         {"mu_sliding_u": mu_u, "normal_force_u_N_m": force_u},
         [
-            *budget("mu_sliding", sources, of_mu, of_runs),
-            *budget("normal_force_N_m", sources, of_force, Scatter(of_runs.name, none)),
+            *budget("mu_sliding", sources, mu_changes, mu_scatter),
+            *budget("normal_force_N_m", sources, force_changes, Scatter(mu_scatter.name, none)),
         ],
     )
 
@@ -97,22 +97,22 @@ def friction_uncertainty(
 def shear_budget(
     shares: Mapping[str, float], given: StandardUncertainties, normal_stiffness: float | None = None
 ) -> list[dict[str, Any]]:
-    """Budget of a shear stiffness.
+    """Compute the budget of a shear stiffness.
 
     Parameters
     ----------
     shares : mapping of str to float
-        Standard uncertainty of the stiffness over itself by each source, by its key; empty where
-        the stiffness is not known.
+        Relative standard uncertainty of the stiffness by each source, by its key; empty if the
+        stiffness is not known.
     given : StandardUncertainties
         Standard uncertainties of the bench.
     normal_stiffness : float, optional
-        Standard uncertainty of a fitted normal law over itself; None where one was assumed.
+        Relative standard uncertainty of a fitted normal law; None if the law was assumed.
 
     Returns
     -------
     list of dict
-        A row per source.
+        One row per source.
     """
     if not shares:
         return []
@@ -130,7 +130,7 @@ def shear_budget(
 def stiffness_uncertainty(
     laws: Sequence[LawEstimate], given: StandardUncertainties, segment_length_m: float
 ) -> Found:
-    """Combined uncertainties of normal contact laws, and the budget of the last one, the pooled.
+    """Compute the uncertainties of normal contact laws, and the budget of the last (pooled) one.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def stiffness_uncertainty(
     Returns
     -------
     columns, budget
-        ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``; a row per coefficient and source.
+        ``k_linear_u_N_m2`` and ``k_quadratic_u_N_m3``; one row per coefficient and source.
     """
     sources = press_sources(given)
     u = np.zeros((len(laws), 2))
@@ -166,7 +166,7 @@ def stiffness_uncertainty(
         freedom = max(law.n_effective - 2.0 - len(law.tests), 1.0)
         if law is laws[-1]:
             for j, name in enumerate(COEFFICIENTS):
-                of_curves = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
-                not_seen = Scatter("virgin rubber, loss by rate: not seen", unseen[j : j + 1])
-                rows += budget(name, sources, changes[:, j][None, :], of_curves, not_seen)
+                curve_scatter = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
+                unseen_scatter = Scatter("virgin rubber, loss by rate: not seen", unseen[j : j + 1])
+                rows += budget(name, sources, changes[:, j][None, :], curve_scatter, unseen_scatter)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

@@ -1,12 +1,12 @@
-"""How the refined surface follows every error: implicit differentiation of its least squares.
+"""Sensitivity of the refined surface to every error: implicit differentiation of least squares.
 
 The surface minimises ``|W (ln mu_measured - ln mu_simulated(p, x))|² + p' P p`` over its parameters
 p; x are the inputs of the simulated rig. With the gain G of the solution (:attr:`gain`), which
-holds the inverse of the normal matrix, an error e of a source changes it by
+contains the inverse of the normal matrix, an error e of a source changes p by
 
     dp/de = G (d ln mu_measured/de - sum_x d ln mu_simulated/dx dx/de),
 
-without any new fit. The derivatives by x come from the rig simulated once more for each input.
+without a new fit. The derivatives by x come from one more simulation of the rig for each input.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ Array = NDArray[np.float64]
 STEP = 2.0e-3
 """Relative step of the differences; their error is of its order, a fraction of a percent.
 
-Of the bending stiffness, whose slopes are small (0.02), it is a tenth: contact points come into
-touch within the step.
+The small slopes by bending stiffness (0.02) have an error of a tenth, because points come into
+contact within the step.
 """
 MESH = 1.0
-"""Elements over the default: a difference needs no finer mesh."""
+"""Ratio of elements to the default: a difference needs no finer mesh."""
 INPUTS = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 
 
 def log_inputs(campaign: Campaign) -> Array:
-    """Logarithms of the inputs of the simulated rig (n, 8), in the order of :data:`INPUTS`."""
+    """Return the ln of the inputs of the simulated rig (n, 8), in the order of :data:`INPUTS`."""
     bench, measured = campaign.bench, campaign.measured
     k = np.array([bench.law.k_linear_N_m2, bench.law.k_quadratic_N_m3])
     shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA, *np.where(k > 0, k, 1.0)]
@@ -51,7 +51,7 @@ def log_inputs(campaign: Campaign) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """A refined surface and all that its uncertainty is made of.
+    """A refined surface and everything that its uncertainty needs.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Refined:
     campaign : Campaign
         Its runs, with the effects that they show.
     sources : tuple of Source
-        Errors that runs share, and those effects.
+        Errors that runs share, and the effects.
     slopes : ndarray, shape (n, 8)
         Derivatives of the simulated ln mu of each run by the ln of each input.
     """
@@ -71,14 +71,14 @@ class Refined:
     slopes: Array
 
     def contradictions(self) -> dict[str, float]:
-        """Errors that the runs put beyond what is known of them: name -> standard uncertainties."""
+        """Return errors that contradict their stated size: name -> standard uncertainties."""
         errors = self.refined.stated
-        found: dict[str, float] = {}
+        sizes: dict[str, float] = {}
         if errors is not None:
             for source, size in zip(self.sources, np.abs(errors.values).tolist(), strict=False):
                 if size > CLEAR:
-                    found[source.name] = max(size, found.get(source.name, 0.0))
-        return found
+                    sizes[source.name] = max(size, sizes.get(source.name, 0.0))
+        return sizes
 
 
 def refined_campaign(
@@ -87,7 +87,7 @@ def refined_campaign(
     sources: Sequence[Source],
     reference_degC: float | None = None,
 ) -> Refined:
-    """Refine the surface of a campaign, with all that its uncertainty is made of.
+    """Refine the surface of a campaign, with everything that its uncertainty needs.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def refined_campaign(
     sources : sequence of Source
         Errors that runs share.
     reference_degC : float, optional
-        Temperature to which the surface is corrected [°C]; by default it is that of the runs.
+        Temperature to which the surface is corrected [°C]; by default that of the runs.
 
     Raises
     ------
@@ -108,26 +108,24 @@ def refined_campaign(
     runs = campaign.runs
     first = refine_surface(campaign.bench, runs, speeds, reference_degC=reference_degC)
     slopes = refined_slopes(campaign, first, speeds)
-    # again from there, with the errors that the effects must not explain once more
+    # refine again with the stated errors, so that the effects do not explain them too
     near = replace(campaign.bench, surface=first.surface)
     changes = changes_of_residuals(campaign, sources, slopes, first.speed_slope)
     refined = refine_surface(near, runs, speeds, stated=-changes, reference_degC=reference_degC)
     refined = replace(refined, misfit_before=first.misfit_before)
-    effects = [found.effect for found in refined.effects]
+    effects = [fitted.effect for fitted in refined.effects]
     measured = campaign.measured.with_effects(effects, refined.response)
-    shown = (
-        effect_sources(found.effect.key, found.size, found.values.size) for found in refined.effects
-    )
+    added = (effect_sources(e.effect.key, e.size, e.values.size) for e in refined.effects)
     return Refined(
         refined=refined,
         campaign=replace(campaign, measured=measured),
-        sources=(*sources, *itertools.chain.from_iterable(shown)),
+        sources=(*sources, *itertools.chain.from_iterable(added)),
         slopes=slopes,
     )
 
 
 def refined_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -> Array:
-    """Derivatives of the simulated ln mu of each run by the ln of each input, shape (n, 8)."""
+    """Compute derivatives of the simulated ln mu of each run by the ln of each input (n, 8)."""
     surfaces = surfaces_of(refined.curves, refined.parameters)
     return simulated_slopes(campaign, surfaces, speeds, refined.speed_slope)
 
@@ -135,11 +133,11 @@ def refined_slopes(campaign: Campaign, refined: RefinedSurface, speeds: Array) -
 def simulated_slopes(
     campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
 ) -> Array:
-    """The same with any surface for each speed, and the slope by ln v of each run (n,)."""
+    """Compute the same for any surface at each speed, with the slope by ln v of each run (n,)."""
     elements = mesh_of(campaign.bench, campaign.runs, MESH)
 
-    def log_mu(of: Campaign) -> Array:
-        rig = RigRuns(of.bench, of.runs, speeds, elements)
+    def log_mu(other: Campaign) -> Array:
+        rig = RigRuns(other.bench, other.runs, speeds, elements)
         return rig.log_mu(surfaces, speed_slope)
 
     base = log_mu(campaign)
@@ -148,32 +146,32 @@ def simulated_slopes(
 
 
 def _stepped(campaign: Campaign, name: str) -> Campaign:
-    """The campaign with one input a step larger; the sliding speeds stay."""
-    up = {n: 1.0 + STEP * (n == name) for n in INPUTS}
+    """Return the campaign with one input a step larger and unchanged sliding speeds."""
+    factor = {n: 1.0 + STEP * (n == name) for n in INPUTS}
     bench, measured = campaign.bench, campaign.measured
     belt, rig, law = bench.belt, bench.rig, bench.law
-    k = law.k_linear_N_m2 * up["k_linear"], law.k_quadratic_N_m3 * up["k_quadratic"]
-    R = rig.R * up["radius"]
+    k = law.k_linear_N_m2 * factor["k_linear"], law.k_quadratic_N_m3 * factor["k_quadratic"]
+    R = rig.R * factor["radius"]
     return replace(
         campaign,
         bench=replace(
             bench,
-            belt=replace(belt, EA=belt.EA * up["EA"], EI=belt.EI * up["EI"]),
-            rig=replace(rig, R=R, span=rig.span * up["span"]),
+            belt=replace(belt, EA=belt.EA * factor["EA"], EI=belt.EI * factor["EI"]),
+            rig=replace(rig, R=R, span=rig.span * factor["span"]),
             law=replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1]),
         ),
         measured=replace(
             measured,
             R=R,
-            omega=measured.omega / up["radius"],
-            beta=measured.beta * up["arc"],
-            T_0=measured.T_0 * up["initial tension"],
+            omega=measured.omega / factor["radius"],
+            beta=measured.beta * factor["arc"],
+            T_0=measured.T_0 * factor["initial tension"],
         ),
     )
 
 
 def residual_change(campaign: Campaign, errors: Errors, slopes: Array, speed_slope: Array) -> Array:
-    """Change of ln mu_measured - ln mu_simulated of each run (n,) with errors put right."""
+    """Compute the change of ln mu_measured - ln mu_simulated (n,) when errors are corrected."""
     corrected = campaign.corrected(errors)
     before, after = campaign.measured, corrected.measured
     inputs = log_inputs(corrected) - log_inputs(campaign)
@@ -185,7 +183,7 @@ def residual_change(campaign: Campaign, errors: Errors, slopes: Array, speed_slo
 def parameter_changes(
     campaign: Campaign, refined: RefinedSurface, sources: Sequence[Source], slopes: Array
 ) -> Array:
-    """Change of the parameters by one standard uncertainty of each source, shape (size, K)."""
+    """Compute the change of the parameters by one u of each source, shape (size, K)."""
     changes = changes_of_residuals(campaign, sources, slopes, refined.speed_slope)
     return np.asarray(refined.gain @ changes)
 
@@ -193,27 +191,27 @@ def parameter_changes(
 def changes_of_residuals(
     campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
 ) -> Array:
-    """Change of measured less simulated ln mu by each source put right, shape (n, K)."""
+    """Compute the change of measured minus simulated ln mu by correcting each source (n, K)."""
     changes = [residual_change(campaign, Errors.single(s), slopes, speed_slope) for s in sources]
     return np.column_stack([np.zeros((campaign.measured.mu.size, 0)), *changes])
 
 
 def changes_and_scatter(found: Refined) -> tuple[Array, Array]:
-    """What the covariance of ln mu at the nodes is made of, two factors (nf, nv, K), (nf, nv, r).
+    """Return the two factors of the covariance of ln mu at the nodes, (nf, nv, K), (nf, nv, r).
 
-    The first holds the change by one standard uncertainty of each source, the second the scatter of
-    the runs. The effects of the campaign are sources too, and unknowns of the solution, so that its
-    covariance holds them: they are taken out of it here.
+    The first contains the change by one standard uncertainty of each source, the second the scatter
+    of the runs. The effects of the campaign are sources and also unknowns of the solution, whose
+    covariance contains them; they are subtracted from it here.
     """
     refined = found.refined
     changes = parameter_changes(found.campaign, refined, found.sources, found.slopes)
-    of_effects = changes[:, [source.error in EFFECT_SOURCES for source in found.sources]]
-    scatter = factor_of(refined.covariance - of_effects @ of_effects.T)
+    effect_changes = changes[:, [source.error in EFFECT_SOURCES for source in found.sources]]
+    scatter = factor_of(refined.covariance - effect_changes @ effect_changes.T)
     return on_nodes(refined, changes), on_nodes(refined, scatter)
 
 
 def on_nodes(refined: RefinedSurface, vectors: Array) -> Array:
-    """Vectors of parameters (size, K) as changes of ln mu at the nodes, shape (nf, nv, K)."""
+    """Convert parameter vectors (size, K) to changes of ln mu at the nodes (nf, nv, K)."""
     curves = refined.curves
     basis = curves.basis(np.log(refined.surface.normal_force_N_m))
     by_speed = vectors.reshape(curves.log_speed.size, curves.log_force.size, -1)
@@ -221,11 +219,11 @@ def on_nodes(refined: RefinedSurface, vectors: Array) -> Array:
 
 
 def factor_of(covariance: Array) -> Array:
-    """Matrix S (n, r) with S S' a covariance (n, n); directions of no weight are left out."""
+    """Factor a covariance (n, n) as S S' with S (n, r); omit directions without variance."""
     values, vectors = np.linalg.eigh(covariance)
     kept = values > 1e-10 * values[-1]
     factor = vectors[:, kept] * np.sqrt(values[kept])
-    # the sign of an eigenvector is chance: the same everywhere
+    # the sign of an eigenvector is arbitrary: fix it, so that all machines agree
     largest = np.argmax(np.abs(factor), axis=0)
     signs = np.sign(factor[largest, np.arange(factor.shape[1])])
     return np.ascontiguousarray((factor * signs)[:, ::-1])
@@ -233,32 +231,32 @@ def factor_of(covariance: Array) -> Array:
 
 TOGETHER, SCATTER = "together", "scatter"
 LEAST_EVIDENCE = math.log(20.0)
-"""Of an effect that is called clear: the runs are twenty times as probable with it as without."""
+"""Least log evidence of a clear effect: the runs are 20 times as probable with it as without."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownEffect:
-    """An effect in the size in which a person reads it.
+    """An effect of the campaign and its size for the reader.
 
     Attributes
     ----------
     key : str
-        Which one; "scatter" for the friction from run to run, "together" for what run order and
-        temperature change over the campaign where it cannot be told which of them does.
+        Key of the effect; "scatter" for the friction from run to run, "together" for the change
+        over the campaign by run order and temperature if the runs cannot separate the two.
     size : float
-        Change of ln mu: between the arcs that differ most clearly, from the first run to the last,
-        by 10 K, at the most beside the steady change (root mean square); standard deviation of the
-        scatter.
+        Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
+        by 10 K; in addition to the steady change (root mean square); or the standard deviation of
+        the scatter.
     uncertainty : float
-        Standard uncertainty of that; nan for the scatter.
+        Standard uncertainty of the size; nan for the scatter.
     arcs_deg : tuple of float
-        The arcs that lie lower and higher [deg]; empty for other effects.
+        The arcs with the lower and the higher friction [deg]; empty for other effects.
     explained : float
         Share of the order, its course or the temperature that force and speed of the runs explain
         [-]; nan for others.
     log_evidence : float
-        Logarithm of how much more probable the runs are with it than without, other effects and
-        stated errors in its place; infinite where its size does not make it worth asking.
+        Logarithm of how much more probable the runs are with the effect than without it, when other
+        effects and stated errors may replace it; infinite if its size is too small to compute it.
     """
 
     key: str
@@ -270,109 +268,109 @@ class ShownEffect:
 
     @property
     def is_confounded(self) -> bool:
-        """Whether the runs cannot tell it from the surface."""
+        """Whether the runs cannot separate it from the surface."""
         return self.explained > CONFOUNDED
 
     @property
     def is_large(self) -> bool:
-        """Whether it is far more than its uncertainty, and than the error of the simulated rig.
+        """Whether it far exceeds its uncertainty and the error of the simulated rig.
 
-        That error is alike in runs that are alike: it looks like an effect. What force and speed
-        explain may as well be the surface.
+        That error is similar in similar runs, so it looks like an effect. An effect that force and
+        speed explain may as well belong to the surface.
         """
         least = CLEAR * math.hypot(self.uncertainty, MODEL_ERROR)
         return abs(self.size) > least and not self.is_confounded
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is large, and nothing else explains the runs as well."""
+        """Whether it is large and nothing else explains the runs equally well."""
         return self.is_large and self.log_evidence > LEAST_EVIDENCE
 
 
 def shown_effects(found: Refined) -> tuple[ShownEffect, ...]:
-    """The effects that the runs can show, in a fixed order."""
+    """Return the effects that the runs can show, in a fixed order."""
 
-    def weighed(shown: ShownEffect) -> ShownEffect:
-        """With the evidence for it, which takes a search, if its size makes that worth while."""
-        if not shown.is_large:
-            return shown
-        keys = (ORDER, COURSE, TEMPERATURE) if shown.key == TOGETHER else (shown.key,)
-        return replace(shown, log_evidence=found.refined.log_evidence_for(*keys))
+    def weighed(effect: ShownEffect) -> ShownEffect:
+        """Add the evidence for an effect, if it is large; this takes a search."""
+        if not effect.is_large:
+            return effect
+        keys = (ORDER, COURSE, TEMPERATURE) if effect.key == TOGETHER else (effect.key,)
+        return replace(effect, log_evidence=found.refined.log_evidence_for(*keys))
 
-    seen = _Seen(found.refined)
-    order, warm = seen.rows(ORDER), seen.rows(TEMPERATURE)
+    effects = _EffectEstimates(found.refined)
+    order, temperature = effects.rows(ORDER), effects.rows(TEMPERATURE)
     shown = [
-        weighed(ShownEffect(key, *seen.change(rows), explained=seen.explained(key)))
-        for key, rows in ((ORDER, order), (TEMPERATURE, warm))
+        weighed(ShownEffect(key, *effects.change(rows), explained=effects.explained(key)))
+        for key, rows in ((ORDER, order), (TEMPERATURE, temperature))
         if rows is not None
     ]
-    course = seen.rows(COURSE)
+    course = effects.rows(COURSE)
     if course is not None:
-        size, uncertainty = seen.root_mean_square(COURSE, course)
-        of_course = ShownEffect(COURSE, size, uncertainty, explained=seen.explained(COURSE))
-        shown.append(weighed(of_course))
-    if order is not None and warm is not None:
-        # what a straight line through the temperatures adds to the change over the campaign
+        size, uncertainty = effects.root_mean_square(COURSE, course)
+        course_effect = ShownEffect(COURSE, size, uncertainty, explained=effects.explained(COURSE))
+        shown.append(weighed(course_effect))
+    if order is not None and temperature is not None:
+        # add the effect of the temperature's linear trend over the campaign
         columns = found.refined.columns_of_effects
         x, T = (columns[key][:, 0] for key in (ORDER, TEMPERATURE))
-        change = seen.change(order + np.polyfit(x, T, 1)[0] * warm)
-        together = weighed(ShownEffect(TOGETHER, *change, explained=seen.explained(ORDER)))
-        if together.is_clear and not any(one.is_clear for one in shown):
+        change = effects.change(order + np.polyfit(x, T, 1)[0] * temperature)
+        together = weighed(ShownEffect(TOGETHER, *change, explained=effects.explained(ORDER)))
+        if together.is_clear and not any(effect.is_clear for effect in shown):
             shown.append(together)
-    arcs = seen.rows(ARC)
+    arcs = effects.rows(ARC)
     if arcs is not None:
-        difference = _arc_difference(seen, arcs, found.campaign.measured.arcs_deg)
+        difference = _arc_difference(effects, arcs, found.campaign.measured.arcs_deg)
         shown.insert(0, weighed(difference))
     return (*shown, ShownEffect(SCATTER, found.refined.smoothness.scatter, float("nan")))
 
 
-def _arc_difference(seen: _Seen, arcs: Array, arcs_deg: Array) -> ShownEffect:
-    """The difference between two arcs that is the clearest."""
+def _arc_difference(effects: _EffectEstimates, arcs: Array, arcs_deg: Array) -> ShownEffect:
+    """Return the clearest difference between two arcs."""
     pairs = []
     for low, high in itertools.permutations(range(len(arcs)), 2):
         between = tuple(arcs_deg[[low, high]].tolist())
-        pairs.append(ShownEffect(ARC, *seen.change(arcs[high] - arcs[low]), between))
+        pairs.append(ShownEffect(ARC, *effects.change(arcs[high] - arcs[low]), between))
     return max(pairs, key=lambda pair: pair.size / pair.uncertainty)
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """The numbers of all effects (K,) with their covariance (K, K), stated errors included."""
+class _EffectEstimates:
+    """Estimates of all effects (K,) with their covariance (K, K), including stated errors."""
 
     refined: RefinedSurface
 
     @property
     def values(self) -> Array:
-        """The numbers in the order of the effects."""
-        return np.concatenate([np.zeros(0), *(one.values for one in self.refined.effects)])
+        """Estimates in the order of the effects."""
+        return np.concatenate([np.zeros(0), *(e.values for e in self.refined.effects)])
 
     @property
     def covariance(self) -> Array:
-        """Their covariance."""
+        """Covariance of the estimates."""
         return self.refined.effects_covariance
 
     def rows(self, key: str) -> Array | None:
-        """Weights (K_e, K) that pick the numbers of an effect; None if the runs cannot show it."""
-        before = itertools.takewhile(lambda one: one.effect.key != key, self.refined.effects)
-        first, effect = sum(one.values.size for one in before), self.refined.effect(key)
+        """Return weights (K_e, K) that select one effect; None if the runs cannot show it."""
+        before = itertools.takewhile(lambda e: e.effect.key != key, self.refined.effects)
+        first, effect = sum(e.values.size for e in before), self.refined.effect(key)
         if effect is None:
             return None
         return np.eye(self.values.size)[first : first + effect.values.size]
 
     def change(self, weights: Array) -> tuple[float, float]:
-        """Weighted sum of the numbers and its standard uncertainty."""
+        """Return a weighted sum of the estimates and its standard uncertainty."""
         w = np.ravel(weights)
         return float(w @ self.values), float(np.sqrt(w @ self.covariance @ w))
 
     def explained(self, key: str) -> float:
-        """Share of an effect that the surface explains, its numbers by their mean squares."""
-        found = self.refined.effect(key)
-        assert found is not None
-        weight = np.square(found.values) * np.mean(np.square(found.effect.columns), axis=0)
-        return float(np.average(found.explained, weights=weight if np.any(weight) else None))
+        """Return the share of an effect that the surface explains, weighted by mean squares."""
+        fitted = self.refined.effect(key)
+        assert fitted is not None
+        weight = np.square(fitted.values) * np.mean(np.square(fitted.effect.columns), axis=0)
+        return float(np.average(fitted.explained, weights=weight if np.any(weight) else None))
 
     def root_mean_square(self, key: str, rows: Array) -> tuple[float, float]:
-        """Root mean square of an effect over the runs, and that of its standard uncertainty."""
+        """Return the root mean squares of an effect over the runs and of its uncertainty."""
         of_runs = self.refined.columns_of_effects[key] @ rows
         variance = np.einsum("nk,kl,nl->n", of_runs, self.covariance, of_runs)
         mean_square = np.mean(np.square(of_runs @ self.values))

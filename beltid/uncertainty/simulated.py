@@ -1,10 +1,10 @@
-"""What is not known of simulated runs, and of their difference from measured ones.
+"""Uncertainty of simulated runs, and of their difference from measured ones.
 
-An error of the bench acts on a comparison in two ways: what was measured is wrong, and so is what
-the simulation was given (the surface, which was made from the same bench; arc, tension, radius,
-stiffnesses). Both are moved together: what an arc does to the measured coefficient and to a surface
-made from it cancels in their difference. Therefore the changes of the simulated ln mu and of the
-difference are kept by source, with their signs.
+An error of the bench acts on a comparison in two ways: on the measured values, and on the inputs of
+the simulation (the surface built from the same bench; arc, tension, radius, stiffnesses). Both
+change together: an arc error changes the measured coefficient and a surface built from it alike,
+and cancels in their difference. Therefore the changes of the simulated ln mu and of the difference
+are kept by source, with their signs.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ Array = NDArray[np.float64]
 
 DIGITS = 5
 MESH_SHARE = 0.4
-"""Of the change by twice as many elements: a third is the error that is left at order two, times
-1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
+"""Mesh error as a share of the change by twice as many elements: a third remains at order two,
+times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
 ARRAYS = ("simulated", "difference", "scatter", "numerical", "by_setting")
 FINER_MESH = 2.0
-"""Elements over those used, to see what the mesh changes."""
+"""Ratio of elements in the finer mesh that shows the mesh error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class SimulatedUncertainty:
     Attributes
     ----------
     simulated : ndarray, shape (n, K)
-        Of the simulated coefficient by one standard uncertainty of each source.
+        Change of the simulated coefficient by one standard uncertainty of each source.
     difference : ndarray, shape (n, K)
-        Of simulated less measured coefficient.
+        Change of simulated minus measured coefficient.
     scatter : ndarray, shape (n,)
         Standard uncertainty by the scatter behind the surface.
     mesh : ndarray, shape (n,)
@@ -57,7 +57,8 @@ class SimulatedUncertainty:
     mu : ndarray, shape (n,)
         Simulated coefficient in the sliding limit [-].
     by_setting : ndarray, shape (n, 2)
-        Derivatives of ln mu by the ln of initial tension and speed: a bench misses its settings.
+        Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
+        misses.
     """
 
     simulated: Array
@@ -70,7 +71,7 @@ class SimulatedUncertainty:
 
 @dataclass(frozen=True, slots=True)
 class RunsUncertainty:
-    """Uncertainty of simulated runs as the metadata hold it, arrays by run.
+    """Uncertainty of simulated runs as stored in the metadata, arrays by run.
 
     Attributes
     ----------
@@ -102,7 +103,7 @@ class RunsUncertainty:
         sources: tuple[Source, ...],
         parts: Sequence[SimulatedUncertainty],
     ) -> Self:
-        """Uncertainty of runs from that of groups of them, in the same order.
+        """Combine the uncertainties of groups of runs, in the same order.
 
         Parameters
         ----------
@@ -117,20 +118,20 @@ class RunsUncertainty:
         """
         mesh = np.concatenate([part.mesh for part in parts])
         limit = np.concatenate([part.mu for part in parts])
-        # what is left of the build-up at the end of a simulated run, and of its time steps
-        ended = np.abs(np.log(mu / limit))
+        # remaining build-up at the end of a simulated run, and error of its time steps
+        remaining = np.abs(np.log(mu / limit))
         return cls(
             sources=sources,
             runs=tuple(runs),
             simulated=np.concatenate([part.simulated for part in parts]),
             difference=np.concatenate([part.difference for part in parts]),
             scatter=np.concatenate([part.scatter for part in parts]),
-            numerical=np.hypot(MESH_SHARE * mesh, ended),
+            numerical=np.hypot(MESH_SHARE * mesh, remaining),
             by_setting=np.concatenate([part.by_setting for part in parts]),
         )
 
     def extra(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return it as JSON data."""
         return {
             "sources": [asdict(source) for source in self.sources],
             "runs": list(self.runs),
@@ -139,14 +140,14 @@ class RunsUncertainty:
 
 
 def _short(values: Array) -> list[Any]:
-    """Nested lists with few digits: an uncertainty needs no more."""
+    """Convert to nested lists with few digits, enough for an uncertainty."""
     return [
         _short(row) if np.ndim(row) else float(f"{row:.{DIGITS}g}") for row in np.asarray(values)
     ]
 
 
 def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
-    """Uncertainty in the metadata of a simulated recording; None if there is none."""
+    """Read the uncertainty in the metadata of a simulated recording; None if there is none."""
     stored = extra.get("uncertainty")
     if not stored:
         return None
@@ -156,8 +157,8 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
 
 
 def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
-    """Sources of error as metadata hold them."""
-    return tuple(Source(**{name: one[name] for name in Source.__slots__}) for one in stored)
+    """Read sources of error from metadata."""
+    return tuple(Source(**{name: row[name] for name in Source.__slots__}) for row in stored)
 
 
 def simulated_uncertainty(
@@ -170,26 +171,26 @@ def simulated_uncertainty(
     largest_tension: float | None = None,
     kind: RigKind = TWO_CELLS,
 ) -> SimulatedUncertainty:
-    """Uncertainty of simulated runs (sliding limit).
+    """Compute the uncertainty of simulated runs (sliding limit).
 
     Parameters
     ----------
     bench : Bench
-        The bench; its surface is an `UncertainSurface` for its part to be known.
+        The bench; only an `UncertainSurface` contributes the shared errors of its surface.
     press : PressLaw
-        The making of its contact law.
+        Its contact law with the fit to the press.
     points : sequence of OperatingPoint
         The runs.
     arc : ndarray of int, shape (n,)
         Number of the arc setting of each run, as in the sources.
     sources : sequence of Source
-        Errors; the first ones are those of the columns of the surface's factor.
+        Errors; the first ones belong to the columns of the surface's factor.
     elements : int, optional
-        Belt elements; by default those of the simulation.
+        Belt elements; by default as in the simulation.
     largest_tension : float, optional
-        Of the whole campaign [N], if these are some of its runs.
+        Largest tension of the whole campaign [N], if these are only some of its runs.
     kind : RigKind
-        What the bench measures that the runs stand for.
+        What the simulated bench measures.
 
     Raises
     ------
@@ -218,16 +219,16 @@ def simulated_uncertainty(
     measured = replace(measured, arc=arc, largest_tension=largest_tension)
     campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
-    of_difference, of_simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
+    difference, simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
     for k, source in enumerate(sources):
         errors = Errors.single(source)
         residual = residual_change(campaign, errors, slopes, speed_slope)
-        of_difference[:, k] = by_surface[:, k] - residual
-        of_measured = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
-        of_simulated[:, k] = of_difference[:, k] + of_measured
+        difference[:, k] = by_surface[:, k] - residual
+        measured_change = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
+        simulated[:, k] = difference[:, k] + measured_change
     return SimulatedUncertainty(
-        simulated=of_simulated,
-        difference=of_difference,
+        simulated=simulated,
+        difference=difference,
         scatter=scatter,
         mesh=np.abs(change),
         mu=np.exp(log_mu),
@@ -238,7 +239,7 @@ def simulated_uncertainty(
 def _of_surface(
     surface: FrictionSurface, force: Array, speed: float, weight: Array
 ) -> tuple[Array, float]:
-    """Change of ln mu of a run by each source of its surface, and the scatter's part."""
+    """Return the change of ln mu of a run by each source of its surface, and by scatter."""
     if isinstance(surface, UncertainSurface) and surface.factor is not None:
         columns = weight @ surface.factor_at(force, speed)
         shared = len(surface.sources)
@@ -250,7 +251,7 @@ def _of_surface(
 def _as_measured(
     points: Sequence[OperatingPoint], tensions: Array, mu: Array, rig: Rig, kind: RigKind
 ) -> Measured:
-    """The simulated runs in the place of measured ones."""
+    """Return simulated runs in the form of measured ones."""
     return Measured(
         R=rig.R,
         kind=kind,
@@ -268,6 +269,6 @@ def _as_measured(
 
 
 def with_rig_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
-    """Sources of a surface as they were when it was made, then those that it does not know."""
-    known = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in given if (s.error, s.place) not in known))
+    """Return the sources stored with a surface, then the given ones that it lacks."""
+    stored_keys = {(source.error, source.place) for source in stored}
+    return (*stored, *(s for s in given if (s.error, s.place) not in stored_keys))

@@ -1,13 +1,13 @@
-"""What is not known exactly: every source of error with its standard uncertainty.
+"""Sources of error with their standard uncertainties.
 
 A source is one number that is wrong by an unknown amount *for all runs that share it*: the
-calibration of the cells for all, the setting of an arc for the runs at that arc, the law of the
-press for the whole surface. Such an error is not averaged away by many runs. What differs from run
-to run (noise of the samples) is no source here; it is in the standard error of each run. How far a
-run follows an error may differ from run to run all the same: that is not the source's affair but
-the run's (:class:`beltid.uncertainty.measured.Measured`).
+calibration of the cells for all runs, the setting of an arc for the runs at that arc, the law of
+the press for the whole surface. Many runs do not average such an error out. Noise of the samples,
+which differs from run to run, is not a source here; it is in the standard error of each run. The
+sensitivity to an error may still differ from run to run; it belongs to the run, not to the source
+(:class:`beltid.uncertainty.measured.Measured`).
 
-Sign: an error is the true value less the value that was used, as a share of it or in its unit.
+Sign: an error is the true value minus the value used, relative to it or in its unit.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ FITTED = "fitted"
 
 @dataclass(frozen=True, slots=True)
 class StandardUncertainties:
-    """Standard uncertainties (k = 1) of what the benches were calibrated and set to.
+    """Standard uncertainties (k = 1) of the calibrations and settings of the benches.
 
     Attributes
     ----------
     tension_gain : float
         Gain of both load cells together, as a share.
     cell_gain : float
-        Gain of each load cell by itself, as a share: what calibration and the comparison of both
-        cells at rest leave.
+        Gain of each load cell separately, as a share, after calibration and after comparison of
+        both cells at rest.
     cell_linearity : float
-        Nonlinearity of each load cell by itself, as a share of the largest tension of the
+        Nonlinearity of each load cell separately, as a share of the largest tension of the
         campaign: the error of a reading grows with its square.
     cell_offset : float
         Zero point of each load cell [N].
     torque_gain : float
         Gain of the torque of the friction rig, as a share.
     bearing_drag : float
-        Drag of its bearings, and zero of its sensor, that are left in that torque [N m].
+        Drag of its bearings, and zero of its sensor, that remain in that torque [N m].
     mass_per_length : float
-        Mass per length of a running belt, as a share: m v² is taken off its tensions.
+        Mass per length of a running belt, as a share: m v² is subtracted from its tensions.
     arc : float
         Contact arc, common to all settings [rad].
     arc_setting : float
-        Contact arc of each setting by itself [rad].
+        Contact arc of each setting separately [rad].
     pulley_radius : float
         Radius of the belt's centreline on the pulley, as a share.
     span_length : float
@@ -78,7 +78,7 @@ class StandardUncertainties:
     torque : float
         Gain of the torque of a drive, as a share.
     stated : frozenset of str
-        Those that the user stated; the others are assumed.
+        Names of those that the user stated; the others are assumed.
     """
 
     tension_gain: float = 0.0
@@ -115,7 +115,7 @@ class StandardUncertainties:
             raise InputError(problems)
 
     def basis(self, name: str) -> str:
-        """Whether a standard uncertainty was stated or assumed."""
+        """Return whether a standard uncertainty was stated or assumed."""
         return STATED if name in self.stated else ASSUMED
 
 
@@ -126,15 +126,15 @@ class Source:
     Attributes
     ----------
     name : str
-        What it is, in words; sources of one name are of one kind (both cells, all arcs).
+        Name in words; sources of the same name are of the same kind (both cells, all arcs).
     error : str
         Its key in :class:`Errors`.
     place : int
-        Its place there: which arc, which cell, which direction.
+        Its index there: which arc, which cell, which direction.
     size : float
         Standard uncertainty, as a share or in SI units.
     unit : str
-        Unit in which a person reads it.
+        Unit for display.
     per_unit : float
         Size of that unit in SI.
     basis : str
@@ -151,7 +151,7 @@ class Source:
 
     @property
     def shown(self) -> float:
-        """Standard uncertainty in the unit in which a person reads it."""
+        """Standard uncertainty in the unit for display."""
         return self.size / self.per_unit
 
 
@@ -162,13 +162,13 @@ class Errors:
     values: Mapping[str, Array] = field(default_factory=dict)
 
     def at(self, error: str, place: int = 0) -> float:
-        """Error of one source; zero if nothing is known of it."""
+        """Return the error of one source; zero if it has none."""
         values = self.values.get(error)
         return 0.0 if values is None or place >= values.size else float(values[place])
 
     @classmethod
     def drawn(cls, sources: Sequence[Source], z: Array) -> Errors:
-        """Errors of ``z`` (n,) standard uncertainties of each source."""
+        """Return errors of ``z`` (n,) standard uncertainties of each source."""
         values: dict[str, Array] = {}
         for source, share in zip(sources, z, strict=True):
             array = values.get(source.error, np.zeros(0))
@@ -180,7 +180,7 @@ class Errors:
 
     @classmethod
     def single(cls, source: Source) -> Errors:
-        """Errors with one source off by its standard uncertainty, all others right."""
+        """Return errors with one source wrong by its standard uncertainty and no others."""
         return cls.drawn([source], np.ones(1))
 
 
@@ -200,15 +200,15 @@ RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
     ("pulley_radius", "radius of the belt's centreline", PERCENT, 1),
     ("pulley_speed", "speed of the pulley", PERCENT, 1),
 )
-"""Key, words, unit, how many of them (0: as many as arcs); those that the formulas need."""
+"""Key, name, unit, number of places (0: one per arc), for sources that the formulas need."""
 MODEL_SOURCES = (
     ("span_length", "length of the spans", ("mm", 1.0e-3), 1),
     ("bending_stiffness", "bending stiffness of the belt", PERCENT, 1),
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
 )
-"""Those that only the simulated rig needs."""
+"""Sources that only the simulated rig needs."""
 BENT_SPANS = ("span_length", "bending_stiffness")
-"""Of these, what turns the spans of a bent belt."""
+"""Those of them that change the direction of the spans of a bent belt."""
 PRESS_SOURCES = (
     ("press_force", "force of the press", PERCENT, 1),
     ("press_displacement", "travel of the press", PERCENT, 1),
@@ -228,14 +228,14 @@ REDUCTION_SOURCES = (
     ("shared_drift", "common drift"),
     ("shared_cells", "cells as seen at rest"),
 )
-"""Key and words of what the reduction of all runs shares: their sizes stand in the runs."""
+"""Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
 EFFECT_SOURCES = {
     ARC: "differences between arcs",
     ORDER: "change over the campaign",
     COURSE: "change over the campaign",
     TEMPERATURE: "temperature of the runs",
 }
-"""Key and words of what shifts the friction beside the surface."""
+"""Key and name of effects that shift the friction in addition to the surface."""
 NOT_OF_SHEAR = (
     "cell_linearity",
     "cell_offset",
@@ -247,35 +247,35 @@ SHEAR_SOURCES = (
     ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
     *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in NOT_OF_SHEAR),
 )
-"""Those of the shear stiffness, each of them one figure whatever it acts on."""
+"""Sources of the shear stiffness; each is a single number."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
-    """Sources of the friction rig that Eqs. (6) to (8) know, those of zero size left out.
+    """Return the sources of the friction rig in Eqs. (6) to (8), without those of zero size.
 
-    `bent` says whether what was measured depends on the bending of the spans, as a hub force does.
+    `bent` states whether the measured force depends on bending of the spans, as a hub force does.
     """
     of_spans = [row for row in MODEL_SOURCES if bent and row[0] in BENT_SPANS]
     return _sources(u, (*RIG_SOURCES, *of_spans), n_arcs)
 
 
 def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Sources of the shear stiffness of the ribs that the bench states."""
+    """Return the sources of the shear stiffness of the ribs that the bench states."""
     return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Sources of the press."""
+    """Return the sources of the press."""
     return _sources(u, PRESS_SOURCES, 1)
 
 
 def all_sources(
     u: StandardUncertainties, n_arcs: int, law_scatter: bool = True
 ) -> tuple[Source, ...]:
-    """Sources of a surface that was made with the simulated rig.
+    """Return the sources of a surface that was built with the simulated rig.
 
-    `law_scatter` says whether the covariance of the contact law is known: it is the same law in
-    every run, so that its scatter is an error which all of them share.
+    `law_scatter` states whether the covariance of the contact law is known. All runs use the same
+    law, so its scatter is an error that they share.
     """
     rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
     return (*rig, *law_scatter_sources(law_scatter), *press_sources(u))
@@ -284,7 +284,7 @@ def all_sources(
 def drive_sources(
     u: StandardUncertainties, n_pulleys: int, law_scatter: bool
 ) -> tuple[Source, ...]:
-    """Sources of a predicted drive, beside the scatter of its friction surface.
+    """Return the sources of a predicted drive, without the scatter of its friction surface.
 
     The places of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
     """
@@ -297,25 +297,25 @@ def drive_sources(
 
 
 def shear_source(size: float) -> Source:
-    """What bending does to a belt whose ribs shear, as a share of the speed loss."""
+    """Return the source for bending of a belt whose ribs shear, as a share of the speed loss."""
     words = "ribs that shear, without the bending stiffness of the belt"
     return Source(words, "shear_without_bending", 0, size, *PERCENT, ASSUMED)
 
 
 def slower_source() -> Source:
-    """Friction at sliding speeds below those measured, of unit size."""
+    """Return the source for friction at sliding speeds below those measured, of unit size."""
     words = "friction slower than the slowest measured sliding"
     return Source(words, "slower_friction", 0, 1.0, "1", 1.0, ASSUMED)
 
 
 def law_scatter_sources(known: bool) -> tuple[Source, ...]:
-    """Scatter of the press in both coefficients of the contact law, if its covariance is known."""
+    """Return the scatter of both contact law coefficients, if their covariance is known."""
     words = "contact law, scatter of the press"
     return tuple(Source(words, "law", k, 1.0, "1", 1.0, FITTED) for k in range(2 * known))
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
-    """Sources of the reduction that some runs know, by their columns; each of unit size."""
+    """Return the sources of the reduction that runs have columns for; each of unit size."""
     return tuple(
         Source(words, key, 0, 1.0, "1", 1.0, FITTED)
         for key, words in REDUCTION_SOURCES
@@ -324,7 +324,7 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
 
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
-    """The numbers of an effect beside the surface, of a standard deviation that the runs show."""
+    """Return the sources of an effect; `size` is the standard deviation that the runs show."""
     return tuple(
         Source(EFFECT_SOURCES[key], key, k, size, *PERCENT, FITTED)
         for k in range(count)

@@ -203,7 +203,7 @@ def test_a_run_that_goes_on_after_others_is_refused_with_both_places(
     rows.append(rows[1])
     path = tmp_path / "rig.csv"
     path.write_text("\n".join(rows) + "\n")
-    message = rf"rig\.csv:{len(rows)}: run {labels[1]} goes on here .* it began in line 2:"
+    message = rf"rig\.csv:{len(rows)}: run {labels[1]} continues here .* it began in line 2:"
     with pytest.raises(InputError, match=message):
         list(open_big(path))
     assert second > 2

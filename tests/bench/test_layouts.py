@@ -290,7 +290,7 @@ def with_counts_mat(path: Path, told: dict[str, float]) -> Path:
 def test_a_scaling_beside_whole_numbers_is_asked_about(tmp_path, write):
     path = write(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
     with pytest.raises(
-        InputError, match=r"whole numbers, and beside them Slope = 0\.02, offset = -1"
+        InputError, match=r"whole numbers, but the file states Slope = 0\.02, offset = -1"
     ):
         read_recording(path, "press")
     for units, expected in (({"factor": 0.02, "offset": -1}, 0.02 * COUNTS - 1), ("N", COUNTS)):

@@ -170,8 +170,8 @@ def test_a_candidate_in_a_unit_that_cannot_be_is_none(tmp_path):
 def test_a_recognised_channel_without_a_unit_is_refused(tmp_path):
     path = write(tmp_path, "Zeit [s];Weg [mm];Kraft", PRESS_ROWS)
     assert problems(path, "press") == [
-        "bench.csv:1: the unit of Kraft, read as force_N, is not told; "
-        "say it: units: {press: {force_N: N}}"
+        "bench.csv:1: the unit of Kraft, read as force_N, is missing; "
+        "state it: units: {press: {force_N: N}}"
     ]
     config = {"units": {"press": {"force_N": "daN"}}}
     assert read(path, "press", config).columns["force_N"].tolist() == [100.0, 200.0, 300.0]
@@ -198,7 +198,7 @@ def test_volts_with_a_calibration(tmp_path, unit, setting, factor, offset):
 def test_volts_without_a_calibration_or_with_that_of_newtons(tmp_path):
     path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [V]", PRESS_ROWS)
     (found,) = problems(path, "press")
-    assert "is in V, its calibration must be told: units: {press: {force_N: 250 N/V}}" in found
+    assert "is in V, its calibration is missing; state it: units: {press: {force_N: 250" in found
     path = write(tmp_path, "Zeit [s];Weg [mm];Kraft [N]", PRESS_ROWS)
     (found,) = problems(path, "press", {"units": {"press": {"force_N": "250 N/V"}}})
     assert "is in N, but the calibration of the config is for V" in found
@@ -359,8 +359,8 @@ def test_a_mark_of_an_overflow_is_no_other_unit(tmp_path):
     rows = [f"{i};0,{i:03d};{10 * i}" for i in range(100)]
     rows[40] = "40;0,040;9,9E37"
     assert problems(write(tmp_path, "time_s;displacement_mm;force_N", rows), "press") == [
-        "bench.csv:42: force_N = 9.9e+37, not plausible beside the others; leave the cell empty if "
-        "it stands for a missing number"
+        "bench.csv:42: force_N = 9.9e+37, not plausible next to the others; leave the cell empty "
+        "if it means a missing number"
     ]
     in_mN = [f"{i};0,{i:03d};{10000 * i}" for i in range(100)]
     (found,) = problems(write(tmp_path, "time_s;displacement_mm;force_N", in_mN), "press")

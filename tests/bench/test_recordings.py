@@ -301,11 +301,11 @@ def test_a_missing_column_is_named_with_what_was_found(tmp_path):
 def test_a_recording_of_another_bench_is_recognised():
     assert problems(RIGDATA / "5pk" / "rig.csv", "press") == [
         "rig.csv:1: these are the columns of a recording of the friction rig, not of the "
-        "compression press; a config names it as data.rig",
+        "compression press; in a config its key is data.rig",
     ]
     assert problems(RIGDATA / "5pk" / "press.csv") == [
         "press.csv:1: these are the columns of a recording of the compression press, not of the "
-        "friction rig; a config names it as data.press",
+        "friction rig; in a config its key is data.press",
     ]
 
 
@@ -362,7 +362,7 @@ def test_what_is_not_a_file(tmp_path):
 
 def test_a_column_without_any_number(tmp_path):
     assert problems(write(tmp_path, [HEADER, *rows(tight="")])) == [
-        "rig.csv: tension_tight_N holds no number at all"
+        "rig.csv: tension_tight_N holds no numbers"
     ]
 
 
@@ -600,7 +600,9 @@ def test_parts_of_a_parquet_table_in_several_units(tmp_path):
         half.to_parquet(tmp_path / f"{name}.parquet", index=False)
     columns = read_recording(tmp_path, "rig").columns
     np.testing.assert_allclose(columns["time_s"], frame["time_s"], rtol=0, atol=1e-12)
-    with pytest.raises(InputError, match=r"b\.parquet: time_s .*another unit than in the first"):
+    with pytest.raises(
+        InputError, match=r"b\.parquet: time_s .*a different unit than in the first"
+    ):
         list(open_big(tmp_path))
 
 

@@ -94,8 +94,8 @@ def test_a_label_that_is_told_does_not_make_one_run_of_two(tmp_path, runs):
     both.to_csv(tmp_path / "runs" / "R7.csv", index=False)
     found = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
     assert found == [
-        "runs/R7.csv: its column run holds 2 labels, but run = R7 is told for all of it: leave out "
-        "one of both"
+        "runs/R7.csv: its column run holds 2 labels, but run = R7 is stated for all of it: remove "
+        "one of the two"
     ]
 
 
@@ -117,13 +117,13 @@ def test_what_is_told_replaces_words_of_the_recording_with_a_note(tmp_path, runs
     config = load_config({"runs": {"rig": {"values": {"condition": "wet"}}}})
     recording = read_recording(path, "rig", config)
     assert set(recording.columns["condition"]) == {"wet"}
-    assert "condition = wet as told replaces dry of the recording" in recording.notes
+    assert "condition = wet as stated replaces dry in the recording" in recording.notes
 
 
 def test_a_name_that_does_not_follow_the_pattern_is_refused(tmp_path, runs):
     folder = per_run(tmp_path / "runs", runs)
     found = problems(folder, {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg.csv"}}})
-    assert found[0].startswith("runs/R001.csv and 3 more: the name is not made up as runs.rig.pa")
+    assert found[0].startswith("runs/R001.csv and 3 more: the name does not match runs.rig.patt")
 
 
 @pytest.mark.parametrize("units_row", [False, True])
@@ -154,12 +154,12 @@ def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
     )
     assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
         "runs/runs.csv: has no row for R100.csv",
-        "runs/R100.csv:1: column arc_deg is missing; if it holds for every run: "
-        "runs: {rig: {values: {arc_deg: ...}}}; if the names of the files tell it: "
+        "runs/R100.csv:1: column arc_deg is missing; if it is the same for every run: "
+        "runs: {rig: {values: {arc_deg: ...}}}; if the file names contain it: "
         'runs: {rig: {pattern: "{run}_{arc_deg}.csv"}}; or in a table of the files: '
         "runs: {rig: {table: runs.csv}}",
-        "runs/R100.csv:1: column initial_tension_N is missing; if it holds for every run: "
-        "runs: {rig: {values: {initial_tension_N: ...}}}; if the names of the files tell it: "
+        "runs/R100.csv:1: column initial_tension_N is missing; if it is the same for every run: "
+        "runs: {rig: {values: {initial_tension_N: ...}}}; if the file names contain it: "
         'runs: {rig: {pattern: "{run}_{initial_tension_N}.csv"}}; or in a table of the files: '
         "runs: {rig: {table: runs.csv}}",
         "runs/runs.csv:5: R7 is not among the files read",
@@ -223,7 +223,7 @@ def test_one_label_for_two_files_is_refused(tmp_path, runs):
     (tmp_path / "runs").mkdir()
     for name in ("a", "b"):
         runs["R001"].to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
-    assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is that of runs/a.csv, too"]
+    assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is already used in runs/a.csv"]
 
 
 def test_the_place_of_a_wrong_sample_is_its_file_and_line(tmp_path, runs):
@@ -246,7 +246,7 @@ def test_runs_are_told_apart_by_settings_and_restarts_of_the_time(tmp_path, runs
     lengths = [len(run) for run in runs.values()]
     expected = [f"rig-{k}" for k, n in enumerate(lengths, start=1) for _ in range(n)]
     assert recording.columns["run"].tolist() == expected
-    assert any("4 told apart by changes of the settings" in note for note in recording.notes)
+    assert any("4 separated by changes of the settings" in note for note in recording.notes)
 
 
 def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_told_apart(tmp_path, runs):
@@ -255,7 +255,7 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_told_apart(tmp_path
     path = tmp_path / "rig.csv"
     pd.concat([one, later]).drop(columns="run").to_csv(path, index=False)
     assert problems(path) == [
-        "rig.csv: the pulley turns 2 times with rests between, and no column labels the runs: "
+        "rig.csv: the pulley turns 2 times with stops between, and no column labels the runs: "
         "add one"
     ]
 

@@ -101,7 +101,7 @@ def test_a_weight_may_hold_for_all_runs(tmp_path):
     rows = zip(*frame.values(), strict=True)
     path.write_text("\n".join([",".join(frame), *(",".join(map(str, row)) for row in rows)]))
     assert read_recording(path, "rig", config).columns["weight_N"].tolist() == [98.1] * 3
-    with pytest.raises(InputError, match=r"weight_N is missing; if it holds for every run"):
+    with pytest.raises(InputError, match=r"weight_N is missing; if it is the same for every run"):
         read_recording(path, "rig", load_config({"rig": {"kind": "dead_weight"}}))
 
 

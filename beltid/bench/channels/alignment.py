@@ -1,4 +1,4 @@
-"""Channels of different rates and starts brought to one time."""
+"""Resample channels of different rates and starts to a common time."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ MASTERS: Final = {
     "rig": ("tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"),
     "speedloss": ("driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"),
 }
-"""Kind of recording -> channels that the result hangs on; the first one gives the time."""
+"""Kind of recording -> channels that determine the result; the first one gives the time."""
 MAX_RATE_RATIO: Final = 20.0
-"""Most by which the rates of two of these may differ to be still records of one event."""
+"""Largest ratio of rates at which two of these channels may still record one event."""
 MIN_OVERLAP: Final = 5
-"""Samples that both channels must have in the time they share."""
+"""Fewest samples of the master in the time that all channels share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,10 @@ class Timed:
 def aligned(
     channels: Mapping[str, Timed], kind: str, place: str, problems: Problems
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Values of all channels at the times of the master, by linear interpolation.
+    """Interpolate all channels linearly to the times of the master.
 
-    Only the time that the sensors of `MASTERS` share is kept, and other channels are missing
-    outside the time they cover: nothing is extrapolated. A missing sample stays missing.
+    Only the time that the sensors of `MASTERS` share is kept. Other channels are missing outside
+    the time they cover; nothing is extrapolated. A missing sample stays missing.
 
     Parameters
     ----------
@@ -55,16 +55,16 @@ def aligned(
     place : str
         File or group, for messages.
     problems : Problems
-        Collects what makes alignment senseless.
+        Collects the reasons why channels cannot be aligned.
 
     Returns
     -------
     values : dict
         Values by our columns, shape (m,).
     time_s : ndarray
-        Times of the master within the time shared, shape (m,).
+        Times of the master within the shared time, shape (m,).
     notes : list of str
-        What was interpolated and left out.
+        Notes on interpolated channels and dropped samples.
     """
     role = next(role for role in (*MASTERS[kind], *channels) if role in channels)
     master = channels[role]
@@ -83,7 +83,7 @@ def aligned(
     if int(kept.sum()) < MIN_OVERLAP:
         problems.add(
             f"{place}: the channels share {int(kept.sum())} samples of time, from {first:g} to "
-            f"{last:g} s; at least {MIN_OVERLAP} are needed"
+            f"{last:g} s; must be at least {MIN_OVERLAP}"
         )
         return {}, master.time_s[:0], []
     time = master.time_s[kept]
@@ -102,27 +102,27 @@ def aligned(
     return values, time, notes
 
 
-def _same_time(one: Timed, other: Timed) -> bool:
-    if one.time_s is other.time_s:
+def _same_time(channel: Timed, master: Timed) -> bool:
+    if channel.time_s is master.time_s:
         return True
-    if one.time_s.shape != other.time_s.shape:
+    if channel.time_s.shape != master.time_s.shape:
         return False
-    step = 1.0 / other.rate_Hz if np.isfinite(other.rate_Hz) else 0.0
-    return bool(np.all(np.abs(one.time_s - other.time_s) <= 1e-6 * step))
+    step = 1.0 / master.rate_Hz if np.isfinite(master.rate_Hz) else 0.0
+    return bool(np.all(np.abs(channel.time_s - master.time_s) <= 1e-6 * step))
 
 
 def _check(
     role: str, channel: Timed, master: Timed, kind: str, place: str, problems: Problems
 ) -> None:
-    for which in (channel, master):
-        if not np.all(np.isfinite(which.time_s)) or np.any(np.diff(which.time_s) <= 0):
+    for timed in (channel, master):
+        if not np.all(np.isfinite(timed.time_s)) or np.any(np.diff(timed.time_s) <= 0):
             problems.add(
-                f"{place}: the time of {which.name} does not rise from sample to sample, so that "
+                f"{place}: the time of {timed.name} does not increase from sample to sample, so "
                 "channels of other rates cannot be aligned with it"
             )
             return
     if channel.time_s.size < 2:
-        problems.add(f"{place}: {channel.name} has a single sample, it cannot be aligned")
+        problems.add(f"{place}: {channel.name} has only one sample and cannot be aligned")
         return
     ratio = max(channel.rate_Hz / master.rate_Hz, master.rate_Hz / channel.rate_Hz)
     if role in MASTERS[kind] and ratio > MAX_RATE_RATIO:
@@ -134,7 +134,7 @@ def _check(
 
 
 def _interpolated(channel: Timed, time: np.ndarray) -> np.ndarray:
-    if channel.values.dtype == object:  # labels hold until the next one
+    if channel.values.dtype == object:  # a label applies until the next one
         at = np.searchsorted(channel.time_s, time, side="right") - 1
         labels: np.ndarray = channel.values[np.maximum(at, 0)]
         return labels

@@ -1,4 +1,4 @@
-"""Groups of channels of a bench file -> raw tables."""
+"""Read groups of channels of a bench file into raw tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from beltid.bench.channels.channel_mapping import (
     is_whole,
     map_channels,
     notes_of,
-    told_elsewhere,
+    stated_elsewhere,
 )
 from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
@@ -31,7 +31,7 @@ from beltid.tables.values import absent
 
 
 def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
-    """The channels of groups, as candidates for our columns."""
+    """Return the channels of groups as candidates for our columns."""
     return [
         Candidate(
             channel.name,
@@ -49,15 +49,15 @@ def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
 def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
     """Read the columns of a table from the groups of a file.
 
-    Groups that each hold all the sensors are a run each; groups that complete each other are the
-    rasters of one recording.
+    Each group with all sensors is a run. Groups that complement each other are the rasters of one
+    recording.
 
     Parameters
     ----------
     file : BenchFile
-        What was found in the file.
+        Contents of the file.
     context : MappingContext
-        What is needed of it.
+        Columns needed.
     """
     file = replace(file, groups=tuple(p for group in file.groups for p in _parts(group, context)))
     whole = [_is_whole(group, context) for group in file.groups]
@@ -73,7 +73,7 @@ def read_groups(file: BenchFile, context: MappingContext) -> list[RawTable]:
     ]
     if raw_tables and notes:
         raw_tables[0] = replace(raw_tables[0], notes=(*notes, *raw_tables[0].notes))
-    elif not raw_tables:  # what was left out may be what is missing
+    elif not raw_tables:  # the missing columns may be among those left out
         for note in notes:
             context.complain(note)
     return raw_tables
@@ -84,7 +84,7 @@ def _is_whole(group: Group, context: MappingContext) -> bool:
 
 
 def _parts(group: Group, context: MappingContext) -> list[Group]:
-    """A group; where recordings stand side by side in it, a group for each."""
+    """Split a group into recordings that are side by side in it, if any."""
     parts = []
     for number, indices in enumerate(side_by_side([c.name for c in group.channels]), start=1):
         channels = [group.channels[i] for i in indices]
@@ -101,7 +101,7 @@ def _parts(group: Group, context: MappingContext) -> list[Group]:
 def _raw(
     file: BenchFile, groups: Sequence[Group], run_name: str | None, context: MappingContext
 ) -> RawTable | None:
-    """Columns of groups that are one run, or of all of them; None if something is wrong."""
+    """Read the columns of groups that form one run or recording; None if something is wrong."""
     name, table, problems = context.place, context.table, context.problems
     place = f"{name}, {run_name}" if run_name else name
     wrong = problems.count
@@ -115,51 +115,51 @@ def _raw(
     channels = [channel.name for group in groups for channel in group.channels]
     clocked = any(c.time_s is not None for group in groups for c in group.channels)
     if problems.count == wrong:
-        told = told_elsewhere(context.options.runs, fields, table)
-        told |= {"time_s"} if clocked or len(groups) > 1 else set()
-        check_header(channels, context, mappings, told)
+        not_needed = stated_elsewhere(context.options.runs, fields, table)
+        not_needed |= {"time_s"} if clocked or len(groups) > 1 else set()
+        check_header(channels, context, mappings, not_needed)
     if problems.count > wrong:
         return None
-    columns, notes, of_clock = _columns(groups, mappings, context)
+    columns, notes, clock_notes = _columns(groups, mappings, context)
     if problems.count > wrong:
         return None
     convert(columns, {r: mapping for r, mapping in mappings.items() if r != "time_s"})
-    said = (*notes_of(mappings, table, channels), *notes, *of_clock)
+    all_notes = (*notes_of(mappings, table, channels), *notes, *clock_notes)
     length = len(next(iter(columns.values())))
-    # rows of the file are those of the samples only where none was interpolated
+    # the rows of the file match the samples only if none was interpolated
     first = groups[0].first_row if len(groups) == 1 and not notes else 0
     rows = first + np.arange(length) if first else np.empty(0, dtype=np.int64)
     label = run_name or path.stem
-    return RawTable(place, names, label, columns, mappings, fields, rows, said, place)
+    return RawTable(place, names, label, columns, mappings, fields, rows, all_notes, place)
 
 
 def _mappings(groups: Sequence[Group], context: MappingContext) -> dict[str, ChannelMapping]:
-    """Channels of our columns; a group that holds all sensors is asked before the others."""
+    """Map channels to our columns; a group with all sensors comes before the others."""
     table = context.table
     candidates = candidates_of(groups, named=len(groups) > 1)
     if len(groups) == 1:
         return map_channels(candidates, context)
     whole = [i for i, group in enumerate(groups) if _is_whole(group, context)]
     if not whole:
-        # every raster may have a time of its own; a single one is that of all
+        # every raster may have its own time channel; a single one applies to all
         clock = map_channels(candidates, MappingContext(table, context.options), ["time_s"])
         roles = [c.name for c in table.columns if c.name != "time_s" or clock]
         return map_channels(candidates, context, roles)
     inside = [c for c in candidates if c.key[0] == whole[0]]
     outside = [c for c in candidates if c.key[0] != whole[0]]
-    found = map_channels(inside, context)
-    lacking = [c.name for c in table.columns if c.name not in found and c.name != "time_s"]
-    return {**found, **map_channels(outside, context, lacking)}
+    mappings = map_channels(inside, context)
+    lacking = [c.name for c in table.columns if c.name not in mappings and c.name != "time_s"]
+    return {**mappings, **map_channels(outside, context, lacking)}
 
 
 def _columns(
     groups: Sequence[Group], mappings: dict[str, ChannelMapping], context: MappingContext
 ) -> tuple[dict[str, np.ndarray], list[str], list[str]]:
-    """Values of our columns on one time; notes of what was interpolated, and of clock times."""
-    taken = {r: _channel(groups, mapping.candidate) for r, mapping in mappings.items()}
+    """Return our columns at common times, notes on interpolation and notes on clock times."""
+    channels = {r: _channel(groups, mapping.candidate) for r, mapping in mappings.items()}
     values = {
         r: _typed(channel, mappings[r], _first_row(groups, mappings[r]), context)
-        for r, channel in taken.items()
+        for r, channel in channels.items()
         if not mappings[r].is_clock
     }
     problems, wrong = context.problems, context.problems.count
@@ -170,7 +170,7 @@ def _columns(
     clocks = _Clocks(groups, mappings, values, context)
     label = context.table.label
     timed: dict[str, Timed] = {}
-    for role, channel in taken.items():
+    for role, channel in channels.items():
         if role == "time_s":
             continue
         clock = clocks.of(*mappings[role].candidate.key)
@@ -202,7 +202,7 @@ def _first_row(groups: Sequence[Group], mapping: ChannelMapping) -> int:
 
 
 class _Clocks:
-    """The time of every channel [s]: a channel of its group, the format's, or that of the file."""
+    """Time of every channel [s]: from its group, from the format, or shared by the file."""
 
     def __init__(
         self,
@@ -214,12 +214,12 @@ class _Clocks:
         self.groups, self.mappings, self.values = groups, mappings, values
         self.context = context
         self.clock = Clock("", context.options.dialect.time_zone)
-        """Reads all clock times of the file, so that they count from one midnight."""
+        """Reads all clock times of the file, so that they count from the same midnight."""
         self.chosen: dict[int, ChannelMapping | None] = {}
-        self.known: dict[int, np.ndarray] = {}
+        self.times: dict[int, np.ndarray] = {}
 
     def of(self, g: int, c: int) -> np.ndarray | None:
-        """Time of a channel of a group."""
+        """Return the time of a channel of a group."""
         shared = self.mappings.get("time_s")
         is_of_group = shared is not None and shared.candidate.key[0] == g
         own = self.groups[g].channels[c].time_s
@@ -231,13 +231,13 @@ class _Clocks:
         return None if mapping is None else self._time_of(mapping)
 
     def place(self, g: int) -> PlaceOf:
-        """How messages call the samples of a group."""
+        """Return the function that names the samples of a group in messages."""
         return places(self.context.place, self.groups[g].first_row)
 
     def _in_group(self, g: int) -> ChannelMapping | None:
-        """The time among the channels of a group, by the words of the file alone.
+        """Find the time among the channels of a group by the words in the file alone.
 
-        What the config names for the time was looked for before.
+        The name in the config has been searched for before.
         """
         candidates = [c for c in candidates_of(self.groups, named=False) if c.key[0] == g]
         context = replace(self.context, options=ReadOptions())
@@ -245,21 +245,21 @@ class _Clocks:
 
     def _time_of(self, mapping: ChannelMapping) -> np.ndarray:
         g = mapping.candidate.key[0]
-        if g not in self.known:
+        if g not in self.times:
             if mapping.is_clock:
-                self.known[g] = self._clock_times(mapping)
+                self.times[g] = self._clock_times(mapping)
             elif mapping is self.mappings.get("time_s"):
-                self.known[g] = mapping.conversion.apply(self.values["time_s"])
+                self.times[g] = mapping.conversion.apply(self.values["time_s"])
             else:
                 channel = _channel(self.groups, mapping.candidate)
                 first = _first_row(self.groups, mapping)
-                self.known[g] = mapping.conversion.apply(
+                self.times[g] = mapping.conversion.apply(
                     _typed(channel, mapping, first, self.context)
                 )
-        return self.known[g]
+        return self.times[g]
 
     def _clock_times(self, mapping: ChannelMapping) -> np.ndarray:
-        """Seconds of clock times, counted from the midnight before the first of the file."""
+        """Convert clock times to seconds since the midnight before the first one in the file."""
         import pyarrow as pa
 
         g, problems, label = (
@@ -282,7 +282,7 @@ class _Clocks:
 def _typed(
     channel: Channel, mapping: ChannelMapping, first: int, context: MappingContext
 ) -> np.ndarray:
-    """Values of a channel with the type of our column."""
+    """Return the values of a channel in the data type of our column."""
     if context.table.column(mapping.role).dtype == "string":
         return Texts.of(map(word_of, channel.values)).objects()
     if not channel.is_text:
@@ -295,7 +295,7 @@ def _typed(
 
 
 def places(name: str, first_row: int) -> PlaceOf:
-    """How messages call the samples of a group that begins in a row of a file, or in none."""
+    """Return the function that names samples in messages; `first_row` is 0 if there are no rows."""
     if first_row:
         return lambda i: (f"{name}:{first_row + i}", first_row + i)
     return lambda i: (f"{name}, sample {i + 1}", i + 1)

@@ -1,7 +1,7 @@
-"""Which channel of a file is which of our columns, and its conversion to the unit of the column.
+"""Map the channels of a file to our columns and find the conversion to the unit of the column.
 
 A channel is found by the name that the config states, by our own name, or by the words of
-`vocabulary`; its unit is stated by the config or told by the file.
+`vocabulary`. Its unit is stated in the config or in the file.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from beltid.tables.units import (
 
 How = Literal["config", "own name", "recognised"]
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
-"""Units of signals that mean nothing without a calibration."""
+"""Units of raw signals, which need a calibration."""
 _TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
 
 
 def _in_other_units(column: Column) -> dict[str, tuple[str, str]]:
-    """Our name with the ending of another unit -> our name, and that unit."""
+    """Return names of a column with the ending of another unit -> our name and that unit."""
     ending = _ending(column.unit)
     stem = column.name.removesuffix(ending)
     if stem == column.name:
@@ -54,11 +54,11 @@ def _ending(unit: str) -> str:
 
 
 OTHER_UNITS: Final = {
-    name: known
+    name: column_and_unit
     for kind in RECORDINGS
     for column in table_of(kind).columns
     if column.dtype == "float64"
-    for name, known in _in_other_units(column).items()
+    for name, column_and_unit in _in_other_units(column).items()
 }
 """Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
@@ -72,13 +72,13 @@ class Candidate:
     name, unit : str
         As the file writes them.
     key : object
-        Where the reader finds it.
+        Key by which the reader finds it.
     group : str
-        Group it stands in, "" where the file has no groups.
+        Its group, "" if the file has no groups.
     written : {"", "clock", "date"}
-        Whether its cells are clock times or dates rather than numbers or other texts.
+        "clock" or "date" if its cells are clock times or dates, not numbers or other texts.
     scaling : str
-        What the file tells of a scaling that was not applied.
+        Scaling stated in the file that was not applied.
     """
 
     name: str
@@ -90,24 +90,24 @@ class Candidate:
 
     @property
     def shown(self) -> str:
-        """Name and unit in words."""
+        """Name and unit, for messages."""
         unit = self.unit.strip("[](){}<> ")
         return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
 
     @property
     def base(self) -> str:
-        """The name without the position among channels of the same name."""
+        """Name without the position among channels of the same name."""
         return without_position(self.name)
 
     @property
     def qualified(self) -> str:
-        """The name with its group: ``group/name``."""
+        """Name with its group: ``group/name``."""
         return f"{self.group}/{self.name}"
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelMapping:
-    """How one of our columns is read.
+    """Mapping of a channel to one of our columns.
 
     Attributes
     ----------
@@ -116,15 +116,15 @@ class ChannelMapping:
     candidate : Candidate
         The channel.
     how : {"config", "own name", "recognised"}
-        Who says so.
+        How the channel was identified.
     conversion : Conversion
-        From the numbers in the file, with the sign.
+        Conversion of the numbers in the file, including the sign.
     unit_stated : bool
-        Whether file or config tells the unit.
+        Whether file or config states the unit.
     negated : bool
-        Whether the sign is turned.
+        Whether the sign is reversed.
     date : Candidate or None
-        The channel that holds the dates of the clock times of this one.
+        Channel with the dates that belong to the clock times of this one.
     """
 
     role: str
@@ -137,30 +137,30 @@ class ChannelMapping:
 
     @property
     def is_clock(self) -> bool:
-        """Whether it holds clock times rather than numbers or other texts."""
+        """Whether the channel holds clock times, not numbers or other texts."""
         return self.role == "time_s" and self.candidate.written == "clock"
 
     @property
     def shown(self) -> str:
-        """How messages call the column."""
+        """Name of the column in messages."""
         name = self.candidate.name
         return self.role if name == self.role else f'{self.role} (column "{name}")'
 
 
 @dataclass(frozen=True, slots=True)
 class MappingContext:
-    """What is asked of the channels of a file.
+    """Requirements for the channels of a file.
 
     Attributes
     ----------
     table : Table
-        What is needed.
+        Columns needed.
     options : ReadOptions
-        What the config states.
+        Options stated in the config.
     place : str
-        Place of the names, for messages.
+        Place of the channel names, for messages.
     problems : Problems
-        Collects what cannot be decided.
+        Collects what is ambiguous or wrong.
     """
 
     table: Table
@@ -174,7 +174,7 @@ class MappingContext:
         return self.table.kind
 
     def complain(self, text: str) -> None:
-        """Note what cannot be decided."""
+        """Report a problem at the place of the channel names."""
         self.problems.add(f"{self.place}: {text}")
 
 
@@ -188,28 +188,30 @@ def map_channels(
     candidates : sequence of Candidate
         Channels of the file.
     context : MappingContext
-        What is needed and what the config states.
+        Columns needed and options of the config.
     roles : collection of str, optional
-        Only these of our columns.
+        Search for these of our columns only.
 
     Returns
     -------
     dict
-        Our columns that were found; those that are missing are left to the caller.
+        Our columns that were found; the caller deals with missing ones.
     """
-    meant = channels_meant(candidates, context, roles)
-    for role, found in meant.items():
-        if len(found) > 1:
-            channels = [candidate for candidate, _, _ in found]
+    matches_by_role = channels_meant(candidates, context, roles)
+    for role, matches in matches_by_role.items():
+        if len(matches) > 1:
+            channels = [candidate for candidate, _, _ in matches]
             context.complain(_ambiguous(context.table.column(role), channels, context.kind))
     mappings = {
-        role: _mapping(context.table.column(role), *found[0], context)
-        for role, found in meant.items()
-        if len(found) == 1
+        role: _mapping(context.table.column(role), *matches[0], context)
+        for role, matches in matches_by_role.items()
+        if len(matches) == 1
     }
     time = mappings.get("time_s")
     if time is not None and time.is_clock:
-        taken = {id(candidate) for found in meant.values() for candidate, _, _ in found}
+        taken = {
+            id(candidate) for matches in matches_by_role.values() for candidate, _, _ in matches
+        }
         free = [c for c in candidates if c.name and id(c) not in taken]
         mappings["time_s"] = replace(time, date=_date_of(time.candidate, free, context))
     return mappings
@@ -222,34 +224,34 @@ def channels_meant(
     *,
     numbered: bool = True,
 ) -> dict[str, list[tuple[Candidate, How, bool]]]:
-    """Our columns of a table -> the channels that can be meant, who says so, and if sign turns.
+    """Return our columns -> channels that fit, how they were identified, and if the sign reverses.
 
-    Several for one column are ambiguous; `numbered` are those that only a number tells apart.
-    See `map_channels`.
+    Several channels for one column are ambiguous. With `numbered`, channels whose names differ by
+    a number only count as well. See `map_channels`.
     """
     columns = [c for c in context.table.columns if roles is None or c.name in roles]
-    found = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
-    taken = {id(candidate) for named in found.values() for candidate, _, _ in named[:1]}
+    matches = {c.name: named for c in columns if (named := _named(c.name, candidates, context))}
+    taken = {id(candidate) for named in matches.values() for candidate, _, _ in named[:1]}
     free = [c for c in candidates if c.name and id(c) not in taken]
     for column in columns:
-        if column.name in found or column.name in context.options.names:
+        if column.name in matches or column.name in context.options.names:
             continue
         meant = [c for c in free if column.name in roles_meant(c.name, context.kind)]
         any_unit = column.dtype == "string" or column.name in context.options.units
         fitting = [c for c in meant if any_unit or can_be(c, column)] or meant
-        if column.name == "time_s":  # a stop watch comes before a clock on the wall
+        if column.name == "time_s":  # prefer elapsed time to time of day
             fitting = [c for c in fitting if unit_of(c) and not c.written] or fitting
         if numbered and len(fitting) == 1 and column.name in sensors_of(context.table):
             fitting = [*fitting, *_numbered_alike(fitting[0], free, column, context.kind)]
         if fitting:
-            found[column.name] = [(c, "recognised", False) for c in fitting]
-    return {column.name: found[column.name] for column in columns if column.name in found}
+            matches[column.name] = [(c, "recognised", False) for c in fitting]
+    return {column.name: matches[column.name] for column in columns if column.name in matches}
 
 
 def _numbered_alike(
-    one: Candidate, others: Sequence[Candidate], column: Column, kind: str
+    channel: Candidate, others: Sequence[Candidate], column: Column, kind: str
 ) -> list[Candidate]:
-    """Channels that only a number tells from one, such as Force 2 from Force, and mean nothing."""
+    """Return unrecognised channels whose names differ by a number only, as Force 2 and Force."""
 
     def bare(candidate: Candidate) -> str:
         return simplified(without_unit(candidate.base)).rstrip("0123456789 ")
@@ -257,15 +259,15 @@ def _numbered_alike(
     return [
         c
         for c in others
-        if c is not one
-        and bare(c) == bare(one)
+        if c is not channel
+        and bare(c) == bare(channel)
         and can_be(c, column)
         and not roles_meant(c.name, kind)
     ]
 
 
 def sensors_of(table: Table) -> list[str]:
-    """Our columns that sensors record, and that a run must have."""
+    """Return our columns that sensors record and that a run must have."""
     return [
         c.name
         for c in table.columns
@@ -274,13 +276,13 @@ def sensors_of(table: Table) -> list[str]:
 
 
 def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
-    """Whether channels hold all the sensors that a run needs."""
+    """Return whether the channels include all sensors that a run needs."""
     meant = channels_meant(candidates, context, numbered=False)
     return all(len(meant.get(role, ())) == 1 for role in sensors_of(context.table))
 
 
 def unit_of(candidate: Candidate) -> str:
-    """Unit of a channel as the file writes it, in a cell of its own or in the name."""
+    """Return the unit of a channel as written in the file, in a unit cell or in the name."""
     ending = OTHER_UNITS.get(candidate.base, ("", ""))[1]
     return candidate.unit or unit_in_name(candidate.name) or ending
 
@@ -288,7 +290,7 @@ def unit_of(candidate: Candidate) -> str:
 def _date_of(
     time: Candidate, candidates: Sequence[Candidate], context: MappingContext
 ) -> Candidate | None:
-    """The channel of dates that stands beside a channel of clock times."""
+    """Find the date channel that belongs to a channel of clock times."""
     dates = [
         c
         for c in candidates
@@ -296,24 +298,24 @@ def _date_of(
     ]
     if len(dates) > 1:
         shown = ", ".join(c.name for c in dates)
-        context.complain(f"{shown} can be the date of {time.name}: leave one of them")
+        context.complain(f"{shown} can be the date of {time.name}: keep only one of them")
     return dates[0] if dates else None
 
 
 def notes_of(
     mappings: Mapping[str, ChannelMapping], table: Table, names: Sequence[str]
 ) -> list[str]:
-    """What was recognised, converted and left out of the channels of some names, in words."""
+    """Return notes on the channels that were recognised, converted and left out."""
     notes = []
     for role, mapping in mappings.items():
         if mapping.how == "recognised":
             notes.append(f"read {mapping.candidate.shown} as {role}")
         elif mapping.unit_stated and mapping.conversion != Conversion(1.0):
             unit = table.column(role).unit
-            theirs = unit_of(mapping.candidate) or "the unit stated"
-            notes.append(f"{mapping.shown} converted from {theirs} to {unit}")
-    used = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
-    left_out = [name for name in dict.fromkeys(names) if name and name not in used]
+            unit_in_file = unit_of(mapping.candidate) or "the unit stated"
+            notes.append(f"{mapping.shown} converted from {unit_in_file} to {unit}")
+    used_names = {c.name for m in mappings.values() for c in (m.candidate, m.date) if c is not None}
+    left_out = [name for name in dict.fromkeys(names) if name and name not in used_names]
     if left_out:
         notes.append("columns left out: " + ", ".join(left_out[:12]))
     return notes
@@ -322,24 +324,26 @@ def notes_of(
 def _named(
     role: str, candidates: Sequence[Candidate], context: MappingContext
 ) -> list[tuple[Candidate, How, bool]]:
-    """The channels that the config names, or that are called like our column."""
-    theirs = context.options.names.get(role, role)
+    """Find the channels that the config names for a column, or that have our name."""
+    name_in_file = context.options.names.get(role, role)
     how: How = "config" if role in context.options.names else "own name"
-    named, negated = _called(theirs, candidates), False
-    if not named and theirs.startswith("-"):
-        named, negated = _called(theirs[1:].strip(), candidates), True
+    named, negated = _called(name_in_file, candidates), False
+    if not named and name_in_file.startswith("-"):
+        named, negated = _called(name_in_file[1:].strip(), candidates), True
     return [(candidate, how, negated) for candidate in named]
 
 
 def _called(name: str, candidates: Sequence[Candidate]) -> list[Candidate]:
-    exact = [c for c in candidates if name in (c.name, c.qualified)]
-    exact = exact or [c for c in candidates if c.base == name]
-    exact = exact or [c for c in candidates if name in (without_unit(c.name), without_unit(c.base))]
-    return exact or [c for c in candidates if OTHER_UNITS.get(c.base, ("",))[0] == name]
+    matches = [c for c in candidates if name in (c.name, c.qualified)]
+    matches = matches or [c for c in candidates if c.base == name]
+    matches = matches or [
+        c for c in candidates if name in (without_unit(c.name), without_unit(c.base))
+    ]
+    return matches or [c for c in candidates if OTHER_UNITS.get(c.base, ("",))[0] == name]
 
 
 def can_be(candidate: Candidate, column: Column) -> bool:
-    """Whether a channel can be a column of numbers, by its unit where one is told."""
+    """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
     if candidate.written:
         return candidate.written == "clock" and column.name == "time_s"
     unit = unit_of(candidate)
@@ -347,20 +351,21 @@ def can_be(candidate: Candidate, column: Column) -> bool:
     return not unit or is_raw or conversion(unit, column.unit) is not None
 
 
-def _ambiguous(column: Column, meant: Sequence[Candidate], kind: str) -> str:
-    first = meant[0]
-    groups = {c.group for c in meant}
+def _ambiguous(column: Column, candidates: Sequence[Candidate], kind: str) -> str:
+    """Return the message that several channels can be a column."""
+    first = candidates[0]
+    groups = {c.group for c in candidates}
     name = first.qualified if len(groups) > 1 else first.name
-    shown = ", ".join(c.qualified if len(groups) > 1 else c.shown for c in meant[:8])
-    said = (
+    shown = ", ".join(c.qualified if len(groups) > 1 else c.shown for c in candidates[:8])
+    message = (
         f'{shown} can be {column.name}, say which: columns: {{{kind}: {{{column.name}: "{name}"}}}}'
     )
     if column.name == "force_N":  # two forces and a travel are not always those of a press
-        said += (
+        message += (
             f'; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{name}", '
-            f'tension_slack_N: "{meant[1].name}"}}}}'
+            f'tension_slack_N: "{candidates[1].name}"}}}}'
         )
-    return said
+    return message
 
 
 def _mapping(
@@ -379,22 +384,23 @@ def _mapping(
     if isinstance(converted, str):
         context.complain(converted)
         converted = None
-    known = converted or Conversion(1.0)
+    applied = converted or Conversion(1.0)
     sign = -1.0 if negated else 1.0
     return ChannelMapping(
         column.name,
         candidate,
         how,
-        Conversion(sign * known.factor, known.shift),
+        Conversion(sign * applied.factor, applied.shift),
         converted is not None,
         negated,
     )
 
 
 def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -> str:
-    """Why the numbers of a channel may be others than they seem; "" if they cannot, or it is told.
+    """Return why the unit of a channel is unclear; "" if it is clear or the config states it.
 
-    Two units are told for one channel, or a scaling beside whole numbers that may be counts.
+    Either name and unit cell contradict each other, or the file states a scaling for whole numbers
+    that may be counts.
     """
     if column.name in context.options.units:
         return ""
@@ -410,15 +416,15 @@ def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -
         )
     if candidate.scaling:
         return (
-            f"{shown} holds whole numbers, and beside them {candidate.scaling}, which was not "
-            f"applied: say {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
+            f"{shown} holds whole numbers, but the file states {candidate.scaling}, which was not "
+            f"applied: state {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
             f"{line}{column.unit}}}}} if they are not"
         )
     return ""
 
 
-def told_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:
-    """Columns that need not stand in the file: label and settings that are told elsewhere."""
+def stated_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:
+    """Return columns that a file need not contain: label and settings stated elsewhere."""
     roles = {table.label}
     roles |= {role for role in SETTINGS if getattr(runs.values, role, None) is not None}
     roles |= {role for role in SETTINGS if getattr(runs.fields, role, None) is not None}
@@ -426,17 +432,17 @@ def told_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> s
         roles |= set(name_pattern(runs.pattern).names)
     if runs.table is not None:
         roles |= set(SETTINGS)
-    return roles | _told_by(fields, table)
+    return roles | _stated_in_fields(fields, table)
 
 
-def _told_by(fields: Sequence[Field], table: Table) -> set[str]:
+def _stated_in_fields(fields: Sequence[Field], table: Table) -> set[str]:
     return {role for f in fields for role in roles_meant(f.name, table.kind) if role in SETTINGS}
 
 
 def unit_conversion(
     column: Column, name: str, unit: str, context: MappingContext, recognised: bool
 ) -> Conversion | str | None:
-    """Conversion of a channel's numbers to a column's unit.
+    """Find the conversion of a channel's numbers to a column's unit.
 
     Parameters
     ----------
@@ -445,24 +451,24 @@ def unit_conversion(
     name, unit : str
         As the file writes them.
     context : MappingContext
-        What the config states; nothing is noted there.
+        Options of the config; no problems are added to it.
     recognised : bool
-        Whether the name alone says what the channel is: its unit must be told then.
+        Whether the channel was recognised by its name alone; its unit must then be stated.
 
     Returns
     -------
     Conversion, str or None
-        A str is what is wrong; None: no unit is told, and the name says it is the column's.
+        A str is an error message; None: no unit is stated, the unit of the column is assumed.
     """
     shown = column.name if name == column.name else f'{column.name} (column "{name}")'
     setting, kind = context.options.units.get(column.name), context.kind
-    known = setting if isinstance(setting, Calibration) else None
+    calibrated = setting if isinstance(setting, Calibration) else None
     if isinstance(setting, str):
-        known = calibration(setting, column.unit)
-    if known is not None:
-        converted = known.conversion(unit)
+        calibrated = calibration(setting, column.unit)
+    if calibrated is not None:
+        converted = calibrated.conversion(unit)
         return converted or (
-            f"{shown} is in {unit}, but the calibration of the config is for {known.per}"
+            f"{shown} is in {unit}, but the calibration of the config is for {calibrated.per}"
         )
     if isinstance(setting, str):
         return conversion(setting, column.unit)
@@ -476,12 +482,12 @@ def unit_conversion(
                 return None
             return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
         return (
-            f"the unit of {name}, read as {column.name}, is not told; "
-            f"say it: {line}{column.unit}}}}}"
+            f"the unit of {name}, read as {column.name}, is missing; "
+            f"state it: {line}{column.unit}}}}}"
         )
     if plain in RAW:
         return (
-            f"{shown} is in {unit}, its calibration must be told: "
+            f"{shown} is in {unit}, its calibration is missing; state it: "
             f"{line}250 {column.unit}/{'mV' if plain == 'mV' else 'V'}}}}}, "
             f"or {{factor: 250, offset: 0}}"
         )
@@ -501,23 +507,23 @@ def unit_conversion(
 
 
 def _unclear_turns(unit: str, name: str) -> bool:
-    """Whether 1/s may be turns as well as radians."""
+    """Return whether 1/s may mean turns as well as radians."""
     per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
     return per_second and not any(word in simplified(name) for word in _TURNS)
 
 
 @dataclass(frozen=True, slots=True)
 class RawTable:
-    """Columns read from one place.
+    """Columns read from one file or group.
 
     Attributes
     ----------
     place : str
         File, and group in it, for messages.
     names : tuple of str
-        Names by which patterns and tables of runs know it, the most special one first.
+        Names that patterns and tables of runs may use for it, the most specific first.
     label : str
-        Label of its run where nothing else tells one.
+        Default label of its run.
     columns : dict of str to ndarray
         Our columns that were found, in our units.
     mappings : mapping
@@ -525,13 +531,13 @@ class RawTable:
     fields : tuple of Field
         Header fields of the file and the group.
     rows : ndarray
-        Line or row of every sample in the file, from 1; empty where there are none.
+        Line or row of every sample in the file, from 1; empty if the file has none.
     notes : tuple of str
-        What was found out.
+        Notes for the user.
     name_place : str
-        Place of the names of the channels, for messages.
+        Place of the channel names, for messages.
     row_word : str
-        What messages call a sample where the file has no lines.
+        Word for a sample in messages if the file has no lines.
     """
 
     place: str
@@ -549,23 +555,23 @@ class RawTable:
         return len(next(iter(self.columns.values()), ()))
 
     def place_of(self, index: int) -> tuple[str, int]:
-        """Place of a sample in words, and its line for the order of messages."""
+        """Return the place of a sample for messages, and its line to sort them."""
         if self.rows.size:
             return f"{self.place}:{self.rows[index]}", int(self.rows[index])
         return f"{self.place}, {self.row_word} {index + 1}", index + 1
 
 
 def missing_setting(setting: str, kind: str, place: str) -> Problem:
-    """Say that neither a column nor anything else tells a setting, and how it can be told."""
-    text = f"{place}: column {setting} is missing{how_to_tell(setting, kind)}"
+    """Return the problem that a setting is stated nowhere, with the ways to state it."""
+    text = f"{place}: column {setting} is missing{how_to_state(setting, kind)}"
     return Problem(text, "columns")
 
 
-def how_to_tell(setting: str, kind: str) -> str:
-    """The ways to tell a setting that no column holds."""
+def how_to_state(setting: str, kind: str) -> str:
+    """Return advice on how to state a setting that no column holds."""
     return (
-        f"; if it holds for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if the "
-        f"names of the files tell it: runs: {{{kind}: {{pattern: "
+        f"; if it is the same for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if "
+        f"the file names contain it: runs: {{{kind}: {{pattern: "
         f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
         "{table: runs.csv}}"
     )

@@ -1,4 +1,4 @@
-"""Tables in Parquet files, their columns found as those of any other file -> raw tables."""
+"""Read tables in Parquet files into raw tables; columns are mapped as in any other file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltid.bench.channels.channel_mapping import (
     RawTable,
     map_channels,
     notes_of,
-    told_elsewhere,
+    stated_elsewhere,
 )
 from beltid.bench.channels.text_tables import check_header, convert, wanted_of
 from beltid.bench.channels.vocabulary import means_date, roles_meant
@@ -29,24 +29,26 @@ Mappings = dict[str, ChannelMapping]
 
 
 def candidates_of(part: ParquetTable, context: MappingContext) -> list[Candidate]:
-    """Columns of a Parquet file and of the names of its folders, as candidates for ours."""
+    """Return the columns of a Parquet file, and of its folder names, as candidates for ours."""
     import pyarrow as pa
 
-    there = part.schema
-    of_time = [n for n in there.names if means_date(n) or "time_s" in roles_meant(n, context.kind)]
-    of_time.append(context.options.names.get("time_s", "time_s"))
-    written = {name: written_as(cells) for name, cells in first_texts(part, of_time).items()}
-    fields = {field.name: field for field in there}
+    schema = part.schema
+    time_names = [
+        n for n in schema.names if means_date(n) or "time_s" in roles_meant(n, context.kind)
+    ]
+    time_names.append(context.options.names.get("time_s", "time_s"))
+    written = {name: written_as(cells) for name, cells in first_texts(part, time_names).items()}
+    fields = {field.name: field for field in schema}
     units = {
         n: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for n, f in fields.items()
     }
-    units |= {n: "s" for n in of_time if n in fields and pa.types.is_duration(fields[n].type)}
-    names = dict.fromkeys([*there.names, *part.folders])
+    units |= {n: "s" for n in time_names if n in fields and pa.types.is_duration(fields[n].type)}
+    names = dict.fromkeys([*schema.names, *part.folders])
     return [Candidate(n, units.get(n, ""), n, written=written.get(n, "")) for n in names if n]
 
 
 def map_columns(
-    part: ParquetTable, context: MappingContext, told: Collection[str] = ()
+    part: ParquetTable, context: MappingContext, not_needed: Collection[str] = ()
 ) -> Mappings:
     """Find our columns in a Parquet file.
 
@@ -55,15 +57,15 @@ def map_columns(
     part : ParquetTable
         The file.
     context : MappingContext
-        What is needed of it; takes what is wrong.
-    told : collection of str
-        Columns that need not stand in the file.
+        Columns needed; collects the problems.
+    not_needed : collection of str
+        Columns that the file need not contain.
     """
     context, wrong = replace(context, place=part.name), context.problems.count
     candidates = candidates_of(part, context)
     mappings = map_channels(candidates, context)
     if context.problems.count == wrong:
-        check_header([c.name for c in candidates], context, mappings, told)
+        check_header([c.name for c in candidates], context, mappings, not_needed)
     return mappings
 
 
@@ -72,35 +74,35 @@ def read_parquet(
 ) -> list[RawTable]:
     """Read the columns of a table from Parquet files.
 
-    Files whose rows are labelled are parts of one table, unless the names of the files or a table
-    tell the settings; others are a run each.
+    Files with labelled rows are parts of one table, unless the file names or a table of runs state
+    the settings. Otherwise each file is one run.
 
     Parameters
     ----------
     tables : sequence of ParquetTable
         The files.
     path : Path
-        What was named.
+        The path that the user named.
     context : MappingContext
-        What is needed; nothing is returned if columns are missing.
+        Columns needed; nothing is returned if some are missing.
     """
     runs, label = context.options.runs, context.table.label
-    told = told_elsewhere(runs, (), context.table)
-    found = [(part, map_columns(part, context, told)) for part in tables]
+    not_needed = stated_elsewhere(runs, (), context.table)
+    mapped = [(part, map_columns(part, context, not_needed)) for part in tables]
     if context.problems.count:
         return []
     named = runs.pattern is not None or runs.table is not None
-    parts = [found] if all(label in m for _, m in found) and not named else [[f] for f in found]
+    parts = [mapped] if all(label in m for _, m in mapped) and not named else [[f] for f in mapped]
     return [_raw(part, str(path) if len(part) > 1 else part[0][0].name, context) for part in parts]
 
 
 def _raw(
-    found: Sequence[tuple[ParquetTable, Mappings]], name: str, context: MappingContext
+    mapped: Sequence[tuple[ParquetTable, Mappings]], name: str, context: MappingContext
 ) -> RawTable:
-    """The raw table that some files are together."""
+    """Join files, each with its mappings, into one raw table."""
     table, problems, row, parts = context.table, context.problems, 1, []
     first: dict[str, Wanted] = {}
-    for part, mappings in found:
+    for part, mappings in mapped:
         wanted = _wanted(part, mappings, first, context)
         for rows in parquet_blocks(part, wanted, table, row):
             row += len(rows)
@@ -110,25 +112,25 @@ def _raw(
             parts.append(columns)
     if row == 1:
         raise InputError(f"{name}: holds no samples")
-    columns, mappings = together(parts, table), found[0][1]
+    columns, mappings = together(parts, table), mapped[0][1]
     clock = first["time_s"].clock if "time_s" in first else None
     if clock is not None:
         runs = Texts.of(columns[table.label]).codes if table.label in columns else None
         columns["time_s"] = clock.elapsed(
             columns["time_s"], lambda i: (f"{name}, row {i + 1}", i + 1), problems, runs
         )
-    names = [c.name for c in candidates_of(found[0][0], context)]
+    names = [c.name for c in candidates_of(mapped[0][0], context)]
     notes = (*notes_of(mappings, table, names), *([] if clock is None else clock.notes()))
     stated = {
-        role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in found))
+        role: replace(m, unit_stated=all(role in o and o[role].unit_stated for _, o in mapped))
         for role, m in mappings.items()
     }
-    inside = found[0][0].inside
+    inside = mapped[0][0].inside
     return RawTable(
         name,
         (inside.name, inside.stem),
         inside.stem,
-        {role: values for role, values in columns.items() if any(role in m for _, m in found)},
+        {role: values for role, values in columns.items() if any(role in m for _, m in mapped)},
         stated,
         notes=notes,
         name_place=name,
@@ -139,31 +141,36 @@ def _raw(
 def _wanted(
     part: ParquetTable, mappings: Mappings, first: dict[str, Wanted], context: MappingContext
 ) -> dict[str, Wanted]:
-    """How columns of a file are read; the clock of the first file reads the times of all."""
+    """Decide how to read the columns of a file; the clock of the first file reads all times."""
     wanted = wanted_of(mappings, context)
     if not first:
         first.update(wanted)
-    time, known = wanted.get("time_s"), first.get("time_s")
-    if time is None or known is None or (time.clock is None and known.clock is None):
+    time, first_time = wanted.get("time_s"), first.get("time_s")
+    if time is None or first_time is None or (time.clock is None and first_time.clock is None):
         return wanted
-    if time.clock is None or known.clock is None:
-        holds = "no clock times, as" if time.clock is None else "clock times, unlike"
-        raise InputError(f"{part.name}: column {time.index} holds {holds} the first file does")
-    if known.date is not None and time.date is None:
-        text = f"{part.name}: column {known.date} of dates is missing, the first file has it"
-        raise InputError(text)
-    return wanted | {"time_s": replace(time, clock=known.clock)}
+    if time.clock is None or first_time.clock is None:
+        differs = (
+            "no clock times, but the first file does"
+            if time.clock is None
+            else "clock times, but the first file does not"
+        )
+        raise InputError(f"{part.name}: column {time.index} holds {differs}")
+    if first_time.date is not None and time.date is None:
+        raise InputError(
+            f"{part.name}: date column {first_time.date} is missing, but the first file has it"
+        )
+    return wanted | {"time_s": replace(time, clock=first_time.clock)}
 
 
 def stream_parquet(
     sources: Sequence[Source], context: MappingContext
 ) -> tuple[Mappings, Clock | None, Iterator[Rows]]:
-    """Columns of the first of some files, the reader of their clock, and the rows of all.
+    """Return the column mappings of the first file, the clock reader, and the rows of all files.
 
     Raises
     ------
     InputError
-        If columns of the first file are missing; those of others when their rows are asked for.
+        If columns of the first file are missing; for other files when their rows are read.
     """
     head = ParquetTable.of(sources[0])
     mappings = map_columns(head, context)
@@ -175,13 +182,15 @@ def stream_parquet(
         row = 1
         for source in sources:
             part = head if source is sources[0] else ParquetTable.of(source)
-            found = mappings if part is head else map_columns(part, context)
+            part_mappings = mappings if part is head else map_columns(part, context)
             context.problems.raise_if_any()
-            for role, mapping in found.items():
+            for role, mapping in part_mappings.items():
                 if mapping.conversion != getattr(mappings.get(role), "conversion", Conversion(1.0)):
-                    text = f"{part.name}: {mapping.shown} has another unit than in the first file"
+                    text = (
+                        f"{part.name}: {mapping.shown} has a different unit than in the first file"
+                    )
                     raise InputError(text)
-            wanted = _wanted(part, found, first, context)
+            wanted = _wanted(part, part_mappings, first, context)
             for rows in parquet_blocks(part, wanted, context.table, row):
                 yield rows
                 row += len(rows)

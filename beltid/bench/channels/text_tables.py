@@ -1,4 +1,4 @@
-"""Tables in text files: CSV, exports of testing machines -> a raw table."""
+"""Read tables in text files (CSV, exports of testing machines) into raw tables."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
-    how_to_tell,
+    how_to_state,
     is_whole,
     map_channels,
     notes_of,
     sensors_of,
-    told_elsewhere,
+    stated_elsewhere,
 )
 from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
@@ -34,63 +34,63 @@ from beltid.tables.units import Conversion
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
-    """Header, units and separators of a text file."""
-    asked_for = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
-    in_file = [options.names.get(name, name) for name in asked_for]
-    return layout(decoded.text, name, options.dialect, in_file)
+    """Find header, units and separators of a text file."""
+    our_names = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
+    names_in_file = [options.names.get(name, name) for name in our_names]
+    return layout(decoded.text, name, options.dialect, names_in_file)
 
 
-def candidates_of(found: Layout) -> list[Candidate]:
-    """The columns of a text file, as candidates for ours."""
-    units = (*found.unit_cells, *[""] * len(found.header))
-    cells = found.first_cells()
+def candidates_of(text_layout: Layout) -> list[Candidate]:
+    """Return the columns of a text file as candidates for ours."""
+    units = (*text_layout.unit_cells, *[""] * len(text_layout.header))
+    cells = text_layout.first_cells()
     return [
         Candidate(name, units[i], i, written=written_as(cells[i]))
-        for i, name in enumerate(found.header)
+        for i, name in enumerate(text_layout.header)
         if name
     ]
 
 
 def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
-    """Read the columns of a table in a text file; of several, where they stand side by side.
+    """Read the table in a text file, or several tables side by side.
 
     Parameters
     ----------
     decoded : Decoded
         The text.
     context : MappingContext
-        What is needed of the file; nothing is returned if its header is wrong.
+        Columns needed; nothing is returned if the header is wrong.
     """
-    found = text_layout(decoded, context.place, context.options, context.table)
-    found, asides = blank_asides(found)
-    candidates, stem = candidates_of(found), PurePath(context.place).stem
+    file_layout = text_layout(decoded, context.place, context.options, context.table)
+    file_layout, asides = blank_asides(file_layout)
+    candidates, stem = candidates_of(file_layout), PurePath(context.place).stem
     by_column = {c.key: replace(c, name=c.base) for c in candidates}
-    parts = [[by_column[i] for i in part] for part in side_by_side(found.header)]
+    parts = [[by_column[i] for i in part] for part in side_by_side(file_layout.header)]
     labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
     if not parts or not all(is_whole(part, context) for part in parts):
         parts, labels = [candidates], [stem]
     read = [
         raw
         for label, part in zip(labels, parts, strict=True)
-        if (raw := _read_part(found, label, part, context)) is not None
+        if (raw := _read_part(file_layout, label, part, context)) is not None
     ]
-    notes = (*decoded.notes, *found.notes, *asides_note(asides))
+    notes = (*decoded.notes, *file_layout.notes, *asides_note(asides))
     return [replace(raw, notes=(*notes, *raw.notes)) for raw in read]
 
 
 def _read_part(
-    found: Layout, label: str, candidates: Sequence[Candidate], context: MappingContext
+    file_layout: Layout, label: str, candidates: Sequence[Candidate], context: MappingContext
 ) -> RawTable | None:
-    """The recording that some columns of a text file hold; None if the header is wrong."""
+    """Read the recording in some columns of a text file; None if the header is wrong."""
     table, name, problems = context.table, context.place, context.problems
     path = PurePath(name)
     names = (*([label] if label != path.stem else []), path.name, path.stem)
-    told = told_elsewhere(context.options.runs, found.fields, table)
+    not_needed = stated_elsewhere(context.options.runs, file_layout.fields, table)
     wrong = problems.count
-    mappings, wanted = wanted_columns(found, candidates, context, told)
+    mappings, wanted = wanted_columns(file_layout, candidates, context, not_needed)
     if problems.count > wrong:
         return None
-    rows = read_rows(found, wanted, name)
+    rows = read_rows(file_layout, wanted, name)
     problems.take(rows.problems)
     columns = rows.columns()
     clock = wanted["time_s"].clock if "time_s" in wanted else None
@@ -103,152 +103,165 @@ def _read_part(
             None if runs is None else runs.codes,
         )
     convert(columns, mappings)
-    of_clock = [] if clock is None else clock.notes()
-    notes = (*notes_of(mappings, table, [c.name for c in candidates]), *of_clock)
-    place = f"{name}:{found.header_line}"
+    clock_notes = [] if clock is None else clock.notes()
+    notes = (*notes_of(mappings, table, [c.name for c in candidates]), *clock_notes)
+    place = f"{name}:{file_layout.header_line}"
     return RawTable(
-        name, names, label, columns, mappings, found.fields, rows.all_lines(), notes, place
+        name, names, label, columns, mappings, file_layout.fields, rows.all_lines(), notes, place
     )
 
 
 def wanted_columns(
-    found: Layout,
+    file_layout: Layout,
     candidates: Sequence[Candidate],
     context: MappingContext,
-    told: Collection[str] = (),
+    not_needed: Collection[str] = (),
 ) -> tuple[dict[str, ChannelMapping], dict[str, Wanted]]:
-    """Where our columns stand in a text file, and how they are read.
+    """Find our columns in a text file and decide how to read them.
 
     Parameters
     ----------
-    found : Layout
+    file_layout : Layout
         Header and units of the file.
     candidates : sequence of Candidate
         Its columns.
     context : MappingContext
-        What is needed of the file.
-    told : collection of str
-        Columns that need not stand in the file.
+        Columns needed.
+    not_needed : collection of str
+        Columns that the file need not contain.
     """
-    at_header = replace(context, place=f"{context.place}:{found.header_line}")
-    at_units = replace(context, place=f"{context.place}:{found.first_line - 1}")
+    at_header = replace(context, place=f"{context.place}:{file_layout.header_line}")
+    at_units = replace(context, place=f"{context.place}:{file_layout.first_line - 1}")
     wrong = context.problems.count
-    mappings = map_channels(candidates, at_units if found.unit_cells else at_header)
+    mappings = map_channels(candidates, at_units if file_layout.unit_cells else at_header)
     if context.problems.count == wrong:
-        check_header([c.name for c in candidates], at_header, mappings, told)
+        check_header([c.name for c in candidates], at_header, mappings, not_needed)
     return mappings, wanted_of(mappings, context)
 
 
 def wanted_of(mappings: Mapping[str, ChannelMapping], context: MappingContext) -> dict[str, Wanted]:
-    """Columns of a text file to be read, as it is decided."""
+    """Return which columns of a text file to read, and how."""
     return {
         role: Wanted(
-            r.candidate.key,
+            mapping.candidate.key,
             context.table.column(role).dtype == "string",
-            r.shown,
-            Clock(r.candidate.name, context.options.dialect.time_zone) if r.is_clock else None,
-            None if r.date is None else r.date.key,
+            mapping.shown,
+            Clock(mapping.candidate.name, context.options.dialect.time_zone)
+            if mapping.is_clock
+            else None,
+            None if mapping.date is None else mapping.date.key,
         )
-        for role, r in mappings.items()
+        for role, mapping in mappings.items()
     }
 
 
 def convert(columns: dict[str, np.ndarray], mappings: Mapping[str, ChannelMapping]) -> None:
-    """Bring columns from the numbers of the file to our units and signs, in place."""
+    """Convert the numbers of the file to our units and signs, in place."""
     for role, mapping in mappings.items():
-        by = mapping.conversion
-        if by != Conversion(1.0) and columns[role].dtype != object:
-            columns[role] = by.apply(columns[role])
+        conversion = mapping.conversion
+        if conversion != Conversion(1.0) and columns[role].dtype != object:
+            columns[role] = conversion.apply(columns[role])
 
 
 def check_header(
     header: Sequence[str],
     context: MappingContext,
-    found: Mapping[str, ChannelMapping],
-    told: Collection[str] = (),
+    mappings: Mapping[str, ChannelMapping],
+    not_needed: Collection[str] = (),
 ) -> None:
-    """Note columns that are missing, with what they may be called instead.
+    """Report missing columns and suggest which columns may be meant.
 
-    A table of which no column must be there has at least one.
+    A table without required columns must still have at least one column.
 
     Parameters
     ----------
     header : sequence of str
-        Names of the columns found.
+        Names of the columns in the file.
     context : MappingContext
-        What is needed, and where the header stands.
-    found : mapping of str to ChannelMapping
+        Columns needed, and the place of the header.
+    mappings : mapping of str to ChannelMapping
         Our columns that were found.
-    told : collection of str
-        Columns that need not be found, since they are told elsewhere.
+    not_needed : collection of str
+        Columns that may be missing because they are stated elsewhere.
     """
     table, place, problems = context.table, context.place, context.problems
-    in_file = {c.name: context.options.names.get(c.name, c.name) for c in table.columns}
-    in_file |= {role: mapping.candidate.name for role, mapping in found.items()}
+    names_in_file = {c.name: context.options.names.get(c.name, c.name) for c in table.columns}
+    names_in_file |= {role: mapping.candidate.name for role, mapping in mappings.items()}
     shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
     missing = []
-    told_so: list[str] = []
-    for ours, theirs in in_file.items():
-        if ours in found or ours in told or not (table.column(ours).required or theirs != ours):
+    messages: list[str] = []
+    for ours, theirs in names_in_file.items():
+        if (
+            ours in mappings
+            or ours in not_needed
+            or not (table.column(ours).required or theirs != ours)
+        ):
             continue
-        free = [column for column in header if column not in in_file.values()]
+        free = [column for column in header if column not in names_in_file.values()]
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
         guess = f", did you mean {close[0]}?" if close else ""
         called = ours if ours == theirs else f"{theirs} (which the config names for {ours})"
         setting = ours in NOMINAL and not close
         if not setting:
             missing.append((ours, close))
-        advice = how_to_tell(ours, table.kind) if setting else guess
-        told_so.append(f"{place}: column {called} is missing{advice}")
-    if not found and not any(column.required for column in table.columns):
+        advice = how_to_state(ours, table.kind) if setting else guess
+        messages.append(f"{place}: column {called} is missing{advice}")
+    if not mappings and not any(column.required for column in table.columns):
         first = next(column.name for column in table.columns if column.dtype == "float64")
         missing.append((first, []))
-        told_so.append(f"{place}: holds no column of {table.command}")
-    other = kind_of_columns(header) if missing else ""
-    if other not in ("", table.kind):
+        messages.append(f"{place}: holds no column of {table.command}")
+    meant = kind_of_columns(header) if missing else ""
+    if meant not in ("", table.kind):
         problems.add(
-            f"{place}: these are the columns of a recording of {schemas.table(other).command}, "
-            f"not of {table.command}; a config names it as data.{other}",
+            f"{place}: these are the columns of a recording of {schemas.table(meant).command}, "
+            f"not of {table.command}; in a config its key is data.{meant}",
             code="columns",
         )
         return
-    for text in told_so if missing else ():  # settings alone: who gives them their values says it
+    for text in messages if missing else ():  # missing settings alone are reported elsewhere
         problems.add(text, code="columns")
-    if missing and (kind := _rig_kind_of(header, table)):
-        problems.add(f"{place}: these are the channels of {kind}", code="columns")
+    if missing and (rig_kind := _rig_kind_of(header, table)):
+        problems.add(f"{place}: these are the channels of {rig_kind}", code="columns")
     elif missing:
         ours, close = missing[0]
         example = close[0] if close else "its name in the file"
         problems.add(
-            f"{place}: the columns found are {shown}; other names are told by the config, "
-            f'columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
+            f"{place}: the columns found are {shown}; if they have other names, state them in the "
+            f'config, columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
         )
 
 
 def kind_of_columns(header: Sequence[str]) -> str:
-    """The kind of recording whose sensors a header names, by our names or known words; else ""."""
+    """Recognise a kind of recording by the sensors in its header; "" if none or several fit."""
     rigs = [schemas.rig_table(measures, weight_on) for measures, weight_on in schemas.RIG_KINDS]
     tables = (schemas.table("press"), schemas.table("speedloss"), *rigs)
-    found = {t.kind for t in tables if set(sensors_of(t)) <= _columns_meant(header, t.kind)}
-    return found.pop() if len(found) == 1 else ""
+    kinds = {t.kind for t in tables if set(sensors_of(t)) <= _columns_meant(header, t.kind)}
+    return kinds.pop() if len(kinds) == 1 else ""
 
 
 def _columns_meant(header: Sequence[str], kind: str) -> set[str]:
-    """Our columns that a header names, by our names or known words."""
+    """Return our columns that a header contains, by our names or by known words."""
     return {role for name in header for role in (name, *roles_meant(name, kind))}
 
 
 def _rig_kind_of(header: Sequence[str], table: Table) -> str:
-    """Another kind of friction rig whose channels a header has, as the config states it; or ""."""
+    """Return the config entry of another friction rig kind that the header fits, or ""."""
     if table.kind != "rig":
         return ""
     meant = _columns_meant(header, "rig")
     tensions = {"tension_tight_N", "tension_slack_N"}
     for measures, weight_on in schemas.RIG_KINDS:
-        other = schemas.rig_table(measures, weight_on)
-        needed = {c.name for c in other.columns if c.required} - {*schemas.SETTINGS, table.label}
+        other_table = schemas.rig_table(measures, weight_on)
+        needed = {c.name for c in other_table.columns if c.required} - {
+            *schemas.SETTINGS,
+            table.label,
+        }
         enough = measures != "torque" or bool(meant & tensions)
-        if other != table and enough and needed | {"weight_N"} & set(other.names) <= meant:
+        if (
+            other_table != table
+            and enough
+            and needed | {"weight_N"} & set(other_table.names) <= meant
+        ):
             on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
             return f"rig: {{kind: {measures}{on}}}"
     return ""

@@ -1,4 +1,4 @@
-"""Names that benches of German, English and French laboratories give to the channels we need."""
+"""Names that German, English and French laboratories give to the channels we need."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from beltid.bench.formats.dialect import POSITION, without_unit
 from beltid.tables import schemas
 
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
-"""What a recorder puts before the name that somebody gave to its channel."""
+"""Prefix that a recorder puts before the name of a channel."""
 _LEAST_HINT: Final = 4
-"""Letters of a word that tells something wherever it stands in a name."""
+"""Fewest letters of a word that is a hint anywhere in a name."""
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
@@ -22,22 +22,22 @@ _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"}
 class Words:
     """Names of a channel.
 
-    A name is meant if one of the `keys` stands in it as whole words and nothing else but
-    `fillers`: "Trumkraft Zugtrum" by its key "zugtrum" and its filler "trumkraft".
+    A name matches if it contains one of the `keys` as whole words and otherwise only `fillers`:
+    "Trumkraft Zugtrum" matches by its key "zugtrum" and its filler "trumkraft".
 
     Attributes
     ----------
     keys : tuple of str
-        Words, or sequences of words, that make the name.
+        Words, or sequences of words, that identify the channel.
     fillers : frozenset of str
-        Words that may stand beside them.
+        Words that may be added to them.
     """
 
     keys: tuple[str, ...]
     fillers: frozenset[str] = frozenset()
 
     def mean(self, name: str) -> bool:
-        """Whether a simplified name is one of these."""
+        """Return whether a simplified name matches."""
         for key in self.keys:
             if key not in name:
                 continue
@@ -53,8 +53,8 @@ def _as_words(key: str) -> re.Pattern[str]:
 
 
 def _words(keys: str, fillers: str = "") -> Words:
-    known = tuple(key.strip() for key in keys.split(","))
-    return Words(tuple(sorted(known, key=len, reverse=True)), frozenset(fillers.split()))
+    key_words = tuple(key.strip() for key in keys.split(","))
+    return Words(tuple(sorted(key_words, key=len, reverse=True)), frozenset(fillers.split()))
 
 
 _DATE: Final = _words("datum,messdatum,pruefdatum,date,jour", "de du of the essai test")
@@ -187,7 +187,7 @@ VOCABULARY: Final = {
 
 
 def simplified(name: str) -> str:
-    """A channel's name in plain small words: no unit, accents, signs or capitals within words."""
+    """Reduce a channel's name to lower-case words without unit, accents and signs."""
     bare = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", without_unit(name))
     low = bare.lower().translate(_UMLAUTS)
     plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
@@ -196,7 +196,7 @@ def simplified(name: str) -> str:
 
 
 def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
-    """Our columns of which a known word stands in a longer name of a channel."""
+    """Return our columns that a channel's name hints at: one of their words is part of it."""
     plain = simplified(name)
     return tuple(
         role
@@ -206,18 +206,18 @@ def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
 
 
 def means_date(name: str) -> bool:
-    """Whether a channel's name says that it holds dates."""
+    """Return whether a channel's name says that it holds dates."""
     return _DATE.mean(simplified(name))
 
 
 def roles_meant(name: str, kind: str) -> tuple[str, ...]:
-    """Our columns of a kind of recording that a channel's name can mean."""
+    """Return our columns of a kind of recording that a channel's name can mean."""
     plain = simplified(name)
     return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
 
 
 @functools.cache
 def _words_of(kind: str) -> tuple[tuple[str, Words], ...]:
-    """Columns of a kind of recording, or of a table of its runs, and their names."""
+    """Return the columns of a kind of recording, or of a table of its runs, with their names."""
     columns = (*schemas.table(kind).names, "file")
     return tuple((role, words) for role, words in VOCABULARY.items() if role in columns)

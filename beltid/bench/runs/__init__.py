@@ -1,11 +1,11 @@
-"""Samples -> runs with label and settings, checked.
+"""Conversion of samples to checked runs with label and settings.
 
 ================ ==================================================================
 Module           Responsibility
 ================ ==================================================================
-``run_settings`` label and settings of runs from names, headers and tables; tables joined
-``run_split``    runs that no column labels, told apart
-``checks``       whether the columns can be what they claim to be
-``run_stream``   runs out of blocks of rows
+``run_settings`` label and settings of runs from names, headers and tables; join tables
+``run_split``    split samples without labels into runs
+``checks``       plausibility of the columns
+``run_stream``   runs from blocks of rows
 ================ ==================================================================
 """

@@ -1,4 +1,4 @@
-"""Whether the columns of a recording can be what they claim to be."""
+"""Check that the columns of a recording are plausible."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltid.tables.values import absent, outside, shown_value
 
 Columns = dict[str, np.ndarray]
 MARKS, MARKED = 0.02, 10.0
-"""Share of the samples that may be marks of an overflow, and over how many times the others."""
+"""Largest share of samples that may be overflow marks, and their least ratio to the others."""
 TRUTH: Final = ("true", "false")
 TRUTHS: Final = {
     **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
@@ -25,7 +25,7 @@ TRUTHS: Final = {
 
 
 class Checker:
-    """Check the columns of one recording and collect what is wrong.
+    """Check the columns of one recording and collect the problems.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class Checker:
     table : Table
         The schema.
     place : callable
-        Index of a row -> its place in words and its line.
+        Index of a row -> its place for messages and its line.
     problems : Problems
-        Collects what is wrong.
+        Collects the problems.
 
     Attributes
     ----------
     suspects : set of str
-        Columns whose unit or sign is questionable; their numbers are not looked at one by one.
+        Columns whose unit or sign is questionable; their numbers are not checked one by one.
     """
 
     def __init__(
@@ -64,15 +64,15 @@ class Checker:
     def run(
         self, units_stated: Collection[str], judged: Collection[str] | None = None
     ) -> list[str]:
-        """Check everything; returns notes about what is allowed but worth knowing.
+        """Run all checks; return notes on what is allowed but worth knowing.
 
         Parameters
         ----------
         units_stated : collection of str
-            Columns whose unit the user stated: not suspected of another one.
+            Columns whose unit the user stated; their unit is not questioned.
         judged : collection of str, optional
-            Columns whose unit and sign earlier runs have shown, where these are the samples of
-            one run. None: they are all samples of the recording.
+            Columns whose unit and sign earlier runs have confirmed, if the columns are one run of
+            a recording. None: the columns are the whole recording.
         """
         self._units({*units_stated, *(judged or ())})
         codes = self._labels()
@@ -95,9 +95,9 @@ class Checker:
         self.problems.add_alike(rows, text, self.place)
 
     def _units(self, units_stated: Collection[str]) -> None:
-        """Question columns whose numbers are about a thousand times too small or large.
+        """Report columns whose numbers are about a thousand times too small or large.
 
-        A few samples of a sensor, most likely of a belt at rest, tell nothing of its unit.
+        A few samples of a sensor, most likely of a belt at rest, do not show its unit.
         """
         few = "time_s" in self.columns and len(self.columns["time_s"]) < MIN_SAMPLES
         for column in self.table.columns:
@@ -120,7 +120,7 @@ class Checker:
                 )
 
     def _marks(self, column: Column, values: np.ndarray) -> bool:
-        """Whether only a few numbers are not plausible: marks of an overflow, which are told."""
+        """Report overflow marks; return whether they explain all implausible numbers."""
         size = np.abs(values)
         usual = size <= np.nanquantile(size, 1.0 - MARKS)
         if not usual.any() or _other_unit(column, self.table.kind, values[usual]):
@@ -129,14 +129,14 @@ class Checker:
         self._report(
             rows,
             lambda i: (
-                f"{column.name} = {values[i]:g}, not plausible beside the others; leave the cell "
-                "empty if it stands for a missing number"
+                f"{column.name} = {values[i]:g}, not plausible next to the others; leave the cell "
+                "empty if it means a missing number"
             ),
         )
         return bool(rows.size)
 
     def _labels(self) -> np.ndarray | None:
-        """Number of the run of every row, -1 without a label."""
+        """Return the number of the run of every row, -1 without a label."""
         labels = self.columns[self.table.label]
         if labels.size and not absent(labels[:1])[0] and np.all(labels == labels[0]):
             return np.zeros(labels.size, dtype=np.int64)
@@ -147,21 +147,21 @@ class Checker:
         return codes if codes.size else None
 
     def _settings(self, codes: np.ndarray) -> None:
-        """Fill in what only some rows say of a run; refuse what changes within it."""
+        """Fill in settings that only some rows of a run state; report those that change in it."""
         for column in (*NOMINAL, *SAID_OF_RUNS):
             values = self.columns.get(column)
             is_text = values is not None and values.dtype == object
             if values is None or (column in SAID_OF_RUNS and not is_text):
-                continue  # a humidity may be a record over the time
-            known = ~absent(values) & (codes >= 0)
-            given = np.flatnonzero(known)
+                continue  # a numeric column such as humidity may vary with time
+            stated = ~absent(values) & (codes >= 0)
+            given = np.flatnonzero(stated)
             _, first = np.unique(codes[given], return_index=True)
             nominal = np.full(codes.max(initial=-1) + 2, None if is_text else np.nan, values.dtype)
             nominal[codes[given[first]]] = values[given[first]]
             expected = nominal[codes]
             same = np.equal if is_text else partial(np.isclose, rtol=1e-6, atol=0.0)
             rows = given[~np.asarray(same(values[given], expected[given]), dtype=bool)]
-            _, at = np.unique(codes[rows], return_index=True)  # the first of every run says it
+            _, at = np.unique(codes[rows], return_index=True)  # report the first of every run
             self._report(
                 np.sort(rows[at]),
                 lambda i, v=values, e=expected, c=column: (  # type: ignore[misc]
@@ -170,10 +170,10 @@ class Checker:
                     "twice?)"
                 ),
             )
-            np.copyto(values, expected, where=~known & (codes >= 0))
+            np.copyto(values, expected, where=~stated & (codes >= 0))
 
     def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
-        """Range, infinity and absence of the numbers of a column."""
+        """Check the numbers of a column: range, infinite and missing values."""
         values = self.columns[column.name]
         wrong = np.isinf(values) | outside(values, column)
         negative = int((values < 0.0).sum())
@@ -181,8 +181,8 @@ class Checker:
         if signed and negative > max(9, 0.5 * values.size):
             self.suspects.add(column.name)
             self.problems.add(
-                f"{self.name}: {column.name} is negative nearly everywhere; if the cell counts the "
-                f"other way, turn its sign by a minus before its name in the file: columns: "
+                f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
+                f"cell is reversed, put a minus before its name in the file: columns: "
                 f'{{{self.table.kind}: {{{column.name}: "-{column.name}"}}}}'
             )
             return []
@@ -192,7 +192,9 @@ class Checker:
         )
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
-            missing = np.array([i for i in missing if not self._is_told(int(i))], dtype=np.int64)
+            missing = np.array(
+                [i for i in missing if not self._is_reported(int(i))], dtype=np.int64
+            )
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
         elif missing.size == values.size and values.size and column.required and judged is None:
             self.problems.add(no_number(self.name, column))
@@ -200,13 +202,13 @@ class Checker:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
 
-    def _is_told(self, row: int) -> bool:
-        """Whether a row is known to lack something: a cell that is no number, or its label."""
+    def _is_reported(self, row: int) -> bool:
+        """Return whether a row has been reported already: an unreadable cell or no label."""
         label = self.columns[self.table.label][row : row + 1]
         return bool(absent(label)[0]) or self.place(row)[0] in self.problems.unread
 
     def _choices(self, column: Column) -> None:
-        """Words of a column that takes a few only; case does not matter, and 1 is true."""
+        """Check a column that allows certain words only; case does not matter, and 1 is true."""
         truths = TRUTHS if column.choices == TRUTH else {}
         words = {
             word: None if word is None else truths.get(word.lower(), word.lower())
@@ -221,7 +223,7 @@ class Checker:
             values[:] = [words[word] for word in values]
 
     def _time(self, codes: np.ndarray) -> None:
-        """Time must not go backwards within a run."""
+        """Report times that go backwards within a run."""
         time = self.columns["time_s"]
         order = np.argsort(codes, kind="stable")
         back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0) & (codes[order][1:] >= 0)
@@ -238,19 +240,20 @@ class Checker:
 
 
 def no_number(name: str, column: Column) -> Problem:
-    """Say that a column of a recording is empty."""
-    return Problem(f"{name}: {column.name} holds no number at all", "numbers")
+    """Return the problem that a column of a recording holds no numbers."""
+    return Problem(f"{name}: {column.name} holds no numbers", "numbers")
 
 
 def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:
-    """The unit in which the numbers would be plausible, or "".
+    """Return the unit in which the numbers would be plausible, or "" if they are so already.
 
-    The bounds stand about as far from what benches of belts record (tensions of 20 to 2000 N,
-    forces of 50 to 3000 N, travels of 0.03 to 5 mm) as from a thousandth or a thousand times that.
+    The bounds are about halfway, on a logarithmic scale, between what belt benches record (tensions
+    of 20 to 2000 N, forces of 50 to 3000 N, travels of 0.03 to 5 mm) and a thousandth or a thousand
+    times that.
     """
     size = np.abs(finite)
     if kind == "points" and column.name != "arc_deg":
-        return ""  # written by hand, of belts of any size
+        return ""  # tables written by hand, for belts of any size
     if column.unit == "N" and "tension" in column.name:
         if finite.max() > 0.0 and size.max() < 5.0:
             return "kN"

@@ -1,4 +1,4 @@
-"""Runs of a raw table without labels: told apart where settings change or time restarts."""
+"""Split a raw table without labels into runs where settings change or time restarts."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from beltid.errors import Problems
 from beltid.tables.schemas import NOMINAL
 
 RESTART: Final = 0.05
-"""A time that falls to the first this share of the run before begins a new run."""
+"""A new run begins when time falls back into the first part, this share, of the run before."""
 MIN_SAMPLES: Final = 10
 PHASE: Final = 5
-"""Samples in a row that make the pulley stand or turn."""
+"""Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
 
-def row_labels(length: int, known: np.ndarray | None = None) -> np.ndarray:
-    """Labels of the rows of a table of plateaus: where there is none, their number from 1."""
-    words = [None] * length if known is None else known.tolist()
+def row_labels(length: int, labels: np.ndarray | None = None) -> np.ndarray:
+    """Label the rows of a table of plateaus; a row without a label gets its number from 1."""
+    words = [None] * length if labels is None else labels.tolist()
     return np.array(
         [str(row + 1) if word is None else word for row, word in enumerate(words)], dtype=object
     )
@@ -29,25 +29,25 @@ def row_labels(length: int, known: np.ndarray | None = None) -> np.ndarray:
 def run_labels(
     columns: Mapping[str, np.ndarray], label: str, place: str, problems: Problems
 ) -> tuple[np.ndarray, list[str]]:
-    """Label of every sample of a raw table.
+    """Label every sample of a raw table.
 
     Parameters
     ----------
     columns : mapping of str to ndarray
         Columns of the raw table, in our units.
     label : str
-        Label of the raw table: that of its run if it holds one only.
+        Label of the raw table; used for its run if there is only one.
     place : str
         Name of the raw table, for messages.
     problems : Problems
-        Collects what cannot be decided.
+        Collects runs that are too short or unclear.
 
     Returns
     -------
     labels : ndarray
         Object array of str.
     notes : list of str
-        How the runs were told apart.
+        Note on how the runs were split.
     """
     time = columns["time_s"]
     starts = _starts(columns, time)
@@ -61,8 +61,8 @@ def run_labels(
     if lengths.min() < MIN_SAMPLES:
         row = bounds[int(lengths.argmin())] + 1
         problems.add(
-            f"{place}: no column labels the runs, and what changes of settings and restarts of the "
-            f"time tell apart has {int(lengths.min())} samples at row {row}; a run needs "
+            f"{place}: no column labels the runs; split at changes of the settings and restarts of "
+            f"the time, the run at row {row} has {int(lengths.min())} samples, must be at least "
             f"{MIN_SAMPLES}: add a column of labels"
         )
         return labels, []
@@ -71,7 +71,7 @@ def run_labels(
         part = {name: values[first:end] for name, values in columns.items()}
         _refuse_second_rotation(part, f"{place}, run {label}-{number}", problems)
     note = (
-        f"{place}: no column labels the runs, {len(lengths)} told apart by changes of the settings "
+        f"{place}: no column labels the runs, {len(lengths)} separated by changes of the settings "
         "and restarts of the time"
     )
     return labels, [note]
@@ -89,7 +89,7 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     for i in np.flatnonzero(changed | np.concatenate([[False], np.diff(time) < 0])):
         length = time[i - 1] - time[begin]
         restarts = time[i] <= time[begin] + RESTART * length and time[i] < time[i - 1]
-        if changed[i] or restarts:  # a time that falls otherwise is told by the checks
+        if changed[i] or restarts:  # other decreases of time are reported by the checks
             starts.append(int(i))
             begin = int(i)
     return starts
@@ -98,7 +98,7 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
 def _refuse_second_rotation(
     columns: Mapping[str, np.ndarray], place: str, problems: Problems
 ) -> None:
-    """Refuse a run in which the pulley stops and turns again: it holds several."""
+    """Refuse a run in which the pulley stops and turns again: it contains several runs."""
     speed = columns.get("pulley_speed_rad_s")
     if speed is None or speed.dtype == object or np.isfinite(speed).sum() < 4 * PHASE:
         return
@@ -111,6 +111,6 @@ def _refuse_second_rotation(
     merged = [s for i, s in enumerate(states) if i == 0 or s != states[i - 1]]
     if merged.count(True) > 1:
         problems.add(
-            f"{place}: the pulley turns {merged.count(True)} times with rests between, and no "
+            f"{place}: the pulley turns {merged.count(True)} times with stops between, and no "
             "column labels the runs: add one"
         )

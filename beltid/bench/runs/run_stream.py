@@ -1,7 +1,7 @@
-"""A recording of the friction rig run by run, in bounded memory: a season is 10^8 samples.
+"""Read a friction rig recording run by run in bounded memory: a season is 10^8 samples.
 
-The checks are those of a recording that is read at once (`checks`), run by run. What differs:
-the rows of a run must stand together, and no run may be longer than `MOST_SAMPLES`.
+Each run gets the same checks as a recording that is read at once (`checks`). In addition, the rows
+of a run must be consecutive, and no run may be longer than `MOST_SAMPLES`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class RunColumns:
     label : str
         Its label.
     columns : dict of str to ndarray
-        Numeric columns of the table, in its units; nan where a number is missing.
+        Numeric columns of the table, in its units; nan for missing numbers.
     said : dict of str to str
-        Texts that the rows say of the run, such as its conditions, by their column.
+        Texts in the rows that describe the run, such as its conditions, by column.
     """
 
     label: str
@@ -46,25 +46,25 @@ class RunColumns:
 
 @dataclass(slots=True)
 class _RunRows:
-    """The rows of a run that have come so far."""
+    """Rows of a run read so far."""
 
     label: str | None
     first_line: int
     parts: list[tuple[Rows, int, int]] = field(default_factory=list)
-    """Blocks that hold rows of the run, the first of them and the one after the last."""
+    """Blocks with rows of the run, its first row in the block and the one after its last."""
 
     def __len__(self) -> int:
         return sum(end - start for _, start, end in self.parts)
 
     def columns(self) -> dict[str, np.ndarray]:
-        # a copy, which lets go of the blocks
+        # a copy, so that the blocks can be freed
         return {
             name: np.concatenate([rows.numbers[name][start:end] for rows, start, end in self.parts])
             for name in self.parts[0][0].numbers
         }
 
     def texts(self, label: str) -> dict[str, np.ndarray]:
-        """Columns of texts but for the label."""
+        """Return the text columns except the label."""
         parts = [(rows.texts, start, end) for rows, start, end in self.parts]
         return {
             name: np.concatenate([t[name].words[t[name].codes[a:b]] for t, a, b in parts])
@@ -81,7 +81,7 @@ class _RunRows:
 
 
 class BigRecording:
-    """A recording that is read run by run: its runs, one after the other.
+    """A recording that is read run by run; iterate over it to get its runs.
 
     Parameters
     ----------
@@ -92,20 +92,20 @@ class BigRecording:
     table : Table
         Schema of the recording.
     mappings : mapping of str to ChannelMapping
-        How columns come to their units.
+        How columns are converted to their units.
     clock : Clock or None
-        Reader of the time, where it is that of a clock.
-    told : list of str
-        Takes notes before and while the rows are read.
+        Reader of clock times, if the time column holds any.
+    read_notes : list of str
+        Notes so far; the readers of the rows append to it.
     row_word : str
-        What messages put between the name and a line.
+        Separator of name and line in messages.
 
     Attributes
     ----------
     n_samples : int
-        Samples of the runs that have been read.
+        Number of samples read so far.
     missing : dict of str to int
-        Missing values of the columns that may miss some.
+        Number of missing values, for columns that may have some.
     """
 
     def __init__(
@@ -115,11 +115,11 @@ class BigRecording:
         table: Table,
         mappings: Mapping[str, ChannelMapping],
         clock: Clock | None,
-        told: list[str],
+        read_notes: list[str],
         row_word: str = ":",
     ) -> None:
         self.path, self.name, self.row_word = path, str(path), row_word
-        self.blocks, self.table, self.clock, self.told = blocks, table, clock, told
+        self.blocks, self.table, self.clock, self.read_notes = blocks, table, clock, read_notes
         stated = {role: m for role, m in mappings.items() if m.unit_stated or m.negated}
         self.conversions = {role: m.conversion for role, m in stated.items()}
         self.problems = Problems()
@@ -129,12 +129,12 @@ class BigRecording:
         self._judged: set[str] = set()
 
     def __iter__(self) -> Iterator[RunColumns]:
-        """The runs, in the order of the file.
+        """Yield the runs in the order of the file.
 
         Raises
         ------
         InputError
-            With what is wrong: at the end of the recording, or as soon as enough has been found.
+            With the errors: at the end of the recording, or as soon as there are many.
         """
         run: _RunRows | None = None
         for block in self.blocks:
@@ -165,13 +165,13 @@ class BigRecording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found out, left out or missing; complete once the runs have been read."""
+        """Notes on what was recognised, left out or missing; complete after all runs are read."""
         missing = (
             f"{count} of {self.n_samples} samples of {column} are missing"
             for column, count in self.missing.items()
             if 0 < count < self.n_samples
         )
-        return (*self.told, *([] if self.clock is None else self.clock.notes()), *missing)
+        return (*self.read_notes, *([] if self.clock is None else self.clock.notes()), *missing)
 
     def _place(self, line: int) -> str:
         return f"{self.name}{self.row_word}{line}"
@@ -180,9 +180,9 @@ class BigRecording:
         line = block.line_of(start)
         if label in self._began and label is not None:
             self.problems.add(
-                f"{self._place(line)}: {self.table.label} {label} goes on here after others, it "
-                f"began in line {self._began[label]}: a recording of this size is read run by run, "
-                f"sort it by {self.table.label}, or give every run a label of its own",
+                f"{self._place(line)}: {self.table.label} {label} continues here after others, it "
+                f"began in line {self._began[label]}: a recording of this size is read run by run; "
+                f"sort it by {self.table.label}, or give every run its own label",
                 line,
             )
             self.problems.raise_if_any()
@@ -199,12 +199,12 @@ class BigRecording:
 
         if self.clock is not None:
             columns["time_s"] = self.clock.elapsed(columns["time_s"], place, self.problems)
-        for name, by in self.conversions.items():
-            if by != Conversion(1.0):
-                columns[name] = by.apply(columns[name])
+        for name, conversion in self.conversions.items():
+            if conversion != Conversion(1.0):
+                columns[name] = conversion.apply(columns[name])
         for column in self.table.columns:
-            known = column.name in columns or column.name in SAID_OF_RUNS
-            if column.dtype == "float64" and not known:
+            given = column.name in columns or column.name in SAID_OF_RUNS
+            if column.dtype == "float64" and not given:
                 columns[column.name] = np.full(n, np.nan)
         shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
         texts = run.texts(self.table.label)
@@ -221,7 +221,7 @@ class BigRecording:
             yield RunColumns(run.label, columns, said)
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
-        """Whether anything in a run asks for the checks that tell what and where."""
+        """Return whether a quick test finds anything that the full checks must locate."""
         for column in self.table.columns:
             if column.name not in columns:
                 continue
@@ -239,7 +239,7 @@ class BigRecording:
         return bool(np.any(np.diff(columns["time_s"]) < 0.0))
 
     def _is_unclear(self, texts: Mapping[str, np.ndarray]) -> bool:
-        """Whether the rows of a run say two things, or one in other words than ours."""
+        """Return whether texts differ within a run or use words other than ours."""
         for name, cells in texts.items():
             choices = self.table.column(name).choices
             if np.any(cells != cells[0]) or (choices and cells[0] not in (None, *choices)):
@@ -258,6 +258,6 @@ class BigRecording:
         ordered = {name: whole[name] for name in self.table.names if name in whole}
         checker = Checker(self.name, ordered, self.table, place, self.problems)
         checker.run(self.conversions, self._judged)
-        if checker.suspects:  # most likely it is the same in all runs: told once
+        if checker.suspects:  # most likely the same in all runs: report it once
             self.problems.raise_if_any()
         columns.update({name: ordered[name] for name in columns})
