@@ -136,7 +136,7 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
 
 
 def _cell_bands(z: Array) -> tuple[Array, Array]:
-    """Smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
+    """Return the smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
     corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
     return corners.min(axis=0), corners.max(axis=0)
 

@@ -45,7 +45,7 @@ class Spans:
     clamped: bool = False
 
     def turn(self, T: ArrayLike, R: float) -> Array:
-        """Angle between the force of a span and the tangent of the pulley [rad].
+        """Compute the angle between the force of a span and the tangent of the pulley [rad].
 
         The line of force of a bent belt passes the axis at a distance of ``R + EI / (2 R T)``. A
         pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp bends the belt
@@ -139,7 +139,7 @@ def tensions_by_torque(
 def hub_force(
     T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
 ) -> Array:
-    """Force of the belt on the pulley's axis [N], the resultant of both spans.
+    """Compute the force of the belt on the pulley's axis [N], the resultant of both spans.
 
     ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions and the
     angle b between the forces of the spans: the contact arc plus the turn of both by bending.
@@ -205,7 +205,7 @@ def tensions_by_hub_force(
 
 
 def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
-    """Tension that presses a moving belt onto the pulley, ``T - m v_b²`` [N].
+    """Compute the tension that presses a moving belt onto the pulley, ``T - m v_b²`` [N].
 
     The remaining ``m v_b²`` turns the belt's momentum. Replaces T in Eqs. (5), (6) and (8).
 
@@ -222,7 +222,7 @@ def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
 
 
 def sliding_speed(omega: Number, R: float) -> Number:
-    """Speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
+    """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
     The same formula gives the sliding speed of a drive from its angular-speed loss. The function
     can be compiled unchanged.
@@ -238,7 +238,7 @@ def sliding_speed(omega: Number, R: float) -> Number:
 
 
 def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
-    """Speed of the pulley's surface relative to a moving belt [m/s], positive where it is faster.
+    """Compute the speed of the pulley's surface relative to a moving belt [m/s], > 0 if faster.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
 
 
 def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float) -> Array:
-    """Normal force per length along the arc, Eq. (8) [N/m].
+    """Compute the normal force per length along the arc, Eq. (8) [N/m].
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float
 
 
 def mean_normal_force(T_tight: ArrayLike, T_slack: ArrayLike, R: float) -> Array:
-    """Mean of Eq. (8) over the arc in closed form [N/m].
+    """Average Eq. (8) over the arc in closed form [N/m].
 
     With ``mu_ref beta = ln(T_tight / T_slack)``, the mean ``(T_tight - T_slack)/(R mu_ref beta)``
     is the logarithmic mean of the two end values T/R; it tends to T/R as the tensions become equal.

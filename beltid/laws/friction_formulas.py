@@ -66,11 +66,11 @@ class Coulomb:
         return np.array([c[0]])
 
     def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        """Friction coefficient [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
+        """Evaluate mu [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
         return np.full(np.broadcast(f, v).shape, p[0])
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        """Derivatives of mu with respect to the parameters, shape (n, p)."""
+        """Differentiate mu with respect to the parameters, shape (n, p)."""
         return np.ones((v.size, 1))
 
     def text(self, p: Sequence[str], f0: str) -> str:
@@ -197,7 +197,7 @@ class FrictionFormula:
     values: Mapping[str, float]
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Friction coefficient [-] at forces per length [N/m] > 0 and speeds of either sign."""
+        """Evaluate mu [-] at forces per length [N/m] > 0 and speeds of either sign."""
         f = np.asarray(normal_force_N_m, dtype=float) / self.reference_force_N_m
         v = np.abs(np.asarray(slip_speed_m_s, dtype=float))
         law = FRICTION_LAWS[self.law]

@@ -169,12 +169,12 @@ class FrictionSurface:
         # the polynomial matches its node only to rounding: return the node value itself
         corner_f, corner_v = at.i + (at.s == 1.0), at.j + (at.t == 1.0)
         mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
-        return np.where(at.known, mu, np.nan)[()]
+        return np.where(at.valid, mu, np.nan)[()]
 
     def gradient(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
     ) -> tuple[Array, Array]:
-        """Derivatives of :meth:`mu` with respect to force [m/N] and signed speed [s/m].
+        """Differentiate :meth:`mu` with respect to force [m/N] and signed speed [s/m].
 
         A derivative is 0 where its variable lies outside the measured range; on the boundary it is
         the derivative from inside. mu is an even function of the speed, so its derivative is odd
@@ -182,11 +182,11 @@ class FrictionSurface:
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         _, dmu_ds, dmu_dt = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
-        nan_mask = np.where(at.known, 0.0, np.nan)
+        nan_mask = np.where(at.valid, 0.0, np.nan)
         return (dmu_ds * at.ds_df + nan_mask)[()], (dmu_dt * at.dt_dv + nan_mask)[()]
 
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points lie within the measured range, where no input is clamped."""
+        """Return whether points lie within the measured range, where no input is clamped."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
         v = np.abs(v)
         (f_low, f_high), (v_low, v_high) = (
@@ -195,11 +195,11 @@ class FrictionSurface:
         return ((f >= f_low) & (f <= f_high) & (v >= v_low) & (v <= v_high))[()]
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Standard error of mu [-], bilinear between the nodes, nan where unknown."""
+        """Interpolate the standard error of mu [-] bilinearly; nan where unknown."""
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         if self.mu_se_nodes is None:
             return np.full(at.s.shape, np.nan)[()]
-        total = np.where(at.known, 0.0, np.nan)
+        total = np.where(at.valid, 0.0, np.nan)
         for i, j, weight in self._corners(at):  # ignore a nan neighbour with zero weight
             total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
         return total[()]
@@ -210,13 +210,13 @@ class FrictionSurface:
 
     def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
         f, v = _points(normal_force_N_m, slip_speed_m_s)
-        known = ~(np.isnan(f) | np.isnan(v))
-        f, v = np.where(known, f, 0.0), np.where(known, v, 0.0)
+        valid = ~(np.isnan(f) | np.isnan(v))
+        f, v = np.where(valid, f, 0.0), np.where(valid, v, 0.0)
         T = self._tables
         i, s, ds_df, f_node = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
         j, t, dt_dv, v_node = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
         dt_dv = np.where(v < 0.0, -dt_dv, dt_dv)
-        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, known)
+        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, valid)
 
     def _corners(self, at: _Location) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
         """Return the nodes around points and their weights in bilinear interpolation."""
@@ -335,7 +335,7 @@ class _Location(NamedTuple):
     ds_df: Array
     dt_dv: Array
     on_node: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
 
 
 def _along_axis(

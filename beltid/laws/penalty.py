@@ -22,12 +22,12 @@ Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 def elastic_force(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Line force at a penetration ``delta`` >= 0 [m], Eq. (3) [N/m]."""
+    """Compute the line force at a penetration ``delta`` >= 0 [m], Eq. (3) [N/m]."""
     return delta * (k_linear + k_quadratic * delta)
 
 
 def elastic_stiffness(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Derivative of Eq. (3) with respect to the penetration [N/m²]."""
+    """Differentiate Eq. (3) with respect to the penetration [N/m²]."""
     return k_linear + 2.0 * k_quadratic * delta
 
 
@@ -44,12 +44,12 @@ def integral_of_energy(delta: Number, k_linear: float, k_quadratic: float) -> Nu
 def stiffness_under(
     force: NDArray[np.float64], k_linear: float, k_quadratic: float
 ) -> NDArray[np.float64]:
-    """Stiffness of Eq. (3) [N/m²] at a line force ``force`` >= 0 [N/m]."""
+    """Compute the stiffness of Eq. (3) [N/m²] at a line force ``force`` >= 0 [N/m]."""
     return np.sqrt(k_linear * k_linear + 4.0 * k_quadratic * force)
 
 
 def dissipative_force(g_N_dot: float, C_P: float) -> float:
-    """Dissipative part of the normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2) and (4).
+    """Compute the dissipative normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2), (4).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class NormalLaw:
             raise InputError(problems)
 
     def force(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
-        """Line force at a penetration, Eq. (3); zero without contact.
+        """Compute the line force at a penetration, Eq. (3); zero without contact.
 
         Parameters
         ----------
@@ -118,13 +118,13 @@ class NormalLaw:
         return elastic_force(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
 
     def stiffness(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
-        """Derivative of :meth:`force` with respect to the penetration [N/m²]."""
+        """Differentiate :meth:`force` with respect to the penetration [N/m²]."""
         delta = np.asarray(penetration_m, dtype=float)
         slope = elastic_stiffness(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
         return np.where(delta > 0.0, slope, 0.0)
 
     def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
-        """Penetration under a line force: the inverse of :meth:`force`.
+        """Compute the penetration under a line force, the inverse of :meth:`force`.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ PLACES: Final = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])
 
 
 def uncertainty_over_spread(share: float) -> float:
-    """Ratio of the standard uncertainty to the spread between the limits, for a share of the trend.
+    """Compute the standard uncertainty at a share of the trend over the spread of both limits.
 
     Root mean square deviation from a truth that is uniform between the limits: 1/sqrt(12) with half
     of the trend, 1/sqrt(3) at either limit.

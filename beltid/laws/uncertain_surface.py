@@ -83,11 +83,11 @@ class UncertainSurface(FrictionSurface):
         object.__setattr__(self, "members", M)
 
     def mu_se(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Standard error of mu from the scatter of the data alone [-]; see :meth:`mu_se_at`."""
+        """Return the standard error of mu from scatter alone [-]; see :meth:`mu_se_at`."""
         return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
 
     def mu_u(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
+        """Compute the combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
 
         Outside the range it is that of the nearest node, like mu itself.
         """
@@ -98,7 +98,7 @@ class UncertainSurface(FrictionSurface):
         return np.asarray(mu * np.sqrt(np.sum(np.square(rows), axis=-1)))[()]
 
     def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Change of ln mu for each column of the factor, bilinear between nodes, shape (..., r).
+        """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
 
         The covariance of two points is the product of their rows, ``cov = row_1 . row_2``.
 
@@ -113,12 +113,12 @@ class UncertainSurface(FrictionSurface):
         total = np.zeros((*at.s.shape, self.factor.shape[2]))
         for i, j, weight in self._corners(at):
             total += weight[..., None] * self.factor[i, j]
-        return np.where(at.known[..., None], total, np.nan)
+        return np.where(at.valid[..., None], total, np.nan)
 
     def band(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
     ) -> tuple[Array, Array]:
-        """Lower and upper limits of mu [-] that cover the truth with a probability of `level`.
+        """Compute the limits of mu [-] that cover the truth with a probability of `level`.
 
         Based on the combined standard uncertainty of ln mu, so that the lower limit is positive.
 

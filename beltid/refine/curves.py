@@ -44,12 +44,12 @@ class Curves:
         return self.log_force.size * self.log_speed.size
 
     def basis(self, log_force: Array) -> Array:
-        """Value of ln mu per unit of each knot value, shape (n, k); constant beyond the knots."""
+        """Evaluate ln mu per unit of each knot value, shape (n, k); constant beyond the knots."""
         inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
         return np.asarray(self._cardinal(inside), dtype=float)
 
     def bending(self) -> Array:
-        """Quadratic form of the bending of all curves, shape (size, size).
+        """Compute the quadratic form of the bending of all curves, shape (size, size).
 
         ``p' Q p`` is the integral of (d² ln mu / d(ln f)²)² over ln f, summed over the speeds. The
         parameters are ordered speed by speed.
@@ -58,7 +58,7 @@ class Curves:
         return np.asarray(np.kron(np.eye(self.log_speed.size), block), dtype=float)
 
     def difference(self) -> Array:
-        """Quadratic form of the difference in shape between neighbouring speeds.
+        """Compute the quadratic form of the difference in shape between neighbouring speeds.
 
         ``p' Q p`` is the integral of (d slope / d(ln v))² over ln f, with slope = d ln mu/d(ln f),
         summed over the gaps between speeds times their width. It is zero for mu = a(f) b(v).

@@ -120,10 +120,10 @@ def campaign_effects(
         bends = np.column_stack([Legendre.basis(k)(x) / k**2 for k in BENDS])
         effects.append(Effect(ORDER, 0.5 * x[:, None], priors[ORDER]))
         effects.append(Effect(COURSE, bends, priors[COURSE]))
-    known = np.isfinite(temperature)
-    if known.any():
-        mean = float(temperature[known].mean())
-        above = np.where(known, temperature, mean) - (mean if reference is None else reference)
+    measured = np.isfinite(temperature)
+    if measured.any():
+        mean = float(temperature[measured].mean())
+        above = np.where(measured, temperature, mean) - (mean if reference is None else reference)
         if np.any(above):
             columns = above[:, None] / STEP_OF_TEMPERATURE
             effects.append(Effect(TEMPERATURE, columns, priors[TEMPERATURE]))

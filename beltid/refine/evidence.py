@@ -198,12 +198,12 @@ class LinearModel:
         return np.repeat([prior is not None for prior in self.before], counts).astype(bool)
 
     def residual(self, solution: Solution) -> Array:
-        """Residual of the data after surface and effects (n,)."""
+        """Compute the residual of the data after surface and effects (n,)."""
         by_surface, by_effects = self.J @ solution.parameters, self._Z @ solution.effects
         return np.asarray(self.y - by_surface - by_effects)
 
     def explained_by_surface(self, smoothness: Smoothness, columns: Array) -> Array:
-        """Share of columns (n, k) that the surface can explain, shape (k,).
+        """Compute the share of columns (n, k) that the surface can explain, shape (k,).
 
         ``1 - z' V^-1 z / z' S^-1 z``, S the variance of the noise and V = S + J P^+ J': a squared
         multiple correlation with the columns of the surface, within the limits of its smoothness. 1
@@ -220,7 +220,7 @@ class LinearModel:
         return np.asarray(explained / np.where(total > 0.0, total, 1.0))
 
     def effective_parameters(self, smoothness: Smoothness) -> float:
-        """Number of parameters that the data determine: trace of the influence matrix."""
+        """Count the parameters that the data determine: trace of the influence matrix."""
         solution = self.solve_surface(smoothness)
         by_effects = solution.effects_gain @ self._Z[:, self.is_free]
         return float(np.trace(solution.gain @ self.J) + np.trace(by_effects))
@@ -266,7 +266,7 @@ class LinearModel:
         return float(value), np.array([by_scale, *by_weights, by_scatter, *by_effects])
 
     def log_evidence_by_size(self, smoothness: Smoothness, k: int, sizes: Array) -> Array:
-        """Log marginal likelihood for other sizes (m,) of effect `k`, up to a constant."""
+        """Compute the log marginal likelihood for sizes (m,) of effect `k`, up to a constant."""
         Z = self.effects[k]
         at = self._marginal(_with_size(smoothness, k, 0.0))
         weighted = Z / at.variance[:, None]
@@ -285,11 +285,11 @@ class LinearModel:
         return _Marginal(design, factor, variance, unknowns, self.y - design @ unknowns)
 
     def shifts(self, solution: Solution) -> Array:
-        """Shift of the data (n,) by the effects of :meth:`solve_surface`."""
+        """Compute the shift of the data (n,) by the effects of :meth:`solve_surface`."""
         return np.asarray(self._Z[:, self.is_free] @ solution.effects)
 
     def misfit(self, residual: Array, parameters: Array, smoothness: Smoothness) -> float:
-        """Penalised misfit: ``r' S^-1 r + p' P p``, S the variance of the noise.
+        """Compute the penalised misfit ``r' S^-1 r + p' P p``, S the variance of the noise.
 
         `residual` (n,) is measured minus simulated ln mu minus the effects, over standard errors.
         It may come from a nonlinear model.
@@ -298,11 +298,11 @@ class LinearModel:
         return float(noise + parameters @ self.roughness(smoothness) @ parameters)
 
     def variance(self, smoothness: Smoothness) -> Array:
-        """Variance of the noise of each run (n,), in units of its squared standard error."""
+        """Compute the noise variance of each run (n,), in units of its squared standard error."""
         return smoothness.noise_scale**2 + np.square(smoothness.scatter * self.response)
 
     def roughness(self, smoothness: Smoothness) -> Array:
-        """Weighted sum of both quadratic forms of the roughness, shape (size, size)."""
+        """Add both quadratic forms of the roughness with their weights, shape (size, size)."""
         return smoothness.bending * self.bending + smoothness.difference * self.difference
 
     def _sizes(self, smoothness: Smoothness) -> Array:
@@ -344,7 +344,7 @@ class _Priors(NamedTuple):
     active: NDArray[np.bool_]
 
     def normalised(self, log_values: Array) -> Array:
-        """Distance of active logarithms from their centres in widths."""
+        """Express active logarithms as distances from their centres in widths."""
         return np.asarray((log_values - self.centre[self.active]) / self.width[self.active])
 
 
@@ -361,7 +361,7 @@ def _priors(model: LinearModel) -> _Priors:
 
 
 def log_posterior(model: LinearModel, smoothness: Smoothness) -> float:
-    """Logarithm of marginal likelihood times priors of the hyperparameters, up to a constant."""
+    """Compute the log of marginal likelihood times hyperparameter priors, up to a constant."""
     priors = _priors(model)
     sizes = (size for size, prior in zip(smoothness.effects, model.before, strict=True) if prior)
     values = np.array(
@@ -428,7 +428,7 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
 
 
 def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[int]) -> float:
-    """Logarithm of the ratio of the probabilities of the data with and without some effects.
+    """Compute the log of the ratio of the probabilities of the data with and without `effects`.
 
     Without them, all hyperparameters are chosen again, as other effects may explain the same.
     """
@@ -443,7 +443,7 @@ def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[in
 
 
 def _mean_square_root(model: LinearModel, smoothness: Smoothness, k: int) -> float:
-    """Root of the posterior mean of the squared size of effect `k`, with the others fixed."""
+    """Compute the root of the posterior mean square of the size of effect `k`, the others fixed."""
     grid, prior = np.linspace(*EFFECT_RANGE, EFFECT_STEPS), model.before[k]
     assert prior is not None
     log_density = model.log_evidence_by_size(smoothness, k, np.exp(grid))

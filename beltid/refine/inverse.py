@@ -161,7 +161,7 @@ class RefinedSurface:
         return log_posterior(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
-        """Logarithm of the ratio of the probabilities of the runs with and without some effects.
+        """Compute the log probability ratio of the runs with and without some effects.
 
         It is near zero or below if the surface, other effects and stated errors explain as much.
         """
@@ -391,12 +391,12 @@ class _Merit:
     scale: Array
 
     def at(self, sweep: Sweep, parameters: Array) -> float:
-        """Misfit of runs simulated with given parameters."""
+        """Compute the misfit of runs simulated with given parameters."""
         residual = (self.problem.log_mu - sweep.log_mu) * self.scale - self.shifts
         return self.model.misfit(residual, parameters, self.smoothness)
 
     def along(self, step: Array) -> float:
-        """Decrease of the misfit of the linear model by a Gauss-Newton step.
+        """Compute the decrease of the misfit of the linear model by a Gauss-Newton step.
 
         It is the square of the step in standard errors of the solution.
         """

@@ -135,7 +135,7 @@ class RigRuns:
 
 
 def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int]:
-    """Number of elements of each run, even: `finer` times the default."""
+    """Choose the number of elements of each run, even: `finer` times the default."""
     counts = (
         element_count(bench.belt, bench.rig, bench.law, run.point.beta, run.point.T_0)
         for run in runs

@@ -208,11 +208,11 @@ def _by_proportion(filled: Array, a: int, node: int, k: int, log_speed: Array) -
     row = filled[:, node, :]
     others = np.isfinite(row[:, k])
     others[a] = False
-    known = np.isfinite(row[a]) & np.isfinite(row[others]).all(axis=0)
-    if not others.any() or not known.any():
+    usable = np.isfinite(row[a]) & np.isfinite(row[others]).all(axis=0)
+    if not others.any() or not usable.any():
         return float("nan")
-    proportion = row[a, known] / row[others][:, known].mean(axis=0)
-    return float(np.interp(log_speed[k], log_speed[known], proportion) * row[others, k].mean())
+    proportion = row[a, usable] / row[others][:, usable].mean(axis=0)
+    return float(np.interp(log_speed[k], log_speed[usable], proportion) * row[others, k].mean())
 
 
 def _standard_error(
@@ -264,7 +264,7 @@ def _covered(curves: CurveSet) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def common_range(curves: CurveSet) -> tuple[float, float] | None:
-    """First and last force of the surface [N/m]; None without a common range.
+    """Find the first and last force of the surface [N/m]; None without a common range.
 
     Some arc covers both at every speed, except at speeds that end long before most others.
     """

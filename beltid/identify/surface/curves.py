@@ -77,11 +77,11 @@ class Curve:
     """Lowest and highest measured friction coefficient of its runs [-]."""
 
     def covers(self, force: Array) -> NDArray[np.bool_]:
-        """Whether forces [N/m] lie between the first and the last point."""
+        """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
     def at(self, force: Array) -> tuple[Array, Array]:
-        """Friction coefficient and standard error [-] at forces [N/m], nan outside the points.
+        """Evaluate mu and its standard error [-] at forces [N/m], nan outside the points.
 
         Standard errors are propagated with the weights of the points in the unbounded spline.
         """
@@ -213,7 +213,7 @@ def _at_common_speed(
 def _is_scattered(
     points: Points, speed_label: NDArray[np.intp], arc_label: NDArray[np.intp]
 ) -> bool:
-    """Whether the speeds of a campaign are not repeated settings.
+    """Return whether the speeds of a campaign are not repeated settings.
 
     This is so if a group of speeds without a gap spreads too far for one setting, or if most runs
     have no other run of their arc at the same speed to form a curve with.

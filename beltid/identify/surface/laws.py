@@ -176,16 +176,16 @@ class _Points:
         return int(self.setting.max()) + 1
 
     def whitening(self, q: float) -> Array:
-        """Symmetric root of ``(C + q I)^-1``, so that whitened misfits keep their order."""
+        """Compute the symmetric root of ``(C + q I)^-1``; whitened misfits keep their order."""
         return (self.U / np.sqrt(np.maximum(self.variance + q, ROUNDING))) @ self.U.T
 
     def misfit(self, law: Coulomb, p: Array) -> Array:
-        """Relative misfits ``1 - law/mu``."""
+        """Compute the relative misfits ``1 - law/mu``."""
         return 1.0 - law.mu(p, self.f, self.v) / self.mu
 
 
 def round_reference(force: Array) -> float:
-    """Geometric mean of forces rounded to two digits: the reference force of a law."""
+    """Compute the reference force of a law: the geometric mean of forces, to two digits."""
     return float(f"{np.exp(np.mean(np.log(force))):.2g}")
 
 
@@ -216,7 +216,7 @@ def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None)
 
 
 def _determine(points: _Points, law: Coulomb) -> bool:
-    """Whether there are enough points, and different enough ones, for the parameters of a law."""
+    """Return whether points are numerous and varied enough for the parameters of a law."""
     one_force = points.f.max() <= (1.0 + FORCE_SPREAD) * points.f.min()
     return (
         points.f.size >= len(law.parameters)
@@ -281,12 +281,12 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
 
 
 def _scales(law: Coulomb, points: _Points) -> Array:
-    """Speed scales of the scan; the outer ones are the bounds of the search."""
+    """List the speed scales of the scan; the outer ones are the bounds of the search."""
     return np.geomspace(points.v.min() / law.reach, points.v.max() * law.reach, SCAN)
 
 
 def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
-    """Start values: the best scales of a scan, each with the exponent linearised about zero."""
+    """Find start values: best scales of a scan, with the exponent linearised about zero."""
     grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
     solutions = [_at_scale(law, points, W, 0.0, float(s)) for s in grid]
     padded = [math.inf, *(misfit for _, misfit, _ in solutions), math.inf]

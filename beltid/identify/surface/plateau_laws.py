@@ -41,7 +41,7 @@ class PlateauLaw:
     scatter_N: float  # standard deviation of a reading from the residuals or the resolution
 
     def clear(self, name: str) -> bool:
-        """Whether a parameter differs from zero by more than three of its standard errors."""
+        """Return whether a parameter differs from zero by more than three standard errors."""
         return abs(self.values[name]) > CLEAR * self.errors[name]
 
 
@@ -127,13 +127,13 @@ def fit_plateau_laws(
     arc, tight, slack = (np.asarray(a, dtype=float).ravel() for a in (arc_deg, tight_N, slack_N))
     if arc.size < 5:
         raise InputError(f"{arc.size} plateaus to fit friction laws to, must be at least 5")
-    wrong = np.flatnonzero(~((tight > slack) & (slack > 0.0) & (arc > 0.0)))
-    if wrong.size:
+    invalid = np.flatnonzero(~((tight > slack) & (slack > 0.0) & (arc > 0.0)))
+    if invalid.size:
         raise InputError(
             [
                 f"plateau {i + 1}: tight force {tight[i]:g} N, must be above the slack force "
                 f"{slack[i]:g} N, and that above zero"
-                for i in wrong
+                for i in invalid
             ]
         )
     f0 = round_reference(mean_normal_force(tight, slack, R))

@@ -166,24 +166,24 @@ def _valid_points(
         for k in range(n)
     ]
     set_aside = [f"point {k}: {text}, must be > 0" for k, text in enumerate(reasons) if text]
-    good = np.array([not text for text in reasons], dtype=bool)
-    if not good.any():
+    usable = np.array([not text for text in reasons], dtype=bool)
+    if not usable.any():
         problem = f"no point for a friction surface among {n}, at least one is needed"
         raise InputError([problem, *set_aside])
-    known = np.isfinite(se) & (se >= 0.0)
+    has_error = np.isfinite(se) & (se >= 0.0)
     notes = []
-    if not (known & good).any():
+    if not (has_error & usable).any():
         notes.append("no standard errors of mu given: the surface's are from the spread of arcs")
         se = np.zeros(n)
-    elif not known[good].all():
-        typical = float(np.median(se[known & good]))
+    elif not has_error[usable].all():
+        typical = float(np.median(se[has_error & usable]))
         notes.append(
-            f"{int((~known & good).sum())} points without a standard error: {typical:.3g} "
+            f"{int((~has_error & usable).sum())} points without a standard error: {typical:.3g} "
             "(median of the others) taken"
         )
-        se = np.where(known, se, typical)
-    points = Points(*(a[good] for a in (*arrays.values(), se)))
-    return points, set_aside, notes, bool((known & good).any())
+        se = np.where(has_error, se, typical)
+    points = Points(*(a[usable] for a in (*arrays.values(), se)))
+    return points, set_aside, notes, bool((has_error & usable).any())
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
