@@ -76,7 +76,7 @@ class SurfaceGrid:
 def average(
     curves: CurveSet, force_nodes: int | None, errors_known: bool
 ) -> tuple[SurfaceGrid, tuple[str, ...]]:
-    """Build the surface through the mean of all arcs of a set.
+    """Build the surface through the mean of all arcs of a set, or through its only arc.
 
     Parameters
     ----------
