@@ -1,12 +1,12 @@
-"""Bicubic patches over a rectangular grid that stay inside the band of the values they join.
+"""Bicubic patches over a rectangular grid that stay within the band of the values they join.
 
-The patches are those of the C2 tensor-product cubic spline (not-a-knot ends) in the coordinates
+The patches form the C2 tensor-product cubic spline (not-a-knot ends) in the coordinates
 
     x = ln(1 + f / f_ref),    y = ln(1 + v / v_ref)
 
 with the smallest positive node as reference. Friction benches space their settings geometrically,
-and friction laws are close to straight in logarithms: on the 8 x 5 grids of the virtual benches
-the largest interpolation error of the three known laws is
+and friction laws are nearly straight in logarithms. On the 8 x 5 grids of the virtual benches the
+largest interpolation error of the three known laws is
 
     ==========================  ===========  ===========  ===========
     coordinates, end condition  4pk          5pk          6pk
@@ -17,12 +17,12 @@ the largest interpolation error of the three known laws is
     x, y          not-a-knot    0.067 %      0.064 %      0.049 %
     ==========================  ===========  ===========  ===========
 
-``ln(1 + .)`` is used in place of the logarithm, which would be better still (0.011 % at worst),
-because a grid may begin at zero.
+The plain logarithm would be even better (0.011 % at worst), but a grid may begin at zero, hence
+``ln(1 + .)``.
 
-A spline through noisy values overshoots them. So the derivatives at the nodes are scaled down
-where needed, until the 16 Bézier control points of every cell lie in the band of the cell's own
-four corner values; the patch is a convex combination of them. Where nothing had to be scaled, the
+A spline through noisy values overshoots them. The derivatives at the nodes are therefore scaled
+down where needed until the 16 Bézier control points of every cell lie in the band of its four
+corner values; a patch is a convex combination of its control points. Where nothing is scaled, the
 surface *is* the C2 spline; elsewhere it is C1.
 """
 
@@ -48,7 +48,7 @@ _HERMITE = np.array(
 
 
 def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Coefficients of the bounded bicubic patches through the values ``z``.
+    """Compute the coefficients of the bounded bicubic patches through the values ``z``.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
         Nodes whose derivatives were scaled down to keep the surface inside the band.
     """
     nx, ny = z.shape
-    if nx == 1:  # a constant direction is a cell of width one between two equal values
+    if nx == 1:  # represent a constant direction by one cell of width 1 with equal values
         x, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=0)
     if ny == 1:
         y, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=1)
@@ -76,22 +76,22 @@ def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
-    """Natural cubic spline through points of one variable, kept between neighbouring points.
+    """Evaluate a natural cubic spline that stays between the values of neighbouring points.
 
     Parameters
     ----------
     x, z : ndarray (n,)
         Points, strictly increasing in x, at least two.
     at : ndarray (m,)
-        Where to evaluate, within the points.
+        Positions, within the range of the points.
 
     Returns
     -------
     ndarray (m,)
     """
     y, rows = np.array([0.0, 1.0]), np.repeat(z[:, None], 2, axis=1)
-    slopes, none = CubicSpline(x, rows, bc_type="natural")(x, 1), np.zeros_like(rows)
-    zx, zy, zxy, _ = _limit(x, y, rows, slopes, none, none)
+    slopes, zeros = CubicSpline(x, rows, bc_type="natural")(x, 1), np.zeros_like(rows)
+    zx, zy, zxy, _ = _limit(x, y, rows, slopes, zeros, zeros)
     cell = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
     s = (at - x[cell]) / (x[cell + 1] - x[cell])
     c = hermite_patches(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
@@ -99,9 +99,9 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
 
 
 def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Derivatives z_x, z_y, z_xy at the nodes of the tensor spline, each (nx, ny).
+    """Return the derivatives z_x, z_y, z_xy of the tensor spline at the nodes, each (nx, ny).
 
-    Not-a-knot ends make scipy's spline a parabola through three nodes and a line through two.
+    With not-a-knot ends, scipy's spline is a parabola through three nodes and a line through two.
     """
     zx = CubicSpline(x, z, axis=0)(x, 1)
     zy = CubicSpline(y, z, axis=1)(y, 1)
@@ -110,7 +110,7 @@ def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Arra
 
 
 def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
-    """Bicubic patches from the values and slopes at the nodes.
+    """Compute bicubic patches from the values and slopes at the nodes.
 
     Parameters
     ----------
@@ -136,16 +136,16 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
 
 
 def _cell_bands(z: Array) -> tuple[Array, Array]:
-    """Smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
+    """Return the smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
     corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
     return corners.min(axis=0), corners.max(axis=0)
 
 
 @dataclass(frozen=True, slots=True)
 class _Quadrants:
-    """Room of the control points beside each node towards its four cells; arrays (4, nx, ny).
+    """Permitted range of the control points next to each node in its four cells (4, nx, ny).
 
-    ``low`` and ``high`` are the band of the cell less the value of the node (``low <= 0 <= high``,
+    ``low`` and ``high`` are the band of the cell minus the value of the node (``low <= 0 <= high``,
     infinite where there is no cell); ``dx`` and ``dy`` are a third of the signed cell widths.
     """
 
@@ -172,7 +172,7 @@ def _quadrants(x: Array, y: Array, z: Array) -> _Quadrants:
 
 
 def _interval(low: Array, high: Array, step: Array) -> tuple[Array, Array]:
-    """Range of d with ``low <= step d <= high`` in all four quadrants, each (nx, ny)."""
+    """Return the range of d with ``low <= step d <= high`` in all quadrants, each (nx, ny)."""
     a, b = low / step, high / step
     return np.minimum(a, b).max(axis=0), np.maximum(a, b).min(axis=0)
 
@@ -182,9 +182,9 @@ def _limit(
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Scale nodal derivatives until every Bézier control point is in the band of its cell.
 
-    The control points that belong to a node, towards one of its cells, are ``z``, ``z + p``,
-    ``z + q`` and ``z + p + q + r`` with ``p = dx z_x``, ``q = dy z_y``, ``r = dx dy z_xy``.
-    First p and q are brought into the band, then r; where no r can help, p and q shrink together.
+    The control points of a node in one of its cells are ``z``, ``z + p``, ``z + q`` and
+    ``z + p + q + r`` with ``p = dx z_x``, ``q = dy z_y``, ``r = dx dy z_xy``. First p and q are
+    clipped to the band, then r; where no r is possible, p and q shrink together.
     """
     room = _quadrants(x, y, z)
     gx = np.clip(zx, *_interval(room.low, room.high, room.dx))
@@ -194,17 +194,18 @@ def _limit(
         base = room.dx * gx + room.dy * gy
         return _interval(room.low - base, room.high - base, room.dx * room.dy)
 
-    least, most = twist_range()
-    stuck = least > most
-    if np.any(stuck):
+    lowest, highest = twist_range()
+    infeasible = lowest > highest
+    if np.any(infeasible):
         base = room.dx * gx + room.dy * gy
         limit = np.where(base > 0.0, room.high, room.low)
         share = np.divide(limit, base, out=np.ones_like(base), where=base != 0.0).min(axis=0)
-        share = np.where(stuck, np.minimum(share, 1.0), 1.0)
+        share = np.where(infeasible, np.minimum(share, 1.0), 1.0)
         gx, gy = gx * share, gy * share
-        least, most = twist_range()
-        least, most = np.minimum(least, most), np.maximum(least, most)  # equal up to rounding
-    gxy = np.clip(zxy, least, most)
+        lowest, highest = twist_range()
+        # equal except for rounding
+        lowest, highest = np.minimum(lowest, highest), np.maximum(lowest, highest)
+    gxy = np.clip(zxy, lowest, highest)
     step_x, step_y = np.abs(room.dx).max(axis=0), np.abs(room.dy).max(axis=0)
     change = (
         np.abs(gx - zx) * step_x + np.abs(gy - zy) * step_y + np.abs(gxy - zxy) * step_x * step_y

@@ -1,13 +1,13 @@
-"""The friction rig on paper: Euler–Eytelwein and the force along the arc, Eqs. (5) to (8).
+"""Equations of the friction rig: Euler–Eytelwein and the force along the arc, Eqs. (5) to (8).
 
 ================= ============================================== ==============================
 Bench             Measures                                       Function
 ================= ============================================== ==============================
 two cells         tension of both spans                          :func:`friction_coefficient`
-dead weight       W is one of them, a cell the other             :func:`friction_coefficient`
+dead weight       one tension by a weight, one by a load cell    :func:`friction_coefficient`
 torque            torque of the pulley, tension of one span      :func:`tensions_by_torque`
 torque and hub    torque, force on the pulley's axis             :func:`tensions_by_hub_force`
-running           any of these, the belt moves                   :func:`pressing_tension`,
+running           any of these with a moving belt                :func:`pressing_tension`,
                                                                  :func:`running_sliding_speed`
 ================= ============================================== ==============================
 """
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
 LARGEST_TURN = 0.25
-"""Angle of a bent span beyond which its closed form says nothing [rad]."""
+"""Angle of a bent span beyond which the closed form is not valid [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Spans:
     Attributes
     ----------
     EI : float
-        Bending stiffness [N m²]; 0: the spans are straight.
+        Bending stiffness [N m²]; 0 means straight spans.
     length : float
-        From the support to the tangent point [m].
+        Length from the support to the tangent point [m].
     clamped : bool
-        Whether the supports hold the direction of the belt, too.
+        Whether the supports also fix the direction of the belt.
     """
 
     EI: float = 0.0
@@ -45,12 +45,11 @@ class Spans:
     clamped: bool = False
 
     def turn(self, T: ArrayLike, R: float) -> Array:
-        """Angle by which the force of a span is turned off the tangent of the pulley [rad].
+        """Compute the angle between the force of a span and the tangent of the pulley [rad].
 
-        A bent belt leaves the pulley so that the line of its force misses the axis by
-        ``R + EI / (2 R T)``. A pinned support on the tangent turns this line by
-        ``EI / (2 R T L)``; a clamp, which bends the belt over ``sqrt(EI / T)``, as if the span
-        were shorter by this length.
+        The line of force of a bent belt passes the axis at a distance of ``R + EI / (2 R T)``. A
+        pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp bends the belt
+        over a length of ``sqrt(EI / T)`` and acts as if the span were shorter by this length.
 
         Parameters
         ----------
@@ -62,24 +61,24 @@ class Spans:
         Returns
         -------
         ndarray
-            At most `LARGEST_TURN`, also where T is not positive: a slack belt has no such line.
+            At most `LARGEST_TURN`, also where T is not positive: a slack belt has no line of force.
         """
         tension = np.asarray(T, dtype=float)
         if self.EI == 0.0:
             return np.zeros(tension.shape)
-        known = np.where(tension > 0.0, tension, np.nan)
-        length = self.length - np.sqrt(self.EI / known) * self.clamped
-        turned = self.EI / (2.0 * R * known * np.maximum(length, 0.5 * self.length))
-        return np.fmin(turned, LARGEST_TURN)
+        positive = np.where(tension > 0.0, tension, np.nan)
+        length = self.length - np.sqrt(self.EI / positive) * self.clamped
+        angle = self.EI / (2.0 * R * positive * np.maximum(length, 0.5 * self.length))
+        return np.fmin(angle, LARGEST_TURN)
 
 
 STRAIGHT = Spans()
 
 
 def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike) -> Array:
-    """Coefficient of friction from the two tensions, Eq. (6).
+    """Compute the coefficient of friction from the two tensions, Eq. (6).
 
-    It solves Eq. (5), ``T_tight / T_slack = exp(mu beta)``, of an arc that slides as a whole.
+    It solves Eq. (5), ``T_tight / T_slack = exp(mu beta)``, for an arc that slides as a whole.
 
     Parameters
     ----------
@@ -104,18 +103,18 @@ def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike
 def tensions_by_torque(
     M: ArrayLike, R: float, *, T_tight: ArrayLike | None = None, T_slack: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Tensions of both spans from the torque of the belt on the pulley and that of one span.
+    """Compute both tensions from the torque of the belt on the pulley and one of the tensions.
 
-    The balance of moments about the pulley's axis: ``T_tight - T_slack = M / R``.
+    Uses the moment balance about the pulley's axis, ``T_tight - T_slack = M / R``.
 
     Parameters
     ----------
     M : array_like
-        Torque [N m], without the drag of the bearings; positive where the tight span pulls.
+        Torque [N m] without bearing drag, positive in the direction of pull of the tight span.
     R : float
         Radius of the belt's centreline on the pulley [m].
     T_tight, T_slack : array_like
-        Tension of the span that was measured [N]; one of the two.
+        Tension of the measured span [N]; give exactly one.
 
     Returns
     -------
@@ -125,7 +124,7 @@ def tensions_by_torque(
     Raises
     ------
     TypeError
-        If none or both of the tensions are given.
+        If neither or both tensions are given.
     """
     difference = np.asarray(M, dtype=float) / R
     if T_tight is not None and T_slack is None:
@@ -140,10 +139,10 @@ def tensions_by_torque(
 def hub_force(
     T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
 ) -> Array:
-    """Force of the belt on the pulley's axis [N], the resultant of both spans.
+    """Compute the force of the belt on the pulley's axis [N], the resultant of both spans.
 
-    ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions, and
-    the angle b between the forces of the spans: the contact arc, and what bending turns them.
+    ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions and the
+    angle b between the forces of the spans: the contact arc plus the turn of both by bending.
 
     Parameters
     ----------
@@ -154,7 +153,7 @@ def hub_force(
     R : float
         Radius of the belt's centreline on the pulley [m].
     spans : Spans
-        How stiff and how long they are.
+        Stiffness, length and supports of the spans.
     """
     tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
     half = 0.5 * (np.asarray(beta, dtype=float) + spans.turn(tight, R) + spans.turn(slack, R))
@@ -164,16 +163,16 @@ def hub_force(
 def tensions_by_hub_force(
     M: ArrayLike, H: ArrayLike, beta: ArrayLike, R: float, spans: Spans = STRAIGHT
 ) -> tuple[Array, Array]:
-    """Tensions of both spans from torque and hub force, the inverse of :func:`hub_force`.
+    """Compute both tensions from torque and hub force, the inverse of :func:`hub_force`.
 
     The difference of the tensions is ``d = M / R``, their sum
-    ``s = sqrt(H² - d² cos²(b/2)) / sin(b/2)``; at 180° ``s = H``. The angle b between the spans of
-    a belt that resists bending depends on the tensions: a fixed point, reached by repetition.
+    ``s = sqrt(H² - d² cos²(b/2)) / sin(b/2)``; at 180° ``s = H``. In a belt that resists bending,
+    the angle b depends on the tensions and is found by fixed-point iteration.
 
     Parameters
     ----------
     M : array_like
-        Torque of the belt on the pulley [N m], without the drag of the bearings.
+        Torque of the belt on the pulley [N m] without bearing drag.
     H : array_like
         Force of the belt on the pulley's axis [N].
     beta : array_like
@@ -181,13 +180,13 @@ def tensions_by_hub_force(
     R : float
         Radius of the belt's centreline on the pulley [m].
     spans : Spans
-        How stiff and how long they are.
+        Stiffness, length and supports of the spans.
 
     Returns
     -------
     tuple of ndarray
         Tight and slack tension [N]; nan where no tensions have this resultant, and at whole turns,
-        where it does not depend on their sum.
+        where the resultant does not depend on the sum of the tensions.
     """
     difference, arc = np.asarray(M, dtype=float) / R, np.asarray(beta, dtype=float)
     force = np.square(np.asarray(H, dtype=float))
@@ -195,20 +194,20 @@ def tensions_by_hub_force(
     for _ in range(100):
         half = 0.5 * (arc + spans.turn(tight, R) + spans.turn(slack, R))
         square, sine = force - np.square(difference * np.cos(half)), np.abs(np.sin(half))
-        known = (square >= 0.0) & (sine > 1e-6)
-        total = np.sqrt(np.where(known, square, np.nan)) / np.where(known, sine, np.nan)
-        before, slack = slack, 0.5 * (total - difference)
+        solvable = (square >= 0.0) & (sine > 1e-6)
+        total = np.sqrt(np.where(solvable, square, np.nan)) / np.where(solvable, sine, np.nan)
+        previous, slack = slack, 0.5 * (total - difference)
         tight = slack + difference
-        moved = np.abs(slack - before) > 1e-12 * np.abs(total)
-        if spans.EI == 0.0 or not moved.any():
+        changed = np.abs(slack - previous) > 1e-12 * np.abs(total)
+        if spans.EI == 0.0 or not changed.any():
             return tight, slack
-    return np.where(moved, np.nan, tight), np.where(moved, np.nan, slack)
+    return np.where(changed, np.nan, tight), np.where(changed, np.nan, slack)
 
 
 def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
-    """Tension that presses a moving belt onto the pulley, ``T - m v_b²`` [N].
+    """Compute the tension that presses a moving belt onto the pulley, ``T - m v_b²`` [N].
 
-    The rest turns the belt's own momentum. It takes the place of T in Eqs. (5), (6) and (8).
+    The remaining ``m v_b²`` turns the belt's momentum. Replaces T in Eqs. (5), (6) and (8).
 
     Parameters
     ----------
@@ -223,10 +222,10 @@ def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
 
 
 def sliding_speed(omega: Number, R: float) -> Number:
-    """Speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
+    """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
-    The same formula gives the sliding speed of a drive from its angular-speed loss. Fit for
-    compilation as it stands.
+    The same formula gives the sliding speed of a drive from its angular-speed loss. The function
+    can be compiled unchanged.
 
     Parameters
     ----------
@@ -239,7 +238,7 @@ def sliding_speed(omega: Number, R: float) -> Number:
 
 
 def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
-    """Speed of the pulley's surface relative to a moving belt [m/s], positive where it is faster.
+    """Compute the speed of the pulley's surface relative to a moving belt [m/s], > 0 if faster.
 
     Parameters
     ----------
@@ -254,7 +253,7 @@ def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
 
 
 def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float) -> Array:
-    """Normal force per length along the arc, Eq. (8) [N/m].
+    """Compute the normal force per length along the arc, Eq. (8) [N/m].
 
     Parameters
     ----------
@@ -272,9 +271,9 @@ def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float
 
 
 def mean_normal_force(T_tight: ArrayLike, T_slack: ArrayLike, R: float) -> Array:
-    """Mean of Eq. (8) over the arc in closed form [N/m].
+    """Average Eq. (8) over the arc in closed form [N/m].
 
-    With ``mu_ref beta = ln(T_tight / T_slack)`` the mean ``(T_tight - T_slack)/(R mu_ref beta)``
+    With ``mu_ref beta = ln(T_tight / T_slack)``, the mean ``(T_tight - T_slack)/(R mu_ref beta)``
     is the logarithmic mean of the two end values T/R; it tends to T/R as the tensions become equal.
     """
     tight = np.asarray(T_tight, dtype=float)

@@ -1,4 +1,4 @@
-# ruff: noqa: D102 (what overrides a method of Coulomb is described there)
+# ruff: noqa: D102 (the overridden methods are documented in Coulomb)
 """Parametric friction laws mu(f, v), for codes that take a formula in place of a surface.
 
 =======================  =========================================================================
@@ -8,9 +8,9 @@
 :class:`PowerStribeck`   mu = (f/f0)^(-a) [mu_k + (mu_s - mu_k) exp(-(v/v_s)^d) + c v], d = 1 or 2
 =======================  =========================================================================
 
-f is the normal force per length of belt [N/m], v >= 0 the sliding speed [m/s], f0 a chosen
-reference force [N/m]. For given exponent a and speed scale (v0 or v_s) every law is linear in
-amplitudes c: ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` with the terms phi of the law.
+f is the normal force per length of belt [N/m], v >= 0 the sliding speed [m/s], and f0 a chosen
+reference force [N/m]. For a given exponent a and speed scale (v0 or v_s), every law is linear in
+amplitudes c: ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` with the terms phi_k of the law.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ Array = NDArray[np.float64]
 
 
 class Coulomb:
-    """A constant coefficient, and what all laws have in common.
+    """A constant coefficient; base class of all laws.
 
     Attributes
     ----------
     name : str
         Name of the law.
     units : dict of str to str
-        Parameters in their order with their units; empty for a number.
+        Units by parameter, in order; empty for a dimensionless parameter.
     scale : str
-        The parameter that is a speed scale; empty if there is none.
+        Name of the parameter that is a speed scale; empty if there is none.
     reach : float
-        The scale is sought within the measured speeds, widened by this factor each way.
+        Factor by which the search range of the scale extends beyond the measured speeds each way.
     speeds_needed : int
-        Speeds that determine the dependence on the speed.
+        Least number of speeds that determines the dependence on speed.
     open_below, open_above : tuple of str
-        Parameters that are open if the speed scale may lie far below or above all speeds.
+        Parameters that are undetermined if the speed scale may lie far below or above all speeds.
     """
 
     name: str = "coulomb"
@@ -54,32 +54,32 @@ class Coulomb:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters in their order."""
+        """Names of the parameters in order."""
         return tuple(self.units)
 
     def terms(self, v: Array, scale: float) -> Array:
-        """Terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
+        """Evaluate the terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
         return np.ones((v.size, 1))
 
     def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
-        """Parameters for amplitudes c, exponent a and a speed scale [m/s]."""
+        """Convert amplitudes c, exponent a and speed scale [m/s] to the parameters of the law."""
         return np.array([c[0]])
 
     def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        """Coefficient [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
+        """Evaluate mu [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
         return np.full(np.broadcast(f, v).shape, p[0])
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        """Derivatives of mu by the parameters, shape (n, p)."""
+        """Differentiate mu with respect to the parameters, shape (n, p)."""
         return np.ones((v.size, 1))
 
     def text(self, p: Sequence[str], f0: str) -> str:
-        """The law with its numbers as text; f in N/m, v in m/s."""
+        """Format the law with its numbers; f in N/m, v in m/s."""
         return f"mu = {p[0]}"
 
 
 class Power(Coulomb):
-    """A coefficient that falls with a power of the force."""
+    """A coefficient that decreases with a power of the force."""
 
     name = "power"
     units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": ""}
@@ -91,15 +91,15 @@ class Power(Coulomb):
         return p[0] * f ** -p[1] * np.ones_like(v)
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        falling = f ** -p[1]
-        return np.column_stack([falling, -np.log(f) * p[0] * falling])
+        force_power = f ** -p[1]
+        return np.column_stack([force_power, -np.log(f) * p[0] * force_power])
 
     def text(self, p: Sequence[str], f0: str) -> str:
         return f"mu = {p[0]} * (f / {f0})^(-({p[1]}))"
 
 
 class PowerLog(Coulomb):
-    """A power of the force, and the logarithm of the speed above a scale v0."""
+    """A power of the force and a logarithm of the speed above a scale v0."""
 
     name = "power_log"
     units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": "", "b": "", "v0": "m/s"}
@@ -120,11 +120,11 @@ class PowerLog(Coulomb):
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
         mu0, a, b, v0 = p
-        falling, log = f**-a, np.log1p(v / v0)
-        along = 1.0 + b * log
+        force_power, log = f**-a, np.log1p(v / v0)
+        speed_factor = 1.0 + b * log
         by_scale = -b * v / (v0 * (v0 + v))
-        columns = [along, -np.log(f) * mu0 * along, mu0 * log, mu0 * by_scale]
-        return falling[:, None] * np.column_stack(columns)
+        columns = [speed_factor, -np.log(f) * mu0 * speed_factor, mu0 * log, mu0 * by_scale]
+        return force_power[:, None] * np.column_stack(columns)
 
     def text(self, p: Sequence[str], f0: str) -> str:
         mu0, a, b, v0 = p
@@ -132,7 +132,7 @@ class PowerLog(Coulomb):
 
 
 class PowerStribeck(Coulomb):
-    """A power of the force, and a Stribeck curve of the speed with exponent d."""
+    """A power of the force and a Stribeck curve of the speed with exponent d."""
 
     units: ClassVar[Mapping[str, str]] = {"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"}
     scale = "v_s"
@@ -145,8 +145,8 @@ class PowerStribeck(Coulomb):
         self.d, self.name = d, f"power_stribeck_{d}"
 
     def terms(self, v: Array, scale: float) -> Array:
-        fading = np.exp(-((v / scale) ** self.d))
-        return np.column_stack([fading, 1.0 - fading, v])
+        decay = np.exp(-((v / scale) ** self.d))
+        return np.column_stack([decay, 1.0 - decay, v])
 
     def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
         return np.array([c[0], c[1], a, scale, c[2]])
@@ -158,10 +158,10 @@ class PowerStribeck(Coulomb):
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
         mu_s, mu_k, a, v_s, _ = p
         power = (v / v_s) ** self.d
-        fading = np.exp(-power)
-        by_scale = (mu_s - mu_k) * fading * self.d * power / v_s
+        decay = np.exp(-power)
+        by_scale = (mu_s - mu_k) * decay * self.d * power / v_s
         by_a = -np.log(f) * self.mu(p, np.ones_like(f), v)
-        columns = [fading, 1.0 - fading, by_a, by_scale, v]
+        columns = [decay, 1.0 - decay, by_a, by_scale, v]
         return (f**-a)[:, None] * np.column_stack(columns)
 
     def text(self, p: Sequence[str], f0: str) -> str:
@@ -175,12 +175,12 @@ class PowerStribeck(Coulomb):
 FRICTION_LAWS: Final[Mapping[str, Coulomb]] = {
     law.name: law for law in (Coulomb(), Power(), PowerLog(), PowerStribeck(1), PowerStribeck(2))
 }
-"""All laws by name, from the simplest to the richest."""
+"""All laws by name, in order of increasing complexity."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionFormula:
-    """A parametric friction law with its values.
+    """A parametric friction law with the values of its parameters.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ class FrictionFormula:
     values: Mapping[str, float]
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Friction coefficient [-] at forces per length [N/m] > 0 and speeds of either sign."""
+        """Evaluate mu [-] at forces per length [N/m] > 0 and speeds of either sign."""
         f = np.asarray(normal_force_N_m, dtype=float) / self.reference_force_N_m
         v = np.abs(np.asarray(slip_speed_m_s, dtype=float))
         law = FRICTION_LAWS[self.law]
@@ -205,7 +205,7 @@ class FrictionFormula:
 
     @property
     def text(self) -> str:
-        """The law with its numbers, to be read or copied; f in N/m, v in m/s."""
+        """The law with its numbers as plain text; f in N/m, v in m/s."""
         law = FRICTION_LAWS[self.law]
         values = [f"{self.values[name]:.6g}" for name in law.parameters]
         return law.text(values, f"{self.reference_force_N_m:g}")

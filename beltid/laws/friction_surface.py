@@ -1,7 +1,7 @@
-"""The friction coefficient over line force and sliding speed: the law that the rig identifies.
+"""The friction coefficient as a function of line force and sliding speed, identified on the rig.
 
-Values between the nodes come from bicubic splines (:mod:`beltid.laws.bicubic`); outside the nodes
-the nearest measured value is taken, never an extrapolation.
+Between the nodes, bicubic splines interpolate (:mod:`beltid.laws.bicubic`). Outside them the
+nearest measured value applies; the surface never extrapolates.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, log_nodes
 
 Array = NDArray[np.float64]
 
-MIN_RELATIVE_GAP = 1e-9  # closer nodes leave no digits for a slope between them
+MIN_RELATIVE_GAP = 1e-9  # between closer nodes, rounding spoils the slope
 _DEGREE_WORDS = ("constant", "linear", "quadratic", "cubic")
 
 
@@ -33,9 +33,9 @@ class FrictionSurface:
     ----------
     normal_force_N_m : array_like (nf,)
         Nodes of the normal force per length of belt [N/m], >= 0, strictly increasing. The single
-        node 0 states that mu does not depend on the force.
+        node 0 means that mu does not depend on the force.
     slip_speed_m_s : array_like (nv,)
-        Nodes of the sliding speed [m/s], >= 0, strictly increasing. The single node 0 states that
+        Nodes of the sliding speed [m/s], >= 0, strictly increasing. The single node 0 means that
         mu does not depend on the speed.
     mu : array_like (nf, nv)
         Friction coefficient at the nodes [-], > 0.
@@ -45,12 +45,12 @@ class FrictionSurface:
     Raises
     ------
     InputError
-        With all problems of the arguments at once.
+        If the arguments are invalid; the error lists all problems.
 
     Notes
     -----
-    Four nodes make an axis cubic; three make it quadratic, two linear, one constant
-    (:attr:`degree`).
+    Interpolation along an axis is cubic with four or more nodes, quadratic with three, linear with
+    two and constant with one (:attr:`degree`).
 
     Examples
     --------
@@ -84,17 +84,17 @@ class FrictionSurface:
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
         C, limited = patches(x, y, z)
         tables = SurfaceTables(x, y, f_ref, v_ref, C)
-        # compiled code would be compiled once more for arrays that can be written to
+        # read-only: numba would compile its kernels a second time for writable arrays
         for array in (f, v, z, se, limited, x, y, C):
             if array is not None:
                 array.flags.writeable = False
         values = (f, v, z, se, limited, tables)
-        for own, value in zip(fields(FrictionSurface), values, strict=True):
-            object.__setattr__(self, own.name, value)
+        for attribute, value in zip(fields(FrictionSurface), values, strict=True):
+            object.__setattr__(self, attribute.name, value)
 
     @classmethod
     def constant(cls, mu: float) -> Self:
-        """Surface of a friction coefficient that depends on nothing, valid everywhere.
+        """Create a surface with the same friction coefficient everywhere.
 
         Parameters
         ----------
@@ -105,12 +105,12 @@ class FrictionSurface:
 
     @property
     def degree(self) -> tuple[int, int]:
-        """Degree of the interpolation along force and speed: 3 from four nodes on."""
+        """Degree of the interpolation along force and speed: 3 with four or more nodes."""
         return min(self.normal_force_N_m.size - 1, 3), min(self.slip_speed_m_s.size - 1, 3)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the surface should know about its interpolation, a line each."""
+        """Remarks on the interpolation for the user, one line each."""
         axes = (
             ("normal force", self.normal_force_N_m, self.degree[0]),
             ("sliding speed", self.slip_speed_m_s, self.degree[1]),
@@ -131,12 +131,12 @@ class FrictionSurface:
 
     @property
     def falls_with_speed(self) -> bool:
-        """Whether mu falls with the speed anywhere on the surface."""
+        """Whether mu decreases with speed anywhere on the surface."""
         return bool(np.any(np.diff(self.mu_nodes, axis=1) < 0.0))
 
     @property
     def validity(self) -> dict[str, tuple[float, float]]:
-        """Measured range of each variable: lowest and highest value, units in the names."""
+        """Lowest and highest measured value of each variable; the keys include the units."""
         return {
             "normal_force_N_m": _range_of(self.normal_force_N_m),
             "slip_speed_m_s": _range_of(self.slip_speed_m_s),
@@ -144,49 +144,49 @@ class FrictionSurface:
         }
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Friction coefficient; of the nearest measured point outside the range.
+        """Evaluate the friction coefficient; outside the range, at the nearest measured point.
 
         Parameters
         ----------
         normal_force_N_m : array_like
             Normal force per length [N/m].
         slip_speed_m_s : array_like
-            Sliding speed [m/s] of either sign; broadcast with the force.
+            Sliding speed [m/s] of either sign, broadcast against the force.
 
         Returns
         -------
         ndarray
-            mu [-] in the broadcast shape; nan where an input is nan.
+            mu [-] in the broadcast shape, nan where an input is nan.
 
         Raises
         ------
         InputError
-            If an argument is no number or array of numbers, or their shapes do not go together.
+            If an argument is not numeric, or the shapes cannot be broadcast.
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         mu, _, _ = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
         mu = np.clip(mu, self.mu_nodes.min(), self.mu_nodes.max())
-        # the polynomial meets its node to rounding; exactly is better
+        # the polynomial matches its node only to rounding: return the node value itself
         corner_f, corner_v = at.i + (at.s == 1.0), at.j + (at.t == 1.0)
         mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
-        return np.where(at.known, mu, np.nan)[()]
+        return np.where(at.valid, mu, np.nan)[()]
 
     def gradient(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
     ) -> tuple[Array, Array]:
-        """Derivatives of :meth:`mu` with respect to force [m/N] and signed speed [s/m].
+        """Differentiate :meth:`mu` with respect to force [m/N] and signed speed [s/m].
 
         A derivative is 0 where its variable lies outside the measured range; on the boundary it is
-        the one from inside. mu is even in the speed, so its derivative is odd (at zero speed the
-        one from above).
+        the derivative from inside. mu is an even function of the speed, so its derivative is odd
+        (at zero speed, the derivative from above).
         """
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         _, dmu_ds, dmu_dt = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
-        unknown = np.where(at.known, 0.0, np.nan)
-        return (dmu_ds * at.ds_df + unknown)[()], (dmu_dt * at.dt_dv + unknown)[()]
+        nan_mask = np.where(at.valid, 0.0, np.nan)
+        return (dmu_ds * at.ds_df + nan_mask)[()], (dmu_dt * at.dt_dv + nan_mask)[()]
 
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points lie in the measured range, where nothing is clamped."""
+        """Return whether points lie within the measured range, where no input is clamped."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
         v = np.abs(v)
         (f_low, f_high), (v_low, v_high) = (
@@ -195,31 +195,31 @@ class FrictionSurface:
         return ((f >= f_low) & (f <= f_high) & (v >= v_low) & (v <= v_high))[()]
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Standard error of mu [-], bilinear between the nodes; nan where it is not known."""
+        """Interpolate the standard error of mu [-] bilinearly; nan where unknown."""
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         if self.mu_se_nodes is None:
             return np.full(at.s.shape, np.nan)[()]
-        total = np.where(at.known, 0.0, np.nan)
-        for i, j, weight in self._corners(at):  # an unknown neighbour of no weight does not count
+        total = np.where(at.valid, 0.0, np.nan)
+        for i, j, weight in self._corners(at):  # ignore a nan neighbour with zero weight
             total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
         return total[()]
 
     def tables(self) -> SurfaceTables:
-        """Plain float64 arrays for compiled kernels."""
+        """Return the plain float64 arrays for compiled kernels."""
         return self._tables
 
     def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
         f, v = _points(normal_force_N_m, slip_speed_m_s)
-        known = ~(np.isnan(f) | np.isnan(v))
-        f, v = np.where(known, f, 0.0), np.where(known, v, 0.0)
+        valid = ~(np.isnan(f) | np.isnan(v))
+        f, v = np.where(valid, f, 0.0), np.where(valid, v, 0.0)
         T = self._tables
         i, s, ds_df, f_node = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
         j, t, dt_dv, v_node = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
         dt_dv = np.where(v < 0.0, -dt_dv, dt_dv)
-        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, known)
+        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, valid)
 
     def _corners(self, at: _Location) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
-        """Nodes around points, and their weights in a bilinear interpolation."""
+        """Return the nodes around points and their weights in bilinear interpolation."""
         i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
         j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
         return [
@@ -231,17 +231,17 @@ class FrictionSurface:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FrictionSurface):
             return NotImplemented
-        mine, theirs = self.mu_se_nodes, other.mu_se_nodes
+        se, other_se = self.mu_se_nodes, other.mu_se_nodes
         return (
             np.array_equal(self.normal_force_N_m, other.normal_force_N_m)
             and np.array_equal(self.slip_speed_m_s, other.slip_speed_m_s)
             and np.array_equal(self.mu_nodes, other.mu_nodes)
-            and (mine is None) == (theirs is None)
-            and (mine is None or np.array_equal(mine, theirs, equal_nan=True))  # type: ignore[arg-type]
+            and (se is None) == (other_se is None)
+            and (se is None or np.array_equal(se, other_se, equal_nan=True))  # type: ignore[arg-type]
         )
 
     def __hash__(self) -> int:
-        # + 0.0: a node -0.0 equals 0.0 and must have its hash
+        # + 0.0: a node -0.0 equals 0.0 and must have the same hash
         nodes = (self.normal_force_N_m, self.slip_speed_m_s, self.mu_nodes)
         return hash(tuple((a + 0.0).tobytes() for a in nodes))
 
@@ -256,7 +256,7 @@ class FrictionSurface:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # rebuilt from its nodes: a pickled array would come back writable
+        # rebuild from the nodes: unpickled arrays would be writable
         return type(self), (
             self.normal_force_N_m,
             self.slip_speed_m_s,
@@ -266,7 +266,7 @@ class FrictionSurface:
 
 
 def _to_array(name: str, values: ArrayLike) -> Array:
-    """Copy of the values as float64; the caller's array may change later."""
+    """Copy values to a float64 array, since the caller may change the original."""
     try:
         return np.array(values, dtype=float, order="C")
     except (TypeError, ValueError) as error:
@@ -274,7 +274,7 @@ def _to_array(name: str, values: ArrayLike) -> Array:
 
 
 def _axis_problems(name: str, nodes: Array) -> list[str]:
-    """What is wrong with the nodes of one axis, a line per problem."""
+    """List the problems of the nodes of one axis."""
     if nodes.ndim != 1 or nodes.size == 0:
         return [f"{name}: shape {nodes.shape}, must be one-dimensional with at least one node"]
     problems = [
@@ -292,7 +292,7 @@ def _axis_problems(name: str, nodes: Array) -> list[str]:
 
 
 def _value_problems(f: Array, v: Array, mu: Array, mu_se: Array | None) -> list[str]:
-    """What is wrong with the node values and their standard errors, a line per problem."""
+    """List the problems of the node values and their standard errors."""
     problems = []
     allowed = f"must be {(f.size, v.size)}: a row per force node, a column per speed node"
     if mu.shape != (f.size, v.size):
@@ -312,7 +312,7 @@ def _value_problems(f: Array, v: Array, mu: Array, mu_se: Array | None) -> list[
 
 
 def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Array, Array]:
-    """Forces and speeds as arrays of one shape."""
+    """Broadcast forces and speeds to a common shape."""
     f = _to_array("normal_force_N_m", normal_force_N_m)
     v = _to_array("slip_speed_m_s", slip_speed_m_s)
     try:
@@ -335,13 +335,13 @@ class _Location(NamedTuple):
     ds_df: Array
     dt_dv: Array
     on_node: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
 
 
 def _along_axis(
     value: Array, nodes: Array, coordinates: Array, reference: float
 ) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
-    """Cell, local coordinate, its derivative, and whether the clamped value is a node."""
+    """Return cell, local coordinate, its derivative, and whether the clamped value is a node."""
     if nodes.size == 1:
         zero = np.zeros(value.shape)
         return zero.astype(np.intp), zero, zero, np.ones(value.shape, dtype=bool)

@@ -6,9 +6,9 @@ from __future__ import annotations
 def section_force(
     stiffness: float, strain: float, strain_rate: float, damping_time: float
 ) -> float:
-    """Resultant of ``sigma = E eps + c d(eps)/dt`` over the section, Eq. (9).
+    """Integrate ``sigma = E eps + c d(eps)/dt`` over the section, Eq. (9).
 
-    Fit for compilation as it stands: the elements of the simulated rig call it.
+    The elements of the simulated rig call it; it can be compiled unchanged.
 
     Parameters
     ----------
@@ -17,6 +17,6 @@ def section_force(
     strain, strain_rate : float
         Axial strain [-] and its rate [1/s], or curvature [1/m] and its rate [1/(m s)].
     damping_time : float
-        c/E [s]. The rate may count per time step if this, too, is in steps.
+        c/E [s]. The rate may be per time step if this is in time steps, too.
     """
     return stiffness * (strain + damping_time * strain_rate)

@@ -1,11 +1,11 @@
 """Normal contact between belt and pulley: the penalty law, Eqs. (1) to (4).
 
-The paper measures the gap g_N, which is *negative* in contact, and mixes centimetres of belt with
-metres of deformation. Here the penetration ``delta = -g_N >= 0`` is used, in SI units per metre of
-belt, so that Eq. (3) reads ``f_N(delta) = k_linear delta + k_quadratic delta**2`` [N/m].
+The paper uses the gap g_N, which is *negative* in contact, and mixes centimetres of belt with
+metres of deformation. This module uses the penetration ``delta = -g_N >= 0`` in SI units per metre
+of belt, so that Eq. (3) becomes ``f_N(delta) = k_linear delta + k_quadratic delta**2`` [N/m].
 
-The functions are fit for compilation as they stand: the simulated rig compiles and calls them, and
-:class:`NormalLaw` calls the same for arrays.
+The functions can be compiled unchanged: the simulated rig compiles them, and :class:`NormalLaw`
+calls them with arrays.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 def elastic_force(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Line force of a penetration ``delta`` >= 0 [m], Eq. (3) [N/m]."""
+    """Compute the line force at a penetration ``delta`` >= 0 [m], Eq. (3) [N/m]."""
     return delta * (k_linear + k_quadratic * delta)
 
 
 def elastic_stiffness(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Derivative of Eq. (3) with respect to the penetration [N/m²]."""
+    """Differentiate Eq. (3) with respect to the penetration [N/m²]."""
     return k_linear + 2.0 * k_quadratic * delta
 
 
 def elastic_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Integral of Eq. (3) over the penetration: energy per length [J/m]."""
+    """Integrate Eq. (3) over the penetration: energy per length [J/m]."""
     return (k_linear / 2.0 + k_quadratic * delta / 3.0) * delta * delta
 
 
 def integral_of_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Integral of :func:`elastic_energy` over the penetration, for its mean over a wedge [J]."""
+    """Integrate :func:`elastic_energy` over the penetration, for its mean over a wedge [J]."""
     return (k_linear / 6.0 + k_quadratic * delta / 12.0) * delta * delta * delta
 
 
 def stiffness_under(
     force: NDArray[np.float64], k_linear: float, k_quadratic: float
 ) -> NDArray[np.float64]:
-    """Stiffness of Eq. (3) [N/m²] where the line force is ``force`` >= 0 [N/m]."""
+    """Compute the stiffness of Eq. (3) [N/m²] at a line force ``force`` >= 0 [N/m]."""
     return np.sqrt(k_linear * k_linear + 4.0 * k_quadratic * force)
 
 
 def dissipative_force(g_N_dot: float, C_P: float) -> float:
-    """Dissipative part of the normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2) and (4).
+    """Compute the dissipative normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2), (4).
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def dissipative_force(g_N_dot: float, C_P: float) -> float:
     Returns
     -------
     float
-        Force that pushes the bodies apart [N], >= 0; zero while they separate.
+        Force pushing the bodies apart [N], >= 0; zero while they separate.
     """
     return -C_P * g_N_dot if g_N_dot <= 0.0 else 0.0
 
@@ -102,7 +102,7 @@ class NormalLaw:
             raise InputError(problems)
 
     def force(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
-        """Line force of a penetration, Eq. (3); zero without contact.
+        """Compute the line force at a penetration, Eq. (3); zero without contact.
 
         Parameters
         ----------
@@ -118,13 +118,13 @@ class NormalLaw:
         return elastic_force(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
 
     def stiffness(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
-        """Derivative of :meth:`force` with respect to the penetration [N/m²]."""
+        """Differentiate :meth:`force` with respect to the penetration [N/m²]."""
         delta = np.asarray(penetration_m, dtype=float)
         slope = elastic_stiffness(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
         return np.where(delta > 0.0, slope, 0.0)
 
     def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
-        """Penetration under a line force: the inverse of :meth:`force`.
+        """Compute the penetration under a line force, the inverse of :meth:`force`.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class NormalLaw:
         Returns
         -------
         ndarray
-            Penetration [m]. The form of the root has no cancellation as k_quadratic goes to zero.
+            Penetration [m]. This form of the root has no cancellation as k_quadratic goes to zero.
 
         Raises
         ------

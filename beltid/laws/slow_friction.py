@@ -1,10 +1,9 @@
-"""Friction slower than it was measured: a surface that goes on below its slowest speed, (D14).
+"""Friction below the slowest measured speed: a continued friction surface, (D14).
 
-A belt drive slides more slowly than the rig, for the most part. What friction does there no bench
-has said. There are two limits: it stays what it is at the slowest speed, or it goes on with the
-trend that it has there. A drive takes a stated share of the trend; half of it is the mean of a
-truth that may, with equal right, lie anywhere between both limits. What was measured stays as it
-is, and so does its range.
+A belt drive mostly slides more slowly than the rig, at speeds where no bench has measured friction.
+There are two limits: mu keeps its value at the slowest speed, or it continues with its trend there.
+A drive uses a stated share of the trend; half of the trend is the mean if the truth is equally
+likely anywhere between the two limits. The measured part and its range do not change.
 """
 
 from __future__ import annotations
@@ -19,41 +18,41 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.surface_tables import SurfaceTables
 
 NEAREST: Final = 0.0
-"""Share of the trend with which the nearest measured value holds."""
+"""Share of the trend that keeps the nearest measured value."""
 HALF_TREND: Final = 0.5
 WHOLE_TREND: Final = 1.0
 REST: Final = 0.01
-"""Speed over the slowest one below which the trend fades out: friction at rest is finite."""
+"""Ratio to the slowest speed below which the trend fades out: friction at rest is finite."""
 STEEPEST: Final = 0.5
-"""Largest slope of ln mu over ln v that is taken for a trend and not for scatter of the nodes."""
+"""Largest slope of ln mu over ln v that counts as a trend; steeper ones are scatter."""
 PLACES: Final = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])
-"""Speeds over the slowest one between which the continuation is a bicubic patch."""
+"""Ratios to the slowest speed between which the continuation consists of bicubic patches."""
 
 
 def uncertainty_over_spread(share: float) -> float:
-    """Standard uncertainty of what a share of the trend gives, over the spread of both limits.
+    """Compute the standard uncertainty at a share of the trend over the spread of both limits.
 
-    Root mean square deviation from a truth that is uniform between them: 1/sqrt(12) with half of
-    the trend, 1/sqrt(3) at either limit.
+    Root mean square deviation from a truth that is uniform between the limits: 1/sqrt(12) with half
+    of the trend, 1/sqrt(3) at either limit.
     """
     return math.sqrt(1.0 / 12.0 + (HALF_TREND - share) ** 2)
 
 
 def continued(surface: FrictionSurface, share: float) -> SurfaceTables:
-    """Tables of a surface that goes on below its slowest speed, (D14).
+    """Continue a surface below its slowest speed, (D14).
 
     Parameters
     ----------
     surface : FrictionSurface
-        As measured.
+        The measured surface.
     share : float
-        Share of the trend with which it goes on [-], 0 to 1.
+        Share of the trend used in the continuation [-], 0 to 1.
 
     Returns
     -------
     SurfaceTables
-        Those of the surface itself where nothing is slower (one speed, or a slowest speed of 0) and
-        with a share of 0, for which the nearest measured value holds.
+        The tables of the surface itself if it has one speed, if its slowest speed is 0, or if the
+        share is 0, which keeps the nearest measured value.
 
     Notes
     -----
@@ -87,6 +86,6 @@ def continued(surface: FrictionSurface, share: float) -> SurfaceTables:
     y = np.array([math.log1p(place) for place in PLACES])
     slower = hermite_patches(x, y, z, z_x, z_y, z_xy)
     y_nodes, C = np.concatenate([y[:-1], tables.y_nodes]), np.concatenate([slower, C], axis=1)
-    # as those of the surface: kernels are compiled for arrays that nobody can write to
+    # read-only like those of the surface, for which the kernels are compiled
     y_nodes.flags.writeable = C.flags.writeable = False
     return tables._replace(y_nodes=y_nodes, C=C)

@@ -1,7 +1,8 @@
-"""A friction surface as plain tables, and the functions that read them.
+"""A friction surface as plain tables, and the functions that evaluate them.
 
-Kernels that know no objects take the arrays of :class:`SurfaceTables`; the bodies of :func:`locate`
-and :func:`evaluate_cell` are fit for compilation as they stand (indexing and ``math`` only).
+Compiled kernels cannot take objects, so they take the arrays of :class:`SurfaceTables`. The bodies
+of :func:`locate` and :func:`evaluate_cell` use only indexing and ``math``, so they can be compiled
+unchanged.
 """
 
 from __future__ import annotations
@@ -16,14 +17,15 @@ Array = NDArray[np.float64]
 
 
 class SurfaceTables(NamedTuple):
-    """A friction surface as plain arrays, for kernels that know no objects.
+    """A friction surface as plain arrays, for compiled kernels.
 
     Attributes
     ----------
     x_nodes : ndarray (nx,)
-        ``ln(1 + f / f_ref)`` of the force nodes [-]. One node: no dependence on that axis.
+        ``ln(1 + f / f_ref)`` of the force nodes [-]. With one node, mu does not depend on the
+        force.
     y_nodes : ndarray (ny,)
-        ``ln(1 + v / v_ref)`` of the speed nodes [-].
+        ``ln(1 + v / v_ref)`` of the speed nodes [-], likewise.
     f_ref : float
         Reference line force [N/m]; infinite if the force axis is the single node 0.
     v_ref : float
@@ -41,7 +43,7 @@ class SurfaceTables(NamedTuple):
 
 
 def log_nodes(nodes: Array) -> tuple[Array, float]:
-    """Nodes of an axis in logarithmic coordinates, and the reference value they are made with.
+    """Convert the nodes of an axis to logarithmic coordinates.
 
     Parameters
     ----------
@@ -57,12 +59,12 @@ def log_nodes(nodes: Array) -> tuple[Array, float]:
     """
     positive = nodes[nodes > 0.0]
     reference = float(positive[0]) if positive.size else math.inf
-    # math.log1p, as in locate: a node must have the same coordinate in both, to the bit
+    # math.log1p, as in locate: both must give a node the same coordinate to the last bit
     return np.array([math.log1p(node / reference) for node in nodes]), reference
 
 
 def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, float]:
-    """Cell and local coordinate of a value on one axis of the tables.
+    """Find the cell and the local coordinate of a value on one axis of the tables.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, floa
     local : float
         Coordinate in the cell, in [0, 1].
     slope : float
-        Derivative of the local coordinate with respect to the value; 0 outside.
+        Derivative of the local coordinate with respect to the value; 0 outside the nodes.
     """
     last = len(nodes) - 1
     if value < 0.0 or last == 0:
@@ -98,21 +100,21 @@ def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, floa
 
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Friction coefficient in a cell and its derivatives in the local coordinates.
+    """Evaluate the friction coefficient in a cell and its derivatives in local coordinates.
 
     Parameters
     ----------
     C : ndarray
-        Coefficients of all cells, see :class:`SurfaceTables`.
+        Coefficients of all cells; see :class:`SurfaceTables`.
     i, j : int or ndarray of int
-        Cell on the force and on the speed axis; arrays of one shape for many points at once.
+        Cell on the force axis and on the speed axis; arrays of equal shape for several points.
     s, t : float or ndarray
         Local coordinates in the cell, in [0, 1].
 
     Returns
     -------
     mu, mu_s, mu_t : float or ndarray
-        Friction coefficient [-], its derivatives with respect to s and t.
+        Friction coefficient [-] and its derivatives with respect to s and t.
     """
     mu = 0.0
     mu_s = 0.0

@@ -1,9 +1,9 @@
-"""A friction surface with what is not known of it: combined uncertainty, band, ensemble.
+"""A friction surface with its uncertainty: combined uncertainty, band, ensemble.
 
-The errors of the nodes are those of ln mu. They belong together: what is wrong with a load cell
-moves the whole surface. So not a number per node is kept but a factor S with ``S S'`` the
-covariance of all nodes, a column for each shared source and further ones for the scatter; any later
-use (a simulation, a band in a figure) follows from it, or from members drawn with it.
+The errors of ln mu at the nodes are correlated: an error of a load cell moves the whole surface. A
+standard error per node is therefore not enough. The surface has a factor S of the covariance
+``S S'`` of all nodes, with one column for each shared source and more columns for the scatter. Any
+later use (a simulation, a band in a figure) follows from S or from an ensemble drawn with it.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ class UncertainSurface(FrictionSurface):
     surface : FrictionSurface
         The surface with the standard errors of its nodes.
     factor : array_like (nf, nv, r), optional
-        Factor of the covariance of ln mu at the nodes. Without it all uncertainty is the standard
-        error of the nodes, each by itself.
+        Factor of the covariance of ln mu at the nodes. Without it, the only uncertainty is the
+        standard error of each node.
     sources : sequence of str
-        Names of the first columns of the factor: errors that act on all nodes together. The
-        further columns are scatter.
+        Names of the first columns of the factor, which are errors common to all nodes. The other
+        columns are scatter.
     members : array_like (n, nf, nv), optional
         Node values of a Monte Carlo ensemble [-], > 0.
 
     Raises
     ------
     InputError
-        If shapes do not go together.
+        If shapes do not match.
     """
 
     factor: Array | None
@@ -83,13 +83,13 @@ class UncertainSurface(FrictionSurface):
         object.__setattr__(self, "members", M)
 
     def mu_se(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Standard error of mu by the scatter of the data alone [-]; see :meth:`mu_se_at`."""
+        """Return the standard error of mu from scatter alone [-]; see :meth:`mu_se_at`."""
         return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
 
     def mu_u(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
+        """Compute the combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
 
-        Of the nearest node outside the range, as mu itself.
+        Outside the range it is that of the nearest node, like mu itself.
         """
         if self.factor is None:
             return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
@@ -98,9 +98,9 @@ class UncertainSurface(FrictionSurface):
         return np.asarray(mu * np.sqrt(np.sum(np.square(rows), axis=-1)))[()]
 
     def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Change of ln mu by each column of the factor, bilinear between nodes, shape (..., r).
+        """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
 
-        Two points are correlated as their rows are: ``cov = row_1 . row_2``.
+        The covariance of two points is the product of their rows, ``cov = row_1 . row_2``.
 
         Raises
         ------
@@ -108,19 +108,19 @@ class UncertainSurface(FrictionSurface):
             If the surface has no factor.
         """
         if self.factor is None:
-            raise InputError("the surface has no covariance: it was made without uncertainties")
+            raise InputError("the surface has no covariance: it was built without uncertainties")
         at = self._locate(normal_force_N_m, slip_speed_m_s)
         total = np.zeros((*at.s.shape, self.factor.shape[2]))
         for i, j, weight in self._corners(at):
             total += weight[..., None] * self.factor[i, j]
-        return np.where(at.known[..., None], total, np.nan)
+        return np.where(at.valid[..., None], total, np.nan)
 
     def band(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
     ) -> tuple[Array, Array]:
-        """Lower and upper limit of mu [-] that cover the truth with a probability of `level`.
+        """Compute the limits of mu [-] that cover the truth with a probability of `level`.
 
-        By the combined standard uncertainty of ln mu, so that the lower limit stays positive.
+        Based on the combined standard uncertainty of ln mu, so that the lower limit is positive.
 
         Raises
         ------
@@ -135,16 +135,17 @@ class UncertainSurface(FrictionSurface):
         return np.asarray(mu / width)[()], np.asarray(mu * width)[()]
 
     def ensemble(self, size: int = MEMBERS, seed: int = 0) -> tuple[FrictionSurface, ...]:
-        """Surfaces that might be the true one, all equally likely.
+        """Return equally likely candidates for the true surface.
 
-        Those of the Monte Carlo check if the surface holds them, else drawn with the covariance.
+        They come from the Monte Carlo check if the surface has its members; otherwise they are
+        drawn with the covariance.
 
         Parameters
         ----------
         size : int
-            Number of surfaces; of a Monte Carlo ensemble the first ones, at most all.
+            Number of surfaces. Of a Monte Carlo ensemble the first ones are taken, at most all.
         seed : int
-            Of the draws.
+            Seed of the draws.
 
         Raises
         ------
@@ -157,7 +158,7 @@ class UncertainSurface(FrictionSurface):
             draws = np.random.default_rng(seed).standard_normal((size, self.factor.shape[2]))
             nodes = self.mu_nodes * np.exp(np.einsum("fvr,nr->nfv", self.factor, draws))
         else:
-            raise InputError("the surface has no covariance: it was made without uncertainties")
+            raise InputError("the surface has no covariance: it was built without uncertainties")
         f, v = self.normal_force_N_m, self.slip_speed_m_s
         return tuple(FrictionSurface(f, v, mu) for mu in nodes)
 

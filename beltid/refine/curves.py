@@ -1,8 +1,9 @@
-"""ln mu over ln f_N: one natural cubic spline per speed, and the two roughnesses of such a set.
+"""ln mu over ln f_N: one natural cubic spline per speed, and two measures of roughness.
 
 The parameters are the values of ln mu at common knots in ln f_N, a column per speed. Beyond the
-knots the nearest value holds, as everywhere in the package. Two quadratic forms say how rough a set
-of curves is: how much each one bends, and how much the shape of neighbouring speeds differs.
+knots the nearest value applies, as everywhere in the package. Two quadratic forms measure the
+roughness of a set of curves: the bending of each curve, and the difference in shape between
+neighbouring speeds.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Curves:
     _cardinal: CubicSpline = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        # the basis is asked for in every simulated run: made once
+        # computed once, as every simulated run needs the basis
         cardinal = CubicSpline(self.log_force, np.eye(self.log_force.size), bc_type="natural")
         object.__setattr__(self, "_cardinal", cardinal)
 
@@ -43,36 +44,36 @@ class Curves:
         return self.log_force.size * self.log_speed.size
 
     def basis(self, log_force: Array) -> Array:
-        """Value of ln mu per knot value, shape (n, k); the nearest knot's beyond the knots."""
+        """Evaluate ln mu per unit of each knot value, shape (n, k); constant beyond the knots."""
         inside = np.clip(log_force, self.log_force[0], self.log_force[-1])
         return np.asarray(self._cardinal(inside), dtype=float)
 
     def bending(self) -> Array:
-        """Quadratic form of the bending of all curves, shape (size, size).
+        """Compute the quadratic form of the bending of all curves, shape (size, size).
 
-        ``p' Q p`` is the integral of (d² ln mu / d(ln f)²)² over ln f, added over the speeds. The
+        ``p' Q p`` is the integral of (d² ln mu / d(ln f)²)² over ln f, summed over the speeds. The
         parameters are ordered speed by speed.
         """
-        one = self._integral(2)
-        return np.asarray(np.kron(np.eye(self.log_speed.size), one), dtype=float)
+        block = self._integral(2)
+        return np.asarray(np.kron(np.eye(self.log_speed.size), block), dtype=float)
 
     def difference(self) -> Array:
-        """Quadratic form of the difference in shape between neighbouring speeds.
+        """Compute the quadratic form of the difference in shape between neighbouring speeds.
 
         ``p' Q p`` is the integral of (d slope / d(ln v))² over ln f, with slope = d ln mu/d(ln f),
-        added over the gaps between speeds times their width. It is zero for mu = a(f) b(v).
+        summed over the gaps between speeds times their width. It is zero for mu = a(f) b(v).
         """
-        one = self._integral(1)
+        block = self._integral(1)
         m = self.log_speed.size
         gaps = np.diff(self.log_speed)
         D = (np.eye(m, k=1) - np.eye(m))[: m - 1]
         if m == 1:
-            return np.zeros(one.shape)
-        between = D.T @ (D / gaps[:, None])
-        return np.asarray(np.kron(between, one), dtype=float)
+            return np.zeros(block.shape)
+        coupling = D.T @ (D / gaps[:, None])
+        return np.asarray(np.kron(coupling, block), dtype=float)
 
     def _integral(self, order: int) -> Array:
-        """Integral over ln f of the products of the basis functions' derivatives, (k, k)."""
+        """Integrate the products of the basis functions' derivatives over ln f, (k, k)."""
         x, w = np.polynomial.legendre.leggauss(4)
         mid = 0.5 * (self.log_force[1:] + self.log_force[:-1])
         half = 0.5 * np.diff(self.log_force)

@@ -1,18 +1,18 @@
-"""Refine a friction surface: find mu(f_N, v) with which the simulated rig gives what was measured.
+"""Refine a friction surface: find mu(f_N, v) for which the simulated rig matches the measurements.
 
-The published procedure gives each measured coefficient the mean force of Eq. (8), which ignores
-bending: peaks of the force where the belt enters and leaves the pulley. Here the rig is simulated
-(its sliding limit, with sensitivities), and the surface is solved for by Gauss–Newton so that Eq.
-(6), applied to the simulated tensions, gives each measured coefficient. The shape of the surface is
-free; its smoothness is chosen by the data (:mod:`beltid.refine.evidence`), and so is what shifts
-the friction beside it (:mod:`beltid.refine.effects`).
+The published procedure assigns each measured coefficient to the mean force of Eq. (8). This ignores
+bending, which causes force peaks where the belt enters and leaves the pulley. Here the rig is
+simulated (its sliding limit, with sensitivities), and Gauss–Newton finds the surface for which
+Eq. (6), applied to the simulated tensions, gives each measured coefficient. The shape of the
+surface is free. The data determine its smoothness (:mod:`beltid.refine.evidence`) and the other
+effects on friction (:mod:`beltid.refine.effects`).
 
-Errors that runs share have stated standard uncertainties. The data say how large the effects are
-that those errors do not explain: what an arc set wrongly does to the runs at that arc is counted
-once, as the stated error. The surface itself does not follow what the runs say of the errors: a
-bench without them would lose accuracy, as the traces of such an error and of a model error are
-alike. It follows the effects alone, in the size that the stated errors leave them;
-:mod:`beltid.uncertainty.refined` has what errors do.
+Errors that runs share have stated standard uncertainties. The data determine the size of the
+effects beyond those errors: an incorrectly set arc counts once, as the stated error. The surface
+itself is not corrected for the errors estimated from the runs: a bench without them would lose
+accuracy, since such an error and a model error leave similar traces. It is corrected only for the
+effects, in the size that the stated errors leave to them. :mod:`beltid.uncertainty.refined`
+propagates the errors.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ __all__ = ["MeasuredRun", "RefinedSurface", "refine_surface"]
 Array = NDArray[np.float64]
 
 KNOTS = 12  # over the range of the surface
-FINER_MESH = 1.5  # elements over the default: the mesh must not add a bias of its own
+FINER_MESH = 1.5  # number of elements over the default, so that the mesh adds no bias
 MODEL_ERROR = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
 
-A mesh four times finer changes it by 0.002 to 0.02 %, and an independent model is 0.007 % off. More
-than that would take weight from quiet runs and give it to noisy ones: the noise scale, which is
-common to all, then comes out too small."""
+A mesh four times finer changes the coefficient by 0.002 to 0.02 %, and an independent model differs
+by 0.007 %. A larger value would shift weight from quiet runs to noisy ones, and the common noise
+scale would come out too small."""
 MOST_ITERATIONS = 40
 TOLERANCE = 1.0e-5  # change of ln mu at which the iteration ends
-LARGEST_CHANGE = 0.5  # of ln mu of a run in one iteration
-CHOICES = 6  # iterations in which weights and smoothness are chosen anew
-DECREASE = 1.0e-4  # of the misfit, over that of its tangent, that a step must bring (Armijo)
-HALVINGS = 7  # of a step until it counts as no step at all
-NOTHING = 0.1  # of the misfit left to gain, a third of a standard error, where no share goes down
+LARGEST_CHANGE = 0.5  # largest change of ln mu of a run in one iteration
+CHOICES = 6  # number of iterations that choose weights and smoothness again
+DECREASE = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
+HALVINGS = 7  # halvings of a step before it is given up
+NOTHING = 0.1  # misfit left to gain that is negligible: a third of a standard error
 OUTLIER = 3.5  # misfit in standard errors beyond which a run loses weight
 
 
@@ -77,47 +77,49 @@ class RefinedSurface:
     surface : FrictionSurface
         The surface with the standard errors of its nodes.
     curves : Curves
-        Splines behind it.
+        The splines from which the surface was tabulated.
     parameters, covariance : ndarray, shape (size,), (size, size)
         ln mu at the knots and its covariance.
     smoothness : Smoothness
-        What the data chose.
+        Hyperparameters chosen by the data.
     effective_parameters : float
         Number of parameters that the data determine.
     iterations : int
         Gauss–Newton iterations.
     misfit_before, misfit_after : ndarray, shape (n,)
-        Simulated over measured coefficient less one, with the start and with the refined surface.
+        Simulated over measured coefficient minus one, with the initial and with the refined
+        surface.
     weight : ndarray, shape (n,)
-        Weight of the runs in the fit, 1 but for those far off [-].
+        Weight of the runs in the fit [-]: 1, less for outliers.
     force_range : ndarray, shape (m, 2)
-        Range of the line force that acted in the contact at each speed [N/m].
+        Range of the line force in the contact at each speed [N/m].
     errors : ndarray, shape (n,)
-        Standard errors of ln mu of the runs as the fit took them: noise scale, scatter from run to
-        run and weight are in.
+        Standard errors of ln mu of the runs as used in the fit, including noise scale, run-to-run
+        scatter and weight.
     noise_scale : float
-        How many times their stated standard errors the runs scatter about the surface and the
-        effects beside it, root mean square [-].
+        Scatter of the runs about the surface and the effects in units of their stated standard
+        errors, root mean square [-].
     J, gain : ndarray, shape (n, size), (size, n)
-        Derivatives of ln mu of the runs by the parameters, and of the parameters by ln mu of the
-        runs: how the solution follows its data.
+        Derivatives of ln mu of the runs with respect to the parameters, and of the parameters with
+        respect to ln mu of the runs.
     speed_slope : ndarray, shape (n,)
-        Derivative of the simulated ln mu by ln v of the run.
+        Derivative of the simulated ln mu with respect to ln v of the run.
     pull : ndarray, shape (size, size)
-        Derivatives of the parameters by a force on them: ``gain J = 1 - pull roughness``.
+        Derivatives of the parameters with respect to a force on them: ``gain J = 1 - pull
+        roughness``.
     roughness : ndarray, shape (size, size)
-        Quadratic form that was added to the misfit.
+        Quadratic form added to the misfit.
     effects : tuple of FoundEffect
-        What shifts the friction beside the surface. What a whole effect has in common with the
-        surface is not seen; it is in the covariance of both.
+        Effects on the friction apart from the surface. The part of an effect that the surface can
+        represent, too, cannot be identified; the covariance of both includes it.
     effects_covariance : ndarray, shape (K, K)
-        Covariance of the numbers of all effects, in their order; what stated errors leave open of
-        them is in it.
+        Covariance of the numbers of all effects, in order, including the uncertainty due to the
+        stated errors.
     stated : FoundEffect or None
-        The errors that runs share as the runs show them, in units of their stated standard
-        uncertainties; the surface does not follow these values. None where no error was stated.
+        The errors that runs share as estimated from the runs, in units of their stated standard
+        uncertainties; the surface is not corrected for them. None if no error was stated.
     model : LinearModel
-        The linear model about the solution by which the hyperparameters were chosen.
+        The model, linearised about the solution, for which the hyperparameters were chosen.
     """
 
     surface: FrictionSurface
@@ -144,36 +146,36 @@ class RefinedSurface:
     model: LinearModel
 
     def effect(self, key: str) -> FoundEffect | None:
-        """One of the effects; None if the runs cannot show it."""
-        return next((found for found in self.effects if found.effect.key == key), None)
+        """Look up an effect by its key; None if the runs cannot show it."""
+        return next((entry for entry in self.effects if entry.effect.key == key), None)
 
     @property
     def log_evidence(self) -> float:
         """Logarithm of the probability of the data given the bench, up to a constant.
 
-        Surface and effects are integrated out, the hyperparameters are at their best. The constant
-        is the same for all benches.
+        Surface and effects are integrated out; the hyperparameters have their best values. The
+        constant is the same for all benches.
         """
-        # a weight below 1 is a run of a larger variance
+        # a weight below 1 means a larger variance of the run
         weights = 0.5 * float(np.log(self.weight).sum())
         return log_posterior(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
-        """Logarithm of how much more probable the runs are with some effects than without them.
+        """Compute the log probability ratio of the runs with and without some effects.
 
-        Near zero or below where the surface, other effects and stated errors explain as much.
+        It is near zero or below if the surface, other effects and stated errors explain as much.
         """
-        mine = [k for k, found in enumerate(self.effects) if found.effect.key in keys]
-        return log_evidence_for(self.model, self.smoothness, mine)
+        chosen = [k for k, entry in enumerate(self.effects) if entry.effect.key in keys]
+        return log_evidence_for(self.model, self.smoothness, chosen)
 
     @property
     def columns_of_effects(self) -> dict[str, Array]:
-        """What each number of an effect does to ln mu of the friction of the runs, (n, K_e)."""
-        return {found.effect.key: found.effect.columns for found in self.effects}
+        """Change of ln mu of the runs per unit of each number of an effect, (n, K_e), by key."""
+        return {entry.effect.key: entry.effect.columns for entry in self.effects}
 
     @property
     def response(self) -> Array:
-        """Derivative of ln mu of the runs (n,) by ln of a factor on the whole surface."""
+        """Derivative of ln mu of the runs (n,) with respect to ln of a factor on the surface."""
         return np.asarray(self.J.sum(axis=1))
 
 
@@ -186,23 +188,23 @@ def refine_surface(
     stated: Array | None = None,
     reference_degC: float | None = None,
 ) -> RefinedSurface:
-    """Find the surface with which the simulated rig gives every measured coefficient.
+    """Find the surface for which the simulated rig gives every measured coefficient.
 
     Parameters
     ----------
     bench : Bench
-        Belt, rig, normal law, and the surface to start from (that of the published procedure).
+        Belt, rig, normal law, and the initial surface (from the published procedure).
     runs : sequence of MeasuredRun
-        The measured runs, all arcs together.
+        The measured runs at all arcs.
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
     nodes : int
-        Force nodes of the surface that comes out.
+        Number of force nodes of the resulting surface.
     stated : ndarray, shape (n, K), optional
-        Change of measured less simulated ln mu of each run by one standard uncertainty of each
-        error that runs share. The effects are what they do not explain.
+        Change of measured minus simulated ln mu of each run for one standard uncertainty of each
+        error that runs share. The effects are what these errors do not explain.
     reference_degC : float, optional
-        Temperature to which the surface is corrected [°C]; by default it is that of the runs.
+        Temperature to which the surface is corrected [°C]; by default that of the runs.
 
     Raises
     ------
@@ -238,7 +240,7 @@ def refine_surface(
     last = sweep_with_slopes(rig, curves, fit.parameters)
     variance = fit.model.variance(fit.smoothness)
     solution = fit.model.solve_surface(fit.smoothness)
-    found = _found((*effects, shared), fit.model, fit.smoothness)
+    estimates = _estimate_effects((*effects, shared), fit.model, fit.smoothness)
     return RefinedSurface(
         surface=_tabulated(curves, fit.parameters, solution.covariance, forces),
         curves=curves,
@@ -258,31 +260,31 @@ def refine_surface(
         speed_slope=last.speed_slope,
         pull=solution.pull,
         roughness=fit.model.roughness(fit.smoothness),
-        effects=found[:-1],
+        effects=estimates[:-1],
         effects_covariance=solution.effects_covariance,
-        stated=None if stated is None else found[-1],
+        stated=None if stated is None else estimates[-1],
         model=fit.model,
     )
 
 
-def _found(
+def _estimate_effects(
     effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness
 ) -> tuple[FoundEffect, ...]:
-    """The numbers of each effect, with the surface and all others unknown."""
-    solution, found, first = model.solve(smoothness), [], 0
+    """Estimate the numbers of each effect, with the surface and all other effects unknown."""
+    solution, estimates, first = model.solve(smoothness), [], 0
     parts = zip(effects, smoothness.effects, model.effects, strict=True)
     for effect, size, columns in parts:
-        mine = slice(first, first + effect.columns.shape[1])
-        covariance = solution.effects_covariance[mine, mine]
+        own = slice(first, first + effect.columns.shape[1])
+        covariance = solution.effects_covariance[own, own]
         explained = model.explained_by_surface(smoothness, columns)
-        found.append(FoundEffect(effect, size, solution.effects[mine], covariance, explained))
-        first = mine.stop
-    return tuple(found)
+        estimates.append(FoundEffect(effect, size, solution.effects[own], covariance, explained))
+        first = own.stop
+    return tuple(estimates)
 
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """The runs on the simulated rig, and what was measured of them, arrays (n,)."""
+    """The runs on the simulated rig and their measured values, arrays (n,)."""
 
     rig: RigRuns
     curves: Curves
@@ -294,9 +296,10 @@ class _Problem:
     def linearised(
         self, sweep: Sweep, parameters: Array, weight: Array, response: Array
     ) -> LinearModel:
-        """The data over their standard errors, linear about simulated runs, all errors unknown.
+        """Linearise the data over their standard errors about simulated runs, all errors unknown.
 
-        `response` (n,) is what effects and scatter act by; it rests with the hyperparameters.
+        `response` (n,) is the sensitivity to effects and scatter. It changes only when the
+        hyperparameters are chosen again.
         """
         scale = np.sqrt(weight) / self.errors
         return LinearModel(
@@ -315,7 +318,7 @@ class _Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Where the iteration ended: the last step is in, model and weights are those behind it."""
+    """End of the iteration: parameters after the last step, model and weights used for it."""
 
     parameters: Array
     model: LinearModel
@@ -326,14 +329,15 @@ class _Fit:
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
-    """Damped iteration; weights and hyperparameters are chosen anew a few times, then they rest.
+    """Iterate with damping; choose weights and hyperparameters again a few times, then freeze them.
 
-    Each step goes down the penalised misfit with the weights and hyperparameters that made it, so
-    that the iteration cannot go in circles. They are chosen anew only where the linear model that
-    they are chosen by has just held for a whole step, or at the end of the way down.
+    Each step decreases the penalised misfit with the weights and hyperparameters from which it was
+    computed, so that the iteration cannot cycle. They are chosen again only if the linear model was
+    just valid for a whole step, or if the misfit decreases no further.
     """
     chosen = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
-    parameters, weight, left = start, np.ones(problem.log_mu.size), np.zeros(problem.log_mu.size)
+    parameters, weight = start, np.ones(problem.log_mu.size)
+    residual = np.zeros(problem.log_mu.size)  # in standard errors
     share, change, choices, iteration = 1.0, np.inf, 0, 0
     try:
         sweep = sweep_with_slopes(problem.rig, problem.curves, parameters)
@@ -341,15 +345,16 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
         for iteration in range(1, MOST_ITERATIONS + 1):
             fresh = choices < CHOICES and share in (0.0, 1.0)
             if fresh:
-                weight, response, choices = _weights(left), sweep.response, choices + 1
+                weight, response, choices = _weights(residual), sweep.response, choices + 1
             model = problem.linearised(sweep, parameters, weight, response)
             if fresh:
                 chosen = choose_smoothness(model, chosen)
             surface = model.solve_surface(chosen)
             scale = np.sqrt(weight) / problem.errors
-            left = model.residual(model.solve(chosen)) / np.sqrt(weight * model.variance(chosen))
+            residual = model.residual(model.solve(chosen))
+            residual = residual / np.sqrt(weight * model.variance(chosen))
             step = surface.parameters - parameters
-            # what the data see of the step: knots that carry no load may drift
+            # effect of the step on the data: knots that carry no load may drift
             change = float(np.max(np.abs(sweep.J @ step)))
             merit = _Merit(problem, model, chosen, model.shifts(surface), scale)
             share, ended = 0.0, change <= TOLERANCE
@@ -377,7 +382,7 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Merit:
-    """The penalised misfit of simulated runs; effects, weights, hyperparameters are frozen."""
+    """The penalised misfit of simulated runs with fixed effects, weights and hyperparameters."""
 
     problem: _Problem
     model: LinearModel
@@ -386,51 +391,51 @@ class _Merit:
     scale: Array
 
     def at(self, sweep: Sweep, parameters: Array) -> float:
-        """Misfit of runs simulated with some parameters."""
-        left = (self.problem.log_mu - sweep.log_mu) * self.scale - self.shifts
-        return self.model.misfit(left, parameters, self.smoothness)
+        """Compute the misfit of runs simulated with given parameters."""
+        residual = (self.problem.log_mu - sweep.log_mu) * self.scale - self.shifts
+        return self.model.misfit(residual, parameters, self.smoothness)
 
     def along(self, step: Array) -> float:
-        """What a Gauss-Newton step would take off the misfit of the linear model.
+        """Compute the decrease of the misfit of the linear model by a Gauss-Newton step.
 
         It is the square of the step in standard errors of the solution.
         """
         return self.model.misfit(self.model.J @ step, step, self.smoothness)
 
     def descend(self, parameters: Array, step: Array, sweep: Sweep) -> tuple[float, Sweep]:
-        """The longest share of a step, 1, 1/2, ..., that goes down far enough, and the runs there.
+        """Find the largest share of a step, 1, 1/2, ..., with enough decrease, and its runs.
 
         Raises
         ------
         BeltidError
             If the runs cannot be simulated with the shortest share.
         """
-        before, wanted = self.at(sweep, parameters), 2.0 * DECREASE * self.along(step)
+        initial, required = self.at(sweep, parameters), 2.0 * DECREASE * self.along(step)
         share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(sweep.J @ step))))
         for last in np.arange(HALVINGS) == HALVINGS - 1:
-            moved = parameters + share * step
+            trial = parameters + share * step
             try:
-                found = sweep_with_slopes(self.problem.rig, self.problem.curves, moved)
+                trial_sweep = sweep_with_slopes(self.problem.rig, self.problem.curves, trial)
             except BeltidError:
                 if last:
                     raise
             else:
-                if self.at(found, moved) <= before - share * wanted:
-                    return share, found
+                if self.at(trial_sweep, trial) <= initial - share * required:
+                    return share, trial_sweep
             share *= 0.5
         return 0.0, sweep
 
 
 def _weights(misfit: Array) -> Array:
-    """Weights that fall for runs far off, judged by the median misfit: few cannot hide in it."""
+    """Compute weights that are smaller for outliers, judged by the median misfit."""
     scale = max(1.4826 * float(np.median(np.abs(misfit))), SMALLEST_SCALE)
     return np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER))
 
 
 def _knots(lowest: float, low: float, high: float) -> Array:
-    """Knots in ln f: as many as nodes over the range of the surface, and on to the lowest force.
+    """Place knots in ln f: as many as nodes over the surface, and more down to the lowest force.
 
-    Where there are fewer knots than nodes the covariance of the nodes is singular.
+    With fewer knots than nodes, the covariance of the nodes would be singular.
     """
     inside, gap = np.linspace(low, high, KNOTS, retstep=True)
     below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
@@ -440,7 +445,7 @@ def _knots(lowest: float, low: float, high: float) -> Array:
 def _tabulated(
     curves: Curves, parameters: Array, covariance: Array, forces: Array
 ) -> FrictionSurface:
-    """The curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
+    """Tabulate the curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
     basis = curves.basis(np.log(forces))
     k = curves.log_force.size
     mu = np.exp(basis @ parameters.reshape(-1, k).T)

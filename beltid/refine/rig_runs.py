@@ -1,8 +1,8 @@
-"""The measured runs on the simulated rig: their sliding state with a given surface, and its slopes.
+"""The measured runs on the simulated rig: sliding state with a given surface, and its derivatives.
 
-The runs are laid on once and simulated with many surfaces. A surface is a set of curves
-(:mod:`beltid.refine.curves`), one per speed; what comes out is ln mu by Eq. (6) of every run, with
-its derivatives with respect to the parameters of the curves.
+The belt of each run is laid on the pulley once; the run is then simulated with many surfaces. A
+surface is a set of curves (:mod:`beltid.refine.curves`), one per speed. The result is ln mu by
+Eq. (6) of every run and its derivatives with respect to the parameters of the curves.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from beltid.rigsim.steady import StaticState, lay_on, slide
 
 Array = NDArray[np.float64]
 
-FINE_NODES = 48  # of the surface that is simulated, between the knots
+FINE_NODES = 48  # nodes of the simulated surface, over the range of the knots
 SHARES = (5.0e-4, 5.0e-3)
-"""Of the friction of a run: what acts below the lowest knot, and below the range of the surface.
+"""Shares of a run's friction that act below the lowest knot and below the range of the surface.
 
-Below the lowest knot the nearest value holds. A law that goes on rising there is held back: with a
-share of 0.5 % the whole surface came out 0.02 to 0.04 % too high."""
+Below the lowest knot the nearest value applies, even if the law continues to rise: with a share of
+0.5 % the whole surface came out 0.02 to 0.04 % too high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +41,13 @@ class MeasuredRun:
     point : OperatingPoint
         Arc, measured initial tension, measured speed.
     mu, mu_se : float
-        Sliding coefficient by Eq. (6) and its standard error by what differs from run to run [-].
+        Sliding coefficient by Eq. (6) and its standard error from run-to-run errors [-].
     arc : int
-        Number of the arc setting: runs of one setting share its effect.
+        Number of the arc setting; runs of one setting share its effect.
     order : int
-        Place of the run in the campaign.
+        Position of the run in the campaign.
     temperature_degC : float
-        Temperature while sliding [°C]; nan if it is not known.
+        Temperature during sliding [°C]; nan if unknown.
     """
 
     point: OperatingPoint
@@ -65,7 +65,7 @@ class Sweep:
     Attributes
     ----------
     log_mu : ndarray, shape (n,)
-        ln of the simulated coefficients.
+        Logarithms of the simulated coefficients.
     J : ndarray, shape (n, size)
         Derivatives of ``log_mu`` with respect to the parameters.
     speed_slope : ndarray, shape (n,)
@@ -83,18 +83,18 @@ class Sweep:
 
 
 class RigRuns:
-    """The runs, laid on once: they are simulated with many surfaces.
+    """The runs with the belt laid on once, ready to be simulated with many surfaces.
 
     Parameters
     ----------
     bench : Bench
         Belt, rig, normal law.
     runs : sequence of MeasuredRun
-        The runs.
+        The measured runs.
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
     elements : sequence of int
-        Belt elements of each run, even; see :func:`mesh_of`.
+        Number of belt elements of each run, even; see :func:`mesh_of`.
     """
 
     def __init__(
@@ -119,15 +119,15 @@ class RigRuns:
             self.laid.append(lay_on(model))
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[tuple[RigModel, StaticState]]:
-        """Sliding state of every run, with the surface of its speed."""
+        """Compute the sliding state of every run with the surface of its speed."""
         states = []
         for k, model in enumerate(self.models):
-            of_run = model.with_surface(surfaces[self.label[k]])
-            states.append((of_run, slide(of_run, self.laid[k])))
+            run_model = model.with_surface(surfaces[self.label[k]])
+            states.append((run_model, slide(run_model, self.laid[k])))
         return states
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
-        """Logarithm of the simulated coefficients (n,); off the speed of a group by its slope."""
+        """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
         tensions = [(state.T_A, state.T_B) for _, state in self.slide(surfaces)]
         tight, slack = np.array(tensions).T
         mu = friction_coefficient(tight, slack, self.beta)
@@ -135,7 +135,7 @@ class RigRuns:
 
 
 def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int]:
-    """Elements of each run, an even number: `finer` times the default."""
+    """Choose the number of elements of each run, even: `finer` times the default."""
     counts = (
         element_count(bench.belt, bench.rig, bench.law, run.point.beta, run.point.T_0)
         for run in runs
@@ -144,7 +144,7 @@ def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int
 
 
 def surfaces_of(curves: Curves, parameters: Array) -> list[FrictionSurface]:
-    """The surface of each speed, finely tabulated: mu is a spline in the logarithm only."""
+    """Tabulate the surface of each speed finely, as mu is a spline only in the logarithm."""
     log_force = np.linspace(curves.log_force[0], curves.log_force[-1], FINE_NODES)
     log_mu = curves.basis(log_force) @ parameters.reshape(curves.log_speed.size, -1).T
     return [
@@ -156,7 +156,7 @@ def surfaces_of(curves: Curves, parameters: Array) -> list[FrictionSurface]:
 def lookup_weights(
     model: RigModel, state: StaticState, surface: FrictionSurface
 ) -> tuple[float, Array, Array]:
-    """Simulated mu, line forces of its look-ups (m,) [N/m], and d ln mu / d ln mu(look-up) (m,)."""
+    """Return mu, line forces of its look-ups (m,) [N/m], and d ln mu / d ln mu(look-up) (m,)."""
     beta, speed = model.point.beta, model.point.omega * model.path.R
     mu = float(friction_coefficient(state.T_A, state.T_B, beta))
     s = tension_sensitivity(model, state)
@@ -165,12 +165,12 @@ def lookup_weights(
 
 
 def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
-    """Simulate every run with the surface of its speed, and differentiate."""
+    """Simulate every run with the surface of its speed and compute the derivatives."""
     surfaces = surfaces_of(curves, parameters)
     k = curves.log_force.size
     log_mu, speed_slope = np.empty((2, len(rig.models)))
     J = np.zeros((len(rig.models), curves.size))
-    # runs off the speed of their group by a little: along the slope between the speeds
+    # small deviations from the speed of the group are corrected by the slope between the speeds
     by_speed = np.zeros((1, k))
     if curves.log_speed.size > 1:
         values = parameters.reshape(-1, k)
@@ -186,7 +186,7 @@ def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
 
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
-    """Line forces at each speed (m, 3) [N/m]: below which the two :data:`SHARES` act, and peaks."""
+    """Return line forces at each speed (m, 3) [N/m]: limits of both :data:`SHARES`, and peak."""
     acting: list[list[tuple[float, float, float]]] = [[] for _ in rig.speeds]
     by_speed = [start] * rig.speeds.size
     for i, (_, state) in enumerate(rig.slide(by_speed)):
@@ -198,7 +198,7 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
         lowest, low = np.interp(SHARES, share, f[order]).tolist()
         acting[rig.label[i]].append((lowest, low, float(f.max())))
     ranges = []
-    for of_runs in acting:
-        lowest, low, high = np.array(of_runs).T
+    for limits_and_peaks in acting:
+        lowest, low, high = np.array(limits_and_peaks).T
         ranges.append((lowest.min(), low.min(), high.max()))
     return np.array(ranges)

@@ -241,7 +241,7 @@ def test_runs_at_speeds_of_their_own_are_all_used() -> None:
         grid = result.average
         assert result.n_points == 120
         assert not any("left out" in note or "N/m only" in note for note in result.notes)
-        assert any("no repeated settings" in note for note in result.notes)
+        assert any("not repeated settings" in note for note in result.notes)
         # each run is near to a speed, each speed near to a run
         away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
         assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1

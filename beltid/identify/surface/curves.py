@@ -1,12 +1,12 @@
 """Measured points of the friction rig as curves mu(f_N), one per contact arc and speed setting.
 
 The normal force of a run is a result (the mean of Eq. 8), not a setting, so the points of a
-campaign are scattered in f_N. What was set is the arc, the tension and the speed: the points of
-one arc and one speed lie on a curve over f_N.
+campaign are scattered in f_N. The settings are arc, tension and speed: the points of one arc and
+one speed lie on a curve over f_N.
 
-A campaign may also give every run a tension and a speed of its own. Then no curve is measured; per
-arc the surface of ln mu over (ln f, ln v) is estimated from all of its runs by kriging and
-tabulated at common speeds, and what follows is the same. Where most runs have an arc of their own,
+A campaign may also have a different tension and speed in every run. Then no curve is measured.
+Instead, kriging estimates the surface of ln mu over (ln f, ln v) for each arc from all of its runs;
+it is tabulated at common speeds and then treated in the same way. If most runs have different arcs,
 too, all arcs are taken together.
 """
 
@@ -26,21 +26,21 @@ from beltid.laws.bicubic import bounded_cubic
 
 Array = NDArray[np.float64]
 
-SPEED_GAP = 0.03  # relative gap that parts two settings of the speed
+SPEED_GAP = 0.03  # relative gap that separates two speed settings
 FORCE_GAP = 0.01  # runs of one arc and speed closer than this in force are repetitions
-ARC_GAP = 1e-3  # arcs are nominal settings and differ by rounding only, relative
-MAX_SPEED_SPREAD = 1.25  # highest over lowest speed that can still be one setting
+ARC_GAP = 1e-3  # relative; arcs are nominal settings and differ only by rounding
+MAX_SPEED_SPREAD = 1.25  # largest ratio of highest to lowest speed within one setting
 USUAL_SPEED_SPREAD = 1.05
-"""The same of a usual setting: motors meet their speed to a percent or two."""
-ONE_TENSION = 2.5  # highest over lowest force that one tension gives over all arcs and speeds
+"""Usual value of this ratio: motors reach their speed to within a percent or two."""
+ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all arcs and speeds
 SPEED_STEP = 0.18
-"""Distance of the speeds of a table without settings [ln v]: every run is near to one of them."""
+"""Spacing of the tabulated speeds without settings [ln v], so that one is close to every run."""
 FEWEST_RUNS = 6
-"""Runs of an arc without settings: three for a plane, as many for the scatter about it."""
-MOST_CELLS = 400  # of very many runs of an arc, neighbours are averaged first
-LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # ln of spline over noise variance, tried
-STATED_ERRORS = 5.0  # degrees of freedom that the stated errors of the runs are worth
-EDGE = 1e-9  # a node made from the end of a curve lies on the curve, relative
+"""Least number of runs per arc without settings: three for a plane, three for the scatter."""
+MOST_CELLS = 400  # with more runs of an arc, neighbours are averaged first
+LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # trial values of ln(spline / noise variance)
+STATED_ERRORS = 5.0  # weight of the stated errors of the runs in degrees of freedom
+EDGE = 1e-9  # relative tolerance: a node at the end of a curve lies on the curve
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +50,11 @@ class Points:
     arc_deg: Array  # contact arc
     f: Array  # mean normal force per length [N/m]
     v: Array  # measured sliding speed [m/s]
-    mu: Array  # friction coefficient and its standard error [-]
-    se: Array
+    mu: Array  # friction coefficient [-]
+    se: Array  # its standard error [-]
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Points:
-        """Points of an index or a mask."""
+        """Select points by index or mask."""
         return Points(*(a[index] for a in (self.arc_deg, self.f, self.v, self.mu, self.se)))
 
 
@@ -62,35 +62,35 @@ class Points:
 class Curve:
     """Friction coefficient over normal force for one arc at one speed.
 
-    The curve passes through its points: a natural cubic spline of ln mu over ln f, which fits
-    power laws exactly, bounded like the friction surface; not smoothed, as the arcs are averaged.
-    A point of the virtual benches left out is missed by 0.08 % RMS without noise and 0.36 % with
-    0.25 % noise; with not-a-knot ends by 0.07 and 0.62 %.
+    The curve is a natural cubic spline of ln mu over ln f through its points, bounded like the
+    friction surface. It fits power laws exactly and does not smooth, as the arcs are averaged. It
+    predicts an omitted point of the virtual benches to 0.08 % RMS without noise and 0.36 % with
+    0.25 % noise; with not-a-knot ends, to 0.07 and 0.62 %.
     """
 
     arc_deg: float
     speed: int  # index of the speed setting
     f: Array  # force of its points [N/m], ascending, (m,)
-    mu: Array  # friction coefficient of the points and its standard error [-]
-    se: Array
+    mu: Array  # friction coefficient of the points [-]
+    se: Array  # its standard error [-]
     band: tuple[float, float]
-    """Lowest and highest friction coefficient of its runs as they were measured [-]."""
+    """Lowest and highest measured friction coefficient of its runs [-]."""
 
     def covers(self, force: Array) -> NDArray[np.bool_]:
-        """Whether forces [N/m] lie between the first and the last point."""
+        """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
     def at(self, force: Array) -> tuple[Array, Array]:
-        """Friction coefficient and standard error [-] at forces [N/m], nan outside the points.
+        """Evaluate mu and its standard error [-] at forces [N/m], nan outside the points.
 
-        Standard errors are propagated through the weights of the points in the unbounded spline.
+        Standard errors are propagated with the weights of the points in the unbounded spline.
         """
         inside = self.covers(force)
-        held = np.clip(force, self.f[0], self.f[-1])
+        clipped = np.clip(force, self.f[0], self.f[-1])
         if self.f.size == 1:
-            mu, se = np.full(held.shape, self.mu[0]), np.full(held.shape, self.se[0])
+            mu, se = np.full(clipped.shape, self.mu[0]), np.full(clipped.shape, self.se[0])
         else:
-            nodes, x = np.log(self.f), np.log(held)
+            nodes, x = np.log(self.f), np.log(clipped)
             mu = np.exp(bounded_cubic(nodes, np.log(self.mu), x))
             weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(x)
             se = mu * np.sqrt(weights**2 @ (self.se / self.mu) ** 2)
@@ -102,18 +102,18 @@ class CurveSet:
     """All curves of a campaign."""
 
     arcs_deg: Array  # contact arcs, ascending, (na,)
-    speeds: Array  # speed settings, the mean of their measured speeds [m/s], ascending, (nv,)
+    speeds: Array  # speed settings, each the mean of its measured speeds [m/s], ascending, (nv,)
     curves: tuple[Curve, ...]  # at most one for each arc and speed
-    notes: tuple[str, ...] = ()  # what was merged or is missing
-    joined: bool = False  # arcs that are no settings: curves through the runs of all of them
+    notes: tuple[str, ...] = ()  # merged runs and missing combinations
+    joined: bool = False  # whether arcs are not settings: each curve is from the runs of all arcs
 
     def of_arc(self, arc_deg: float) -> CurveSet:
-        """Curves of one arc, with the speeds that it has."""
-        one = replace(self, arcs_deg=np.array([arc_deg]), notes=())
-        return one.with_curves(c for c in self.curves if c.arc_deg == arc_deg)
+        """Return the curves of one arc and the speeds that it has."""
+        arc_set = replace(self, arcs_deg=np.array([arc_deg]), notes=())
+        return arc_set.with_curves(c for c in self.curves if c.arc_deg == arc_deg)
 
     def with_curves(self, curves: Iterable[Curve]) -> CurveSet:
-        """The set with other curves; speeds without a curve are dropped."""
+        """Return the set with other curves, without speeds that have no curve."""
         kept = tuple(curves)
         used = sorted({c.speed for c in kept})
         kept = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
@@ -121,7 +121,7 @@ class CurveSet:
 
 
 def build_curves(points: Points) -> CurveSet:
-    """Sort points into curves and bring them to the common speed of their setting.
+    """Group points into curves and correct them to the common speed of their setting.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def build_curves(points: Points) -> CurveSet:
     Raises
     ------
     InputError
-        If the speeds run into each other, so that no settings can be told apart.
+        If the speeds overlap, so that their settings cannot be distinguished.
     """
     speed_label = settings_of(points.v, SPEED_GAP)
     arc_label = settings_of(points.arc_deg, ARC_GAP)
@@ -149,33 +149,33 @@ def build_curves(points: Points) -> CurveSet:
     ]
     if problems:
         raise InputError(problems)
-    at_setting = _at_common_speed(points, speed_label, speeds, arc_label)
+    corrected = _at_common_speed(points, speed_label, speeds, arc_label)
     curves: list[Curve] = []
     notes: list[str] = []
     for a, arc in enumerate(arcs):
         masks = [(arc_label == a) & (speed_label == k) for k in range(speeds.size)]
-        found = []
+        arc_curves = []
         for k, mask in enumerate(masks):
             if mask.any():
                 band = float(points.mu[mask].min()), float(points.mu[mask].max())
-                f, mu, se = _without_repetitions(at_setting.take(mask))
-                found.append(Curve(float(arc), k, f, mu, se, band))
+                f, mu, se = _without_repetitions(corrected.take(mask))
+                arc_curves.append(Curve(float(arc), k, f, mu, se, band))
         missing = [f"{speeds[k]:.4g}" for k, mask in enumerate(masks) if not mask.any()]
         if missing:
             more = f" and {len(missing) - 6} other speeds," if len(missing) > 6 else ""
             notes.append(f"arc {arc:g}°: no run at {', '.join(missing[:6])}{more} m/s")
-        repeated = int(np.sum(masks)) - sum(c.f.size for c in found)
+        repeated = int(np.sum(masks)) - sum(c.f.size for c in arc_curves)
         if repeated:
             notes.append(
                 f"arc {arc:g}°: {repeated} runs repeat the force and speed of another "
                 "and were averaged with it"
             )
-        curves += found
+        curves += arc_curves
     return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
 
 
 def _without_repetitions(points: Points) -> Array:
-    """Rows f, mu, se with means of repetitions, weighted by their errors if all are known."""
+    """Average repetitions, weighted by their errors if all are known; rows f, mu, se."""
     label = settings_of(points.f, FORCE_GAP)
     means = []
     for same in (points.take(label == k) for k in range(label.max() + 1)):
@@ -188,12 +188,12 @@ def _without_repetitions(points: Points) -> Array:
 def _at_common_speed(
     points: Points, speed_label: NDArray[np.intp], speeds: Array, arc_label: NDArray[np.intp]
 ) -> Points:
-    """Points as they would be at the mean speed of their setting.
+    """Correct points to the mean speed of their setting.
 
     A motor misses its speed by up to a percent. With the slope d ln mu / d ln v between
-    neighbouring settings (0.1 to 0.3) that is a tenth of a percent of mu, taken off here.
+    neighbouring settings (0.1 to 0.3) that is a tenth of a percent of mu, corrected here.
     """
-    exponent = np.zeros(points.f.size)  # 0 where one speed is all there is of an arc
+    exponent = np.zeros(points.f.size)  # 0 for an arc with one speed
     for a in range(arc_label.max() + 1):
         here = arc_label == a
         used, label = np.unique(speed_label[here], return_inverse=True)
@@ -213,10 +213,10 @@ def _at_common_speed(
 def _is_scattered(
     points: Points, speed_label: NDArray[np.intp], arc_label: NDArray[np.intp]
 ) -> bool:
-    """Whether the speeds of a campaign are no settings.
+    """Return whether the speeds of a campaign are not repeated settings.
 
-    They are not if runs that follow one another without a gap spread too far for one setting, or if
-    most runs have no second one of their arc at the same speed to make a curve with.
+    This is so if a group of speeds without a gap spreads too far for one setting, or if most runs
+    have no other run of their arc at the same speed to form a curve with.
     """
     if points.f.size < FEWEST_RUNS or points.f.max() < ONE_TENSION * points.f.min():
         return False
@@ -233,51 +233,54 @@ def _is_scattered(
 
 
 def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) -> CurveSet | None:
-    """Curves of each arc at common speeds, from all of its runs; None if no arc has enough."""
+    """Estimate curves of each arc at common speeds from all its runs; None if there are too few."""
     joined = 2 * int(np.sum(np.bincount(arc_label)[arc_label] >= FEWEST_RUNS)) < points.f.size
     if joined:
         arc_label, arcs = np.zeros_like(arc_label), np.array([points.arc_deg.mean()])
-    ordered = np.sort(points.v)  # every run is to be near to a speed, every speed near to a run
+    ordered = np.sort(points.v)  # place speeds so that each is near a run, and each run near one
     cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
     groups = [ordered[cells == k] for k in np.unique(cells)]
     speeds = np.array([np.sqrt(group[0] * group[-1]) for group in groups])
     curves: list[Curve] = []
-    few = []
+    too_few = []
     band = float(points.mu.min()), float(points.mu.max())
     for a, arc in enumerate(arcs):
-        mine = points.take(arc_label == a)
-        if mine.f.size < FEWEST_RUNS:
-            few.append(
-                f"arc {arc:g}°: {mine.f.size} runs, {FEWEST_RUNS} are needed without settings"
+        runs = points.take(arc_label == a)
+        if runs.f.size < FEWEST_RUNS:
+            too_few.append(
+                f"arc {arc:g}°: {runs.f.size} runs, {FEWEST_RUNS} are needed without repeated "
+                "settings"
             )
             continue
-        ends = mine.f.min(), mine.f.max()
-        mine = _thinned(mine)
-        x = np.log(np.column_stack([mine.f, mine.v]))
+        ends = runs.f.min(), runs.f.max()
+        runs = _thinned(runs)
+        x = np.log(np.column_stack([runs.f, runs.v]))
         # as many nodes along the force as a grid of that many runs would have
-        nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(mine.f.size))))
+        nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(runs.f.size))))
         at = np.stack(np.meshgrid(np.log(nodes), np.log(speeds), indexing="ij"), axis=-1)
-        log_mu, se = kriging(x, np.log(mine.mu), mine.se / mine.mu, at.reshape(-1, 2))
-        free = np.exp(log_mu).reshape(nodes.size, -1)
-        mu = np.clip(free, *band)  # corners without runs: nothing beyond what was measured
-        mu_se = np.hypot(mu * se.reshape(mu.shape), free - mu)
+        log_mu, se = kriging(x, np.log(runs.mu), runs.se / runs.mu, at.reshape(-1, 2))
+        unlimited = np.exp(log_mu).reshape(nodes.size, -1)
+        mu = np.clip(unlimited, *band)  # limit corners without runs to the measured values
+        mu_se = np.hypot(mu * se.reshape(mu.shape), unlimited - mu)
         curves += [
             Curve(float(arc), k, nodes, mu[:, k], mu_se[:, k], band) for k in range(speeds.size)
         ]
     if not curves:
         return None
-    each = (
-        "all arcs together, as they are none either" if joined else "each arc from all of its runs"
+    method = (
+        "all arcs together, as the arcs are not repeated settings either"
+        if joined
+        else "each arc from all of its runs"
     )
     note = (
-        f"the {points.f.size} speeds are no repeated settings: {speeds.size} speeds between "
-        f"{speeds[0]:.4g} and {speeds[-1]:.4g} m/s, {each}"
+        f"the {points.f.size} speeds are not repeated settings: the surface uses {speeds.size} "
+        f"speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s, {method}"
     )
-    return CurveSet(arcs, speeds, tuple(curves), (note, *few), joined)
+    return CurveSet(arcs, speeds, tuple(curves), (note, *too_few), joined)
 
 
 def _thinned(points: Points) -> Points:
-    """Points, or their means in cells of the plane (ln f, ln v) if there are very many."""
+    """Average very many points in cells of the plane (ln f, ln v); leave fewer unchanged."""
     if points.f.size <= MOST_CELLS:
         return points
     per_axis = int(np.sqrt(MOST_CELLS))
@@ -295,22 +298,22 @@ def _thinned(points: Points) -> Points:
 
 
 def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
-    """Smooth surface through scattered points with its standard errors (universal kriging).
+    """Estimate a smooth surface through scattered points with standard errors (universal kriging).
 
-    A plane plus a thin-plate spline, whose stiffness is the one of the highest restricted
+    The surface is a plane plus a thin-plate spline with the stiffness of highest restricted
     likelihood (Wahba 1990, Spline models for observational data, chapters 2 and 4).
 
     Parameters
     ----------
     x, at : ndarray, shape (n, 2), (m, 2)
-        Places of the points, and places to estimate.
+        Coordinates of the points, and coordinates at which to estimate.
     y, se : ndarray, shape (n,)
         Values and standard errors, which may be wrong by a common factor; all zero if unknown.
 
     Returns
     -------
     value, error : ndarray, shape (m,)
-        The error holds the noise of the runs and what the spline may do between them.
+        The error includes the noise of the runs and the uncertainty of the spline between them.
     """
     noise = np.where(se > 0.0, se, np.median(se[se > 0.0]) if np.any(se > 0.0) else 1.0)
     centre = x.mean(axis=0)
@@ -324,17 +327,17 @@ def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
     unit = max(float(values.mean()), 1e-300)
     ratios = np.exp(LOG_STIFFNESS) / unit
     spread = 1.0 + ratios[:, None] * values
-    # without a prior, a spline stiff enough to pass through all runs leaves them no error at all
-    known = STATED_ERRORS if np.any(se > 0.0) else 0.0
-    freedom = known + z2.size
-    scatter = np.maximum((known + np.sum(z2 / spread, axis=1)) / freedom, 1e-30)
+    # without a prior, a spline flexible enough to pass through all runs would leave no error
+    prior = STATED_ERRORS if np.any(se > 0.0) else 0.0
+    freedom = prior + z2.size
+    scatter = np.maximum((prior + np.sum(z2 / spread, axis=1)) / freedom, 1e-30)
     best = int(np.argmin(np.sum(np.log(spread), axis=1) + freedom * np.log(scatter)))
     ratio, variance = ratios[best], scatter[best]
 
     n, p = P.shape
     system = np.zeros((n + p, n + p))
     system[:n, :n] = ratio * K + np.diag(noise**2)
-    scale = float(np.abs(system).max())  # of the constraints, for the condition of the system
+    scale = float(np.abs(system).max())  # scales the constraints for a well-conditioned system
     system[:n, n:], system[n:, :n] = scale * P, scale * P.T
     plane = np.vstack([np.ones(len(at)), (at - centre).T])
     right = np.vstack([ratio * _thin_plate(x, at), scale * plane])
@@ -344,6 +347,6 @@ def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
 
 
 def _thin_plate(a: Array, b: Array) -> Array:
-    """``r² ln r`` between places, shape (len(a), len(b))."""
+    """Compute ``r² ln r`` between two sets of points, shape (len(a), len(b))."""
     r2 = np.sum(np.square(a[:, None, :] - b[None, :, :]), axis=-1)
     return 0.5 * r2 * np.log(np.where(r2 > 0.0, r2, 1.0))

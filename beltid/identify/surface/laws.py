@@ -6,12 +6,13 @@ parameters minimise
 
     r' (C + q I)^-1 r,    q such that the minimum equals the degrees of freedom, q >= 0.
 
-q is what the law itself misses the surface by (Paule and Mandel 1982); without known errors C is
-zero and q the scatter. For given a and v* the amplitudes c are a linear problem: a scan over v*
-gives first values, so that no guess is needed.
+q is the variance of the error of the law itself (Paule and Mandel 1982); without known errors, C is
+zero and q is the scatter. For given a and v*, the amplitudes c are a linear problem. A scan over v*
+provides start values, so the user need not guess any.
 
-Where the law misses the surface (q > 0), standard errors count the correlation that is left in the
-whitened misfits along the force. What the data do not determine is said to be so.
+If the law deviates from the surface (q > 0), the standard errors include the correlation along the
+force that remains in the whitened misfits. Parameters that the data do not determine are reported
+as such.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormul
 
 Array = NDArray[np.float64]
 
-ROUNDING = 1.0e-20  # squares of relative misfits below are rounding
-FORCE_SPREAD = 0.05  # forces within this share of each other do not show an exponent
-SCAN = 49  # values of the speed scale that are tried
-MOST_STARTS = 3  # the search starts from the best local minima of the scan, at most so many
-MOST_ROUNDS = 30  # rounds between the parameters and q
+ROUNDING = 1.0e-20  # smaller squares of relative misfits are rounding
+FORCE_SPREAD = 0.05  # relative; forces in a narrower range do not determine an exponent
+SCAN = 49  # number of speed scales in the scan
+MOST_STARTS = 3  # largest number of local minima of the scan from which the search starts
+MOST_ROUNDS = 30  # iterations between the parameters and q
 SINGULAR = 1.0e-10  # singular values of unit columns below this share of the largest are zero
 TWO_ERRORS = 4.0  # rise of chi² at two standard errors
-NO_LAW = 0.1  # misfit beyond the points' errors from which on no law is recommended
+NO_LAW = 0.1  # misfit beyond the points' errors above which no law is recommended
 NOT_DETERMINED = "not determined by the data"
 NOT_ZERO = "not different from zero"
 
@@ -48,7 +49,7 @@ class FrictionParameter:
     """A parameter of a friction law."""
 
     name: str
-    unit: str  # empty for a number
+    unit: str  # empty if dimensionless
     value: float
     se: float  # standard error; infinite where the data do not determine the value
     status: str = ""  # empty, "not different from zero", or "not determined by the data"
@@ -61,16 +62,16 @@ class FrictionParameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionLawFit:
-    """One parametric law through the points of a surface."""
+    """Fit of one parametric law to the points of a surface."""
 
     law: str  # see :data:`beltid.laws.friction_formulas.FRICTION_LAWS`
     parameters: tuple[FrictionParameter, ...]
     reference_force_N_m: float  # f0
     rms_misfit: float  # root mean square of the relative misfits ``law/mu - 1`` [-]
-    worst_misfit: float  # the largest of them, with its sign
-    worst_force_N_m: float  # where it is
-    law_error: float  # sqrt(q), what the law misses the points by beyond their errors [-]
-    criterion: float  # AICc less that of the best law [-]; nan with too few points
+    worst_misfit: float  # the largest misfit, with sign
+    worst_force_N_m: float  # force of the largest misfit
+    law_error: float  # sqrt(q), the error of the law beyond the errors of the points [-]
+    criterion: float  # AICc minus that of the best law [-]; nan with too few points
     notes: tuple[str, ...] = ()  # what the user should know
 
     @property
@@ -80,7 +81,7 @@ class FrictionLawFit:
 
     @property
     def formula(self) -> FrictionFormula:
-        """The law itself."""
+        """The law with the fitted parameters."""
         return FrictionFormula(self.law, self.reference_force_N_m, self.values)
 
     @property
@@ -94,13 +95,13 @@ class FrictionLaws:
     """Parametric laws of a friction surface."""
 
     fits: tuple[FrictionLawFit, ...]
-    """Of the laws that the points can tell, from the simplest to the richest."""
-    best: str  # law of the lowest criterion
+    """Fits of the laws that the points can determine, in order of increasing complexity."""
+    best: str  # law with the lowest criterion
     verdict: str  # the outcome in plain words
     notes: tuple[str, ...] = ()  # what the user should know
 
     def fit(self, law: str) -> FrictionLawFit:
-        """The fit of one law."""
+        """Return the fit of one law."""
         return next(f for f in self.fits if f.law == law)
 
 
@@ -112,8 +113,8 @@ def fit_friction_laws(
 ) -> FrictionLaws:
     """Fit the parametric friction laws to points (f, v, mu).
 
-    The reference force f0 is the geometric mean of the forces, to two digits, which makes mu0 and a
-    nearly uncorrelated.
+    The reference force f0 is the geometric mean of the forces, rounded to two digits, so that mu0
+    and a are nearly uncorrelated.
 
     Parameters
     ----------
@@ -121,8 +122,8 @@ def fit_friction_laws(
         Points, shape (n,): force per length of belt [N/m], sliding speed [m/s], friction
         coefficient [-], all > 0.
     factor : array_like, optional
-        Factor S of the covariance ``S S'`` of ln mu, shape (n, r); without one, or if it is zero,
-        every point has the same relative weight.
+        Factor S of the covariance ``S S'`` of ln mu, shape (n, r). Without it, or if it is zero,
+        all points have the same relative weight.
 
     Raises
     ------
@@ -130,23 +131,23 @@ def fit_friction_laws(
         If arrays differ in length, a value is not > 0, or there are fewer than two points.
     """
     points = _points(normal_force_N_m, slip_speed_m_s, mu, factor)
-    found: list[_Solution] = []
+    solutions: list[_Solution] = []
     notes = [] if points.errors_known else ["no standard errors of mu: points have equal weight"]
     for law in FRICTION_LAWS.values():
-        if not _can_tell(law, points):
+        if not _determine(points, law):
             continue
         try:
-            found.append(_solve(law, points))
+            solutions.append(_solve(law, points))
         except NumericsError as error:
             notes.append(f"{law.name}: {error}")
-    n_effective = points.f.size / min(found, key=lambda s: s.deviance).tau
-    # AICc for n_effective independent points; q is one parameter more
-    k = np.array([s.p.size + 1.0 for s in found])
+    n_effective = points.f.size / min(solutions, key=lambda s: s.deviance).tau
+    # AICc for n_effective independent points; q counts as a parameter
+    k = np.array([s.p.size + 1.0 for s in solutions])
     room = n_effective - k - 1.0
     penalty = 2.0 * k * n_effective / np.where(room > 0.0, room, np.nan)
-    criteria = n_effective / points.f.size * np.array([s.deviance for s in found]) + penalty
+    criteria = n_effective / points.f.size * np.array([s.deviance for s in solutions]) + penalty
     criteria -= np.nanmin(criteria) if np.isfinite(criteria).any() else 0.0
-    fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(found, criteria, strict=True))
+    fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(solutions, criteria, strict=True))
     best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
     return FrictionLaws(
         fits=fits,
@@ -175,21 +176,21 @@ class _Points:
         return int(self.setting.max()) + 1
 
     def whitening(self, q: float) -> Array:
-        """Symmetric root of ``(C + q I)^-1``: whitened misfits keep their places."""
+        """Compute the symmetric root of ``(C + q I)^-1``; whitened misfits keep their order."""
         return (self.U / np.sqrt(np.maximum(self.variance + q, ROUNDING))) @ self.U.T
 
     def misfit(self, law: Coulomb, p: Array) -> Array:
-        """Relative misfits ``1 - law/mu``."""
+        """Compute the relative misfits ``1 - law/mu``."""
         return 1.0 - law.mu(p, self.f, self.v) / self.mu
 
 
 def round_reference(force: Array) -> float:
-    """Geometric mean of forces to two digits: the reference force of a law."""
+    """Compute the reference force of a law: the geometric mean of forces, to two digits."""
     return float(f"{np.exp(np.mean(np.log(force))):.2g}")
 
 
 def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None) -> _Points:
-    """Check the points and put them in order."""
+    """Check the points and sort them."""
     force, speed, coefficient = (np.asarray(x, dtype=float).ravel() for x in (f, v, mu))
     n = coefficient.size
     S = np.zeros((n, 0)) if factor is None else np.asarray(factor, dtype=float)
@@ -214,8 +215,8 @@ def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None)
     return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known)
 
 
-def _can_tell(law: Coulomb, points: _Points) -> bool:
-    """Whether the points are many enough, and differ enough, for the parameters of a law."""
+def _determine(points: _Points, law: Coulomb) -> bool:
+    """Return whether points are numerous and varied enough for the parameters of a law."""
     one_force = points.f.max() <= (1.0 + FORCE_SPREAD) * points.f.min()
     return (
         points.f.size >= len(law.parameters)
@@ -226,7 +227,7 @@ def _can_tell(law: Coulomb, points: _Points) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """A law at its minimum."""
+    """Solution of the fit of one law."""
 
     law: Coulomb
     p: Array  # parameters
@@ -236,25 +237,25 @@ class _Solution:
 
 
 def _solve(law: Coulomb, points: _Points) -> _Solution:
-    """Parameters and q of one law."""
+    """Find the parameters and q of one law."""
     dof = points.f.size - len(law.parameters)
     W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
-    solved = [_minimum(law, points, W, start) for start in _starts(law, points, W)]
-    p = min(solved, key=lambda p: float(np.sum((W @ points.misfit(law, p)) ** 2)))
+    minima = [_minimum(law, points, W, start) for start in _starts(law, points, W)]
+    p = min(minima, key=lambda p: float(np.sum((W @ points.misfit(law, p)) ** 2)))
     q = -1.0
     for _ in range(MOST_ROUNDS):
-        before = q
+        previous = q
         q = law_variance(points.U.T @ points.misfit(law, p), points.variance, dof)
         W = points.whitening(q)
         if np.ptp(points.variance) == 0.0:
-            break  # q changes no weight
+            break  # q does not change the weights
         p = _minimum(law, points, W, p)
-        if abs(q - before) <= 1e-9 * q + ROUNDING:
+        if abs(q - previous) <= 1e-9 * q + ROUNDING:
             break
     r = points.misfit(law, p)
     z = W @ r
     tau = 1.0
-    # what known errors explain is no correlation of the law's misfits
+    # misfits that known errors explain do not count as correlated errors of the law
     if np.max(np.abs(r)) ** 2 > ROUNDING and not (points.errors_known and q == 0.0):
         parts = [z[points.setting == k] for k in range(points.n_speeds)]  # along the force
         tau = integrated_autocorrelation_time(*parts)
@@ -263,9 +264,9 @@ def _solve(law: Coulomb, points: _Points) -> _Solution:
 
 
 def law_variance(rotated: Array, variance: Array, dof: int) -> float:
-    """The q >= 0 at which ``sum r² / (variance + q)`` equals the degrees of freedom, 0 without any.
+    """Find q >= 0 for which ``sum r² / (variance + q)`` equals the degrees of freedom, else 0.
 
-    Misfits `rotated` in the axes of the covariance and its eigenvalues `variance`, each (n,).
+    `rotated` are the misfits in the axes of the covariance, `variance` its eigenvalues, each (n,).
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -280,26 +281,26 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
 
 
 def _scales(law: Coulomb, points: _Points) -> Array:
-    """Speed scales that are tried; the outer ones are the bounds of the search."""
+    """List the speed scales of the scan; the outer ones are the bounds of the search."""
     return np.geomspace(points.v.min() / law.reach, points.v.max() * law.reach, SCAN)
 
 
 def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
-    """First values: the best scales of a scan, each with the exponent linearised about zero."""
+    """Find start values: best scales of a scan, with the exponent linearised about zero."""
     grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
-    found = [_at_scale(law, points, W, 0.0, float(s)) for s in grid]
-    padded = [math.inf, *(misfit for _, misfit, _ in found), math.inf]
-    lowest = [k for k in range(len(found)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
+    solutions = [_at_scale(law, points, W, 0.0, float(s)) for s in grid]
+    padded = [math.inf, *(misfit for _, misfit, _ in solutions), math.inf]
+    lowest = [k for k in range(len(solutions)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
     lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
-    return [found[k][0] for k in lowest]
+    return [solutions[k][0] for k in lowest]
 
 
 def _at_scale(
     law: Coulomb, points: _Points, W: Array, a: float, scale: float
 ) -> tuple[Array, float, bool]:
-    """Linear least squares for a given speed scale; an exponent is linearised at `a`.
+    """Solve the linear least squares for a given speed scale, with the exponent linearised at `a`.
 
-    Parameters, chi², and whether all of them are determined.
+    Returns the parameters, chi², and whether all parameters are determined.
     """
     columns = (points.f**-a / points.mu)[:, None] * law.terms(points.v, scale)
     amplitudes = columns.shape[1]
@@ -314,63 +315,63 @@ def _at_scale(
 
 
 def _minimum(law: Coulomb, points: _Points, W: Array, start: Array) -> Array:
-    """Parameters of the least ``|W r|²``, searched from a start; a speed scale by its logarithm."""
+    """Minimise ``|W r|²`` from a start; a speed scale is searched in its logarithm."""
     at = [law.parameters.index(law.scale)] if law.scale else []
     low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
     low[at], high[at] = np.log(_scales(law, points)[[0, -1]])
 
-    def public(theta: Array) -> Array:
+    def to_parameters(theta: Array) -> Array:
         p = theta.copy()
         p[at] = np.exp(p[at])
         return p
 
     def derivatives(theta: Array) -> Array:
-        p = public(theta)
+        p = to_parameters(theta)
         J = law.gradient(p, points.f, points.v)
         J[:, at] *= p[at]
         return -W @ (J / points.mu[:, None])
 
     theta = start.copy()
     theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
-    found = solve_nonlinear(
-        lambda t: W @ points.misfit(law, public(t)), derivatives, theta, (low, high)
+    solution = solve_nonlinear(
+        lambda t: W @ points.misfit(law, to_parameters(t)), derivatives, theta, (low, high)
     )
-    return public(found.parameters)
+    return to_parameters(solution.parameters)
 
 
 def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """``(J'J)^-1``, and which parameters are determined; directions without influence left out."""
+    """Compute ``(J'J)^-1`` without singular directions, and which parameters are determined."""
     scaled, length = unit_columns(J)
     _, sizes, V = np.linalg.svd(scaled, full_matrices=False)
-    seen = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
-    determined = np.sqrt(np.sum(V[~seen] ** 2, axis=0)) <= 1e-3
-    inverse = (V[seen].T / sizes[seen] ** 2) @ V[seen] / np.outer(length, length)
+    regular = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
+    determined = np.sqrt(np.sum(V[~regular] ** 2, axis=0)) <= 1e-3
+    inverse = (V[regular].T / sizes[regular] ** 2) @ V[regular] / np.outer(length, length)
     return inverse, determined
 
 
 def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionLawFit:
-    """Parameters with their uncertainty, and the misfit."""
+    """Summarise a solution: parameters with their uncertainty, and the misfit."""
     law, r = solution.law, -points.misfit(solution.law, solution.p)
     dof = r.size - solution.p.size
     se, at_bound = _uncertainty(solution, points, dof)
-    judged = {
+    statuses = {
         name: status(name, x, s, points.mu, points.v)
         for name, x, s in zip(law.units, solution.p, se, strict=True)
     }
-    if judged.get("b") == NOT_ZERO:  # without provable influence of the speed its scale is nothing
-        judged["v0"] = NOT_DETERMINED
+    if statuses.get("b") == NOT_ZERO:  # without proven influence of the speed, v0 has no meaning
+        statuses["v0"] = NOT_DETERMINED
     parameters = tuple(
-        FrictionParameter(name, unit, float(x), float(s), judged[name])
+        FrictionParameter(name, unit, float(x), float(s), statuses[name])
         for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
     )
     notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
     notes += [
-        f"{law.name}: {p.name} is negative, a number without a meaning"
+        f"{law.name}: {p.name} is negative, which has no physical meaning"
         for p in parameters
         if p.name.startswith("mu") and p.value < 0.0
     ]
     if at_bound:
-        notes.append(f"{law.name}: its speed scale ended at the bound of the search")
+        notes.append(f"{law.name}: its speed scale reached the bound of the search range")
     worst = int(np.argmax(np.abs(r)))
     return FrictionLawFit(
         law=law.name,
@@ -386,10 +387,11 @@ def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionL
 
 
 def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, bool]:
-    """Standard errors of the parameters; whether a speed scale ended at its bound.
+    """Compute the standard errors, and whether a speed scale ended at its bound.
 
-    The part of the speed scale in the linear errors is widened to half of what the parameters move
-    over all scales that fit within two standard errors: its errors are seldom symmetric.
+    The errors of a speed scale are seldom symmetric. Its part in the linear errors is therefore
+    widened to half of the change of the parameters over all scales that fit within two standard
+    errors.
     """
     law, p, W = solution.law, solution.p, points.whitening(solution.q)
     J = law.gradient(p, points.f, points.v) / points.mu[:, None]
@@ -404,16 +406,16 @@ def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array,
         at = law.parameters.index(law.scale)
         moved, at_bound = _moved_by_scale(solution, points, W)
         if determined.any():
-            known = determined[at] and linear[at] > 0.0
-            by_scale = covariance[at] / linear[at] if known else 0.0 * linear
+            has_error = determined[at] and linear[at] > 0.0
+            by_scale = covariance[at] / linear[at] if has_error else 0.0 * linear
             se = np.hypot(se, np.sqrt(np.maximum((0.5 * moved) ** 2 - by_scale**2, 0.0)))
     return se, at_bound
 
 
 def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Array, bool]:
-    """What the parameters move over the speed scales that fit within two standard errors.
+    """Compute the change of the parameters over the scales that fit within two standard errors.
 
-    Infinite for those that are open; the other is whether the scale itself ended at a bound.
+    It is infinite for undetermined parameters. Also returns whether the scale ended at a bound.
     """
     law, p = solution.law, solution.p
     at, a = law.parameters.index(law.scale), float(p[law.parameters.index("a")])
@@ -442,10 +444,10 @@ def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Arr
 
 
 def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:
-    """What is to be said about a parameter at coefficients mu and speeds v; empty if it stands.
+    """Judge a parameter by its standard error, given coefficients mu and speeds v; empty if fine.
 
     A speed scale is not determined if its 95 % interval spans more than a factor of ten either way,
-    a coefficient if its standard error exceeds half the mean mu, an exponent beyond 1.
+    a coefficient if its standard error exceeds half the mean mu, an exponent if it exceeds 1.
     """
     half_mean = 0.5 * float(np.mean(mu))
     largest = {
@@ -461,7 +463,7 @@ def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:
 
 
 def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
-    """Which formula to take, in plain words; none if all of them miss the points by far."""
+    """Recommend a formula in plain words; none if all formulas fit poorly."""
     closest = min(fits, key=lambda f: f.rms_misfit)
     if all(f.law_error > NO_LAW for f in fits):
         return (
@@ -471,19 +473,19 @@ def verdict_of(fits: Sequence[FrictionLawFit]) -> str:
             f"(at {closest.worst_force_N_m:.3g} N/m); take the surface itself, or a part of "
             "the range."
         )
-    known = [f for f in fits if not math.isnan(f.criterion)]
-    if not known:
+    comparable = [f for f in fits if not math.isnan(f.criterion)]
+    if not comparable:
         return "Too few independent points to compare friction laws."
-    best = min(known, key=lambda f: f.criterion)
+    best = min(comparable, key=lambda f: f.criterion)
     text = (
         f"Best formula: {best.law}, {best.formula.text} (f in N/m, v in m/s), misfit "
         f"{100 * best.rms_misfit:.2g} % RMS, {100 * abs(best.worst_misfit):.2g} % at worst"
     )
     if not best.determined:
         text += "; not all of its parameters are determined: use it within the measured range only"
-    equal = [f.law for f in known if f is not best and f.criterion < 2.0]
+    equal = [f.law for f in comparable if f is not best and f.criterion < 2.0]
     if equal:
-        text += f"; {', '.join(equal)} does as well"
+        text += f"; {', '.join(equal)} {'does' if len(equal) == 1 else 'do'} as well"
     coulomb = next((f for f in fits if f.law == "coulomb"), None)
     if coulomb is not None and best.law != "coulomb":
         text += (

@@ -1,7 +1,7 @@
 """Friction surface from the reduced runs of the friction rig (paper, section 5, Figs. 12 and 13).
 
-Per contact arc and speed setting a curve over the normal force; per arc a surface over the range
-that the arc covers at all speeds; averaged over arcs the surface that goes into simulations.
+Each contact arc and speed setting gives a curve over the normal force. Each arc gives a surface
+over the range that it covers at all speeds. Simulations use the average over the arcs.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SurfaceSettings:
-    """How curves become a grid."""
+    """Settings for the grid of a surface."""
 
     force_nodes: int | None = None
-    """Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default as many
-    as the fullest curve has points, where the points are."""
+    """Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default there are
+    as many as the largest curve has points, placed where the points are."""
 
     def __post_init__(self) -> None:
         if self.force_nodes is not None and self.force_nodes < 2:
@@ -46,12 +46,12 @@ class SurfaceSettings:
 class SurfaceResult:
     """Friction surfaces of a campaign."""
 
-    average: SurfaceGrid  # over the arcs
-    arcs: tuple[SurfaceGrid, ...]  # of each arc over the range that it covers itself
-    n_points: int  # used
-    set_aside: tuple[str, ...]  # points that were not used, each with its reason
+    average: SurfaceGrid  # average over the arcs
+    arcs: tuple[SurfaceGrid, ...]  # surface of each arc over its own range
+    n_points: int  # number of points used
+    set_aside: tuple[str, ...]  # rejected points, each with the reason
     notes: tuple[str, ...]
-    """What a reader of the surface should know: missing combinations, repetitions, degrees."""
+    """Remarks for the user: missing combinations, repetitions, degrees of interpolation."""
 
     @property
     def surface(self) -> FrictionSurface:
@@ -60,15 +60,15 @@ class SurfaceResult:
 
     @property
     def validity(self) -> dict[str, tuple[float, float]]:
-        """Measured range of the averaged surface: lowest and highest value, units in names."""
+        """Lowest and highest measured values of the averaged surface; units in the keys."""
         return self.surface.validity
 
     @property
     def rms_arc_spread(self) -> float:
         """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
         relative = self.average.mu_spread / self.average.mu
-        known = relative[np.isfinite(relative)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+        finite = relative[np.isfinite(relative)]
+        return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
     @property
     def max_arc_spread(self) -> float:
@@ -77,16 +77,16 @@ class SurfaceResult:
         return float(np.fmax.reduce(relative, axis=None))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Columns of the surface table: a row per node, the average first (``arc_deg`` nan)."""
+        """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
         grids = (self.average, *self.arcs)
         columns: dict[str, list[NDArray[Any]]] = {"arc_deg": []}
         for k, g in enumerate(grids):
-            # of a single arc, too, the average is marked as such
+            # nan marks the average, even with a single arc
             columns["arc_deg"].append(np.full(g.mu.size, g.arc_deg if k else np.nan))
             nodes = np.meshgrid(g.normal_force_N_m, g.slip_speed_m_s, indexing="ij")
-            named = dict(zip(("normal_force_N_m", "slip_speed_m_s"), nodes, strict=True))
-            named |= {name: getattr(g, name) for name in ("mu", "mu_se", "n_arcs", "mu_spread")}
-            for name, values in named.items():
+            table = dict(zip(("normal_force_N_m", "slip_speed_m_s"), nodes, strict=True))
+            table |= {name: getattr(g, name) for name in ("mu", "mu_se", "n_arcs", "mu_spread")}
+            for name, values in table.items():
                 columns.setdefault(name, []).append(values.ravel())
         return {name: np.concatenate(parts) for name, parts in columns.items()}
 
@@ -110,8 +110,8 @@ def build_surface(
     slip_speed_m_s : array_like (n,)
         Measured sliding speed [m/s]; its sign does not matter.
     mu, mu_se : array_like (n,)
-        Sliding friction coefficient, Eq. (6), and its standard error [-]. An error that is nan is
-        replaced by the median of the others.
+        Sliding friction coefficient, Eq. (6), and its standard error [-]. The median of the others
+        replaces an error that is nan.
     settings : SurfaceSettings, optional
 
     Raises
@@ -128,15 +128,15 @@ def build_surface(
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
     notes += grid_notes
     arcs = []
-    with_curve = {curve.arc_deg for curve in curves.curves}  # an arc of few runs may have none
+    with_curve = {curve.arc_deg for curve in curves.curves}  # an arc with few runs may have none
     for arc in () if curves.joined else sorted(with_curve):
         try:
-            own, more = average(curves.of_arc(arc), settings.force_nodes, errors_known)
+            arc_grid, arc_notes = average(curves.of_arc(arc), settings.force_nodes, errors_known)
         except InputError as error:
-            notes += [f"arc {arc:g}°: no surface of its own, {p}" for p in error.problems]
+            notes += [f"arc {arc:g}°: no surface of this arc alone, {p}" for p in error.problems]
             continue
-        arcs.append(own)
-        notes += [f"arc {arc:g}°: {line}" for line in (*more, *own.to_surface().notes)]
+        arcs.append(arc_grid)
+        notes += [f"arc {arc:g}°: {line}" for line in (*arc_notes, *arc_grid.to_surface().notes)]
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
     notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
@@ -146,14 +146,14 @@ def build_surface(
 def _valid_points(
     arc_deg: ArrayLike, f: ArrayLike, v: ArrayLike, mu: ArrayLike, mu_se: ArrayLike | None
 ) -> tuple[Points, list[str], list[str], bool]:
-    """Points that can be used, those set aside, notes, and whether errors are known."""
-    named = {"arc_deg": arc_deg, "normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
+    """Return usable points, rejected ones, notes, and whether the errors are known."""
+    inputs = {"arc_deg": arc_deg, "normal_force_N_m": f, "slip_speed_m_s": v, "mu": mu}
     if mu_se is not None:
-        named["mu_se"] = mu_se
-    arrays = {name: np.asarray(values, dtype=float) for name, values in named.items()}
+        inputs["mu_se"] = mu_se
+    arrays = {name: np.asarray(values, dtype=float) for name, values in inputs.items()}
     n = arrays["mu"].size
     problems = [
-        f"{name}: shape {a.shape}, must be ({n},) as that of mu"
+        f"{name}: shape {a.shape}, must be ({n},) like mu"
         for name, a in arrays.items()
         if a.shape != (n,)
     ]
@@ -166,46 +166,48 @@ def _valid_points(
         for k in range(n)
     ]
     set_aside = [f"point {k}: {text}, must be > 0" for k, text in enumerate(reasons) if text]
-    good = np.array([not text for text in reasons], dtype=bool)
-    if not good.any():
-        none = f"no point for a friction surface among {n}, at least one is needed"
-        raise InputError([none, *set_aside])
-    known = np.isfinite(se) & (se >= 0.0)
+    usable = np.array([not text for text in reasons], dtype=bool)
+    if not usable.any():
+        problem = f"no point for a friction surface among {n}, at least one is needed"
+        raise InputError([problem, *set_aside])
+    has_error = np.isfinite(se) & (se >= 0.0)
     notes = []
-    if not (known & good).any():
-        notes.append("no standard errors of mu given: those of the surface are the arcs' spread")
+    if not (has_error & usable).any():
+        notes.append("no standard errors of mu given: the surface's are from the spread of arcs")
         se = np.zeros(n)
-    elif not known[good].all():
-        typical = float(np.median(se[known & good]))
-        words = f"points without a standard error: {typical:.3g} (median of the others) taken"
-        notes.append(f"{int((~known & good).sum())} {words}")
-        se = np.where(known, se, typical)
-    points = Points(*(a[good] for a in (*arrays.values(), se)))
-    return points, set_aside, notes, bool((known & good).any())
+    elif not has_error[usable].all():
+        typical = float(np.median(se[has_error & usable]))
+        notes.append(
+            f"{int((~has_error & usable).sum())} points without a standard error: {typical:.3g} "
+            "(median of the others) taken"
+        )
+        se = np.where(has_error, se, typical)
+    points = Points(*(a[usable] for a in (*arrays.values(), se)))
+    return points, set_aside, notes, bool((has_error & usable).any())
 
 
 def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
-    """Averaged surface of a surface table.
+    """Read the averaged surface from a surface table.
 
     Parameters
     ----------
     columns : mapping of str to array_like
-        Columns arc_deg, normal_force_N_m, slip_speed_m_s, mu and, if there, mu_se; the rows of the
+        Columns arc_deg, normal_force_N_m, slip_speed_m_s, mu and optionally mu_se; the rows of the
         average have ``arc_deg`` nan.
 
     Raises
     ------
     InputError
-        If a column or the average is missing, or its rows are no complete grid.
+        If a column or the average is missing, or the averaged rows do not form a complete grid.
     """
-    needed = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu")
-    missing = [f"surface: column {name} is missing" for name in needed if name not in columns]
+    required = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu")
+    missing = [f"surface: column {name} is missing" for name in required if name not in columns]
     if missing:
         raise InputError(missing)
     rows = np.isnan(np.asarray(columns["arc_deg"], dtype=float))
     if not rows.any():
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
-    names = (*needed[1:], "mu_se") if "mu_se" in columns else needed[1:]
+    names = (*required[1:], "mu_se") if "mu_se" in columns else required[1:]
     f, v, *values = (np.asarray(columns[name], dtype=float)[rows] for name in names)
     forces, i = np.unique(f, return_inverse=True)
     speeds, j = np.unique(v, return_inverse=True)
