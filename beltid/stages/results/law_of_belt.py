@@ -43,18 +43,18 @@ ABOUT: Final = (
 def law_of_folder(
     folder: Path, named: Path | None, wanted: str | None, reporter: Reporter
 ) -> ContactLaw:
-    """The contact law of the artifacts in a folder.
+    """Assemble the contact law from the artifacts in a folder.
 
     Parameters
     ----------
     folder : Path
         Folder with the artifacts of a belt.
     named : Path or None
-        Config that the user named; it tells what belt it is.
+        Config that the user named; it describes the belt.
     wanted : {"refined", "published"} or None
-        Which friction surface; None for the refined one where it is there.
+        Friction surface to use; None for the refined one if it exists.
     reporter : Reporter
-        Hears what is going on.
+        Receives the progress messages.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _put_together(
     friction: Artifact | None,
     source: ConfigSource | None,
 ) -> ContactLaw:
-    normal = law_of(stiffness)  # refuses one without a pooled law
+    normal = law_of(stiffness)  # raises an error without a pooled law
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     return ContactLaw(
         about=ABOUT,
@@ -130,18 +130,18 @@ def _surface_artifact(folder: Path, wanted: str | None, reporter: Reporter) -> A
 
 
 def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
-    """The config that results were made with, by its hash; None if it is not found.
+    """Find the config that results were made with, by its hash; None if it is not found.
 
-    It is looked for beside the results and in the current folder, in the folders above them, and in
+    The search covers the folder of the results, the current folder, the folders above them, and
     their subfolders ``configs``.
     """
     candidates = []
     with contextlib.suppress(ConfigError):
         candidates.append(find_config(folder / STIFFNESS))
     name = made_with.config or ""
-    places = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
-    for place in places if name else ():
-        for path in (place / name, place / "configs" / name):
+    folders = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
+    for parent in folders if name else ():
+        for path in (parent / name, parent / "configs" / name):
             with contextlib.suppress(ConfigError):
                 if path.is_file():
                     candidates.append(ConfigSource(load_config(path), f"{path}", path))
@@ -150,7 +150,7 @@ def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
 
 
 def _name_of(folder: Path) -> str:
-    """Name of a folder as the name of a belt."""
+    """Turn the name of a folder into a valid name of a belt."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
     return name[:64] or "belt"
 
@@ -176,7 +176,7 @@ def _known(artifact: Artifact, column: str, row: int) -> float | None:
 
 
 def _budget(surface: Artifact) -> tuple[Contribution, ...]:
-    """Where the uncertainty of mu comes from, largest first, the combined one last."""
+    """Return the contributions to the uncertainty of mu, largest first, the combined one last."""
     return tuple(
         Contribution(**{name: row[name] for name in Contribution.model_fields if name in row})
         for row in surface.metadata.budget
@@ -185,7 +185,7 @@ def _budget(surface: Artifact) -> tuple[Contribution, ...]:
 
 
 def _sticking(friction: Artifact | None) -> tuple[float, float] | None:
-    """Sticking peak over sliding coefficient: mean and standard deviation of the runs."""
+    """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
     if friction is None:
         return None
     columns = friction.columns
@@ -203,18 +203,18 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
 
 
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:
-    ours, theirs = surface.metadata.validity, stiffness.metadata.validity
+    of_surface, of_press = surface.metadata.validity, stiffness.metadata.validity
     return Validity(
         measured_force_N_m=surface.metadata.figures.get("measured", {}).get("normal_force_N_m"),
-        normal_force_N_m=ours.get("normal_force_N_m"),
-        slip_speed_m_s=ours.get("slip_speed_m_s"),
-        penetration_m=theirs.get("penetration_m"),
-        press_force_N_m=theirs.get("force_N_m"),
+        normal_force_N_m=of_surface.get("normal_force_N_m"),
+        slip_speed_m_s=of_surface.get("slip_speed_m_s"),
+        penetration_m=of_press.get("penetration_m"),
+        press_force_N_m=of_press.get("force_N_m"),
     )
 
 
 def _provenance(stiffness: Artifact, surface: Artifact, friction: Artifact | None) -> Provenance:
-    """Hashes of the artifacts, and of the recordings as far as the chain behind them is here."""
+    """Return the hashes of the artifacts, and of the recordings as far as they are known."""
     recordings = dict(stiffness.metadata.inputs)
     if friction is not None:
         recordings |= friction.metadata.inputs
