@@ -176,7 +176,7 @@ def test_init_names_the_command_that_tells_how_to_read_a_recording(beltid: Any) 
     Path("rig.csv").write_text("run;Zeit;Umschlingung\nA;0,0;40\nA;0,1;40\n")
     said = beltid("init", "6pk", "--rig", "rig.csv")
     assert said.exit_code == 0
-    assert "`beltid inspect rig.csv` tells all that is to be stated" in said.stderr
+    assert "`beltid inspect rig.csv` lists everything that must be stated" in said.stderr
 
 
 def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:

@@ -201,7 +201,9 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path
     outcome = fit_friction(both, table=True)
     found = outcome.to_frame()
     assert found["condition"].tolist() == ["dry"] * 24 + ["wet"] * 24
-    with pytest.raises(InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one by --cond"):
+    with pytest.raises(
+        InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one with --cond"
+    ):
         build_surface(found)
     built = build_surface(found, condition="dry")
     assert built.extra["conditions"] == {"condition": "dry"}

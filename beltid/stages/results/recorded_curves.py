@@ -39,7 +39,7 @@ RIG_KEYS: Final = (
     "rig.belt_speed_m_s",
     *CELL_KEYS,
 )
-"""Includes the load cells: their known offsets are subtracted here as in the reduction."""
+"""Includes the load cells: their known errors are corrected here as in the reduction."""
 MOST_ARCS: Final = 4
 MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
