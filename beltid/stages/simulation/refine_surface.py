@@ -481,8 +481,9 @@ def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, .
     if distance > CLEAR:
         return (
             f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * u_stated:.2g} %, "
-            f"but the runs give {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {distance:.2g} "
-            "standard uncertainties apart; one of the values, or the runs, must be wrong",
+            f"but the runs give {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: "
+            f"{distance:.2g} standard uncertainties apart; one of the values, or the runs, must be "
+            "wrong",
         )
     if fitted.is_told:
         return ()
