@@ -358,10 +358,10 @@ def _existing(out: Path, kind: str) -> tuple[Artifact | None, str]:
         return read_artifact(out, kind), ""
     except ArtifactError:
         pass
-    found = stated_kind(out) if out.is_file() else None
-    if found == kind:
+    other_kind = stated_kind(out) if out.is_file() else None
+    if other_kind == kind:
         return None, ""  # damaged or written with an old schema: may be replaced
-    return None, f"a {found} artifact" if found else FOREIGN
+    return None, f"a {other_kind} artifact" if other_kind else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -274,13 +274,13 @@ def rows_per_setting(
     rows = []
     for arc in np.unique(arc_deg):
         for speed in np.unique(speed_rad_s[arc_deg == arc]):
-            here = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
-            low, high = here[np.argmin(force_N_m[here])], here[np.argmax(force_N_m[here])]
+            runs = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
+            low, high = runs[np.argmin(force_N_m[runs])], runs[np.argmax(force_N_m[runs])]
             rows.append(
                 {
                     "arc_deg": float(arc),
                     "pulley_speed_rad_s": float(speed),
-                    "runs": here.size,
+                    "runs": runs.size,
                     "lowest_force_N_m": float(force_N_m[low]),
                     "highest_force_N_m": float(force_N_m[high]),
                     "mu_at_lowest": float(mu[low]),

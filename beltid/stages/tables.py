@@ -189,14 +189,14 @@ def _is_law_file(path: str | Path) -> bool:
 
 def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalLaw:
     """Return the normal contact law of a stiffness artifact; see `load_stiffness`."""
-    at = artifact.columns["temperature_degC"]
+    temperatures = artifact.columns["temperature_degC"]
     if temperature_degC is None:
-        rows = np.flatnonzero(np.isnan(at))
+        rows = np.flatnonzero(np.isnan(temperatures))
     else:
-        rows = np.flatnonzero(np.abs(at - temperature_degC) <= 5.0)
-        rows = rows[np.argsort(np.abs(at[rows] - temperature_degC), kind="stable")]
+        rows = np.flatnonzero(np.abs(temperatures - temperature_degC) <= 5.0)
+        rows = rows[np.argsort(np.abs(temperatures[rows] - temperature_degC), kind="stable")]
     if rows.size == 0:
-        known = ", ".join(f"{t:g}" for t in at[~np.isnan(at)]) or "none"
+        known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
         wanted = "pooled law" if temperature_degC is None else f"law at {temperature_degC:g} °C"
         raise InputError(f"{artifact.path}: no {wanted}; temperatures with a law: {known}")
     row = int(rows[0])

@@ -140,8 +140,10 @@ def _predicted_rows(slip: Artifact, drive: Artifact) -> np.ndarray:
             f"{drive.path}: its points do not come from a recording; predict those of the "
             "recording with beltid simulate-drive --from"
         )
-    here = np.flatnonzero(drive.columns["pulley"] == loaded)
-    row_of = dict(zip(drive.columns["run"][here].tolist(), here.tolist(), strict=True))
+    loaded_rows = np.flatnonzero(drive.columns["pulley"] == loaded)
+    row_of = dict(
+        zip(drive.columns["run"][loaded_rows].tolist(), loaded_rows.tolist(), strict=True)
+    )
     rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
     if (rows < 0).all():
         raise InputError(f"{drive.path}: has none of the runs of {slip.path}")

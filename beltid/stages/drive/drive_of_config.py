@@ -138,8 +138,8 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
     braking = torque * np.sign(speed)
     if np.nansum(braking) < 0.0:
         braking = -braking
-    known = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
-    if not known.any():
+    is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
+    if not is_complete.any():
         raise InputError("no run of the recording has a driver speed, a torque and a tension")
     return [
         LabelledPoint(
@@ -150,7 +150,7 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
                 tuple(float(braking[i]) if p.name == loaded else 0.0 for p in section.pulleys),
             ),
         )
-        for i in np.flatnonzero(known)
+        for i in np.flatnonzero(is_complete)
     ]
 
 
@@ -202,14 +202,14 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
 
 def _refuse_names(section: DriveSection, names: list[str]) -> None:
     points = section.operating_points
-    known = ", ".join(names)
+    allowed = ", ".join(names)
     stated = {"drive.driver": [section.driving]}
     stated["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
     stated["drive.operating_points.power_W"] = list(points.power_W)
     if section.tensioner is not None:
         stated["drive.tensioner.pulley"] = [section.tensioner.pulley]
     problems = [
-        f"{key}: {name} is not the name of a pulley, must be one of {known}"
+        f"{key}: {name} is not the name of a pulley, must be one of {allowed}"
         for key, references in stated.items()
         for name in references
         if name not in names

@@ -166,8 +166,8 @@ def _outcome(
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
     good, failed = _solved(Simulator(drive, method), points)
     uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    known = uncertain.members is not None or uncertain.factor is not None
-    ensemble = uncertain.ensemble() if known else ()
+    has_covariance = uncertain.members is not None or uncertain.factor is not None
+    ensemble = uncertain.ensemble() if has_covariance else ()
     uncertainty, sources = _uncertainty(config, drive, good, press, ensemble)
     by_string = [
         labelled.run
@@ -195,7 +195,7 @@ def _outcome(
         },
         notes=(
             *_rigid_ribs(drive, method),
-            *_notes(columns, drive, known, method, by_string),
+            *_notes(columns, drive, has_covariance, method, by_string),
         ),
         warnings=(
             *([] if "drive" in config.model_fields_set else [NOT_STATED]),
@@ -399,7 +399,7 @@ def _budget(
 def _notes(
     columns: Mapping[str, np.ndarray],
     drive: Drive,
-    surface_known: bool,
+    has_covariance: bool,
     method: Method,
     by_string: Sequence[str],
 ) -> tuple[str, ...]:
@@ -419,7 +419,7 @@ def _notes(
             "the rod has no steady state for some changed inputs; these points have the "
             f"uncertainties of the string: {', '.join(by_string)}"
         )
-    if not surface_known:
+    if not has_covariance:
         notes.append("the friction surface has no covariance: it is assumed to be exact")
     for status, words in (
         ("gross slip", "cannot be transmitted with the friction that is known"),

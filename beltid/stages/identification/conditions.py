@@ -42,20 +42,20 @@ def rows_of_one(
     """
     problems = []
     for column in APART:
-        words = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
-        counts = Counter("not stated" if word is None else str(word) for word in words)
+        labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
+        counts = Counter("not stated" if label is None else str(label) for label in labels)
         wanted = chosen.get(column)
         if wanted is not None:
-            rows = rows[words == wanted]
-        found = ", ".join(
-            f"{word} ({counted(count, 'run')})" for word, count in sorted(counts.items())
+            rows = rows[labels == wanted]
+        listing = ", ".join(
+            f"{label} ({counted(count, 'run')})" for label, count in sorted(counts.items())
         )
         if wanted is not None and not rows.size:
-            problems.append(f"{name}: no run has the {column} {wanted}; there are {found}")
+            problems.append(f"{name}: no run has the {column} {wanted}; there are {listing}")
             break
         if wanted is None and len(counts) > 1:
             problems.append(
-                f"{name}: runs of different {column} are never put into one surface: {found}; "
+                f"{name}: runs of different {column} are never put into one surface: {listing}; "
                 f"choose one with --{column}, and build another surface for the other"
             )
     if problems:

@@ -115,11 +115,9 @@ def fit_shear(
     _check_kind(model)
     columns, kind = columns_of(frame, "rig", model), rig_kind(model)
     records = run_records(columns, model.rig.pulley_radius_m, kind)
-    given = (
-        read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
-    )
-    press = None if given is None else press_law(given, model)
-    return _outcome(records, model, press).with_origin(model, frame, given)
+    law = read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
+    press = None if law is None else press_law(law, model)
+    return _outcome(records, model, press).with_origin(model, frame, law)
 
 
 def _check_kind(config: Config) -> None:

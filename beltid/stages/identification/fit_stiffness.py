@@ -128,9 +128,11 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
         "n_samples",
         "n_cycles",
     )
-    at = [np.nan if law.temperature_degC is None else law.temperature_degC for law in laws]
+    temperatures = [
+        np.nan if law.temperature_degC is None else law.temperature_degC for law in laws
+    ]
     return {
-        "temperature_degC": np.array(at, dtype=float),
+        "temperature_degC": np.array(temperatures, dtype=float),
         **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
         "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
         "notes": np.array(

@@ -71,10 +71,10 @@ BYTES_UNDER_WAY: Final = 96 << 20
 
 def friction_settings(config: Config) -> FrictionSettings:
     """Return the settings of the reduction that a config states."""
-    known = {field.name for field in fields(FrictionSettings)}
+    names = {field.name for field in fields(FrictionSettings)}
     section = config.friction.model_dump()
     bins = config.rig.speed_bins_rad_s or ()
-    chosen = {name: value for name, value in section.items() if name in known}
+    chosen = {name: value for name, value in section.items() if name in names}
     return FrictionSettings(**chosen, speed_bins_rad_s=bins)
 
 

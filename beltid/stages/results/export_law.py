@@ -121,8 +121,8 @@ def _targets(name: str) -> Sequence[Target]:
     if name == ALL:
         return tuple(TARGETS.values())
     if name not in TARGETS:
-        known = ", ".join((*TARGETS, ALL, SCHEMA))
-        raise InputError(f"target = {name}, must be one of {known}")
+        allowed = ", ".join((*TARGETS, ALL, SCHEMA))
+        raise InputError(f"target = {name}, must be one of {allowed}")
     return (TARGETS[name],)
 
 

@@ -201,7 +201,7 @@ def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> n
     kept = []
     for group in np.array_split(rows, most // 2):
         v = values[group]
-        known = group[np.isfinite(v)]
-        if known.size:
-            kept += [known[np.argmin(values[known])], known[np.argmax(values[known])]]
+        finite = group[np.isfinite(v)]
+        if finite.size:
+            kept += [finite[np.argmin(values[finite])], finite[np.argmax(values[finite])]]
     return np.unique(np.array(kept, dtype=rows.dtype))

@@ -113,8 +113,8 @@ def _chosen(available: list[Picture], name: str | None, path: Path) -> Picture |
     for picture in available:
         if picture.key == name:
             return picture
-    known = ", ".join(picture.key for picture in available) or "none"
-    raise InputError(f"{path}: --figure = {name}, must be one of: {known}")
+    names = ", ".join(picture.key for picture in available) or "none"
+    raise InputError(f"{path}: --figure = {name}, must be one of: {names}")
 
 
 def _summary(
@@ -138,7 +138,7 @@ def _summary(
         facts["further figures"] = ", ".join(further)
     notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
     few = [{name: row[name] for name in shown} for row in rows[:FEW_ROWS]]
-    rest = len(rows) - len(few)
+    n_hidden = len(rows) - len(few)
     return Summary(
         stage=STAGE,
         title=str(artifact.path),
@@ -146,7 +146,7 @@ def _summary(
         table=rows,
         overview=few,
         shown=tuple(columns),
-        notes=(*notes, *([f"{rest} more rows, see --verbose"] if rest > 0 else [])),
+        notes=(*notes, *([f"{n_hidden} more rows, see --verbose"] if n_hidden > 0 else [])),
         origin=artifact.metadata.origin,
         drawing=None if chosen is None else chosen.figure,
     )

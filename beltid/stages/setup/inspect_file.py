@@ -300,12 +300,12 @@ def _proposed_pattern(names: Sequence[str], kind: str) -> str:
             )
     if "{" not in pattern:
         return ""
-    first, mark, rest = pattern.partition("_")
-    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", rest)
-    if mark and "{" not in first:
-        pattern = f"{{{label}}}_{rest}"
-        if numbered and all(name.startswith(first + mark) for name in names):
-            pattern = f"{first}_{{{label}}}{rest[numbered.end() :]}"
+    first, separator, remainder = pattern.partition("_")
+    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
+    if separator and "{" not in first:
+        pattern = f"{{{label}}}_{remainder}"
+        if numbered and all(name.startswith(first + separator) for name in names):
+            pattern = f"{first}_{{{label}}}{remainder[numbered.end() :]}"
     pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + ending
     compiled = name_pattern(pattern)
     return pattern if all(compiled.values(name) is not None for name in names) else ""

@@ -49,9 +49,9 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        at = places.at(places.place(keys), format_path(keys))
+        place = places.at(places.place(keys), format_path(keys))
         for problem in _wrong(file, list(tables.values())):
-            problems.append(Problem(f"{at} = {problem}", "missing-file"))
+            problems.append(Problem(f"{place} = {problem}", "missing-file"))
     return problems or _of_other_benches(source.config, places)
 
 

@@ -328,8 +328,8 @@ def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSe
     """Return radius and settings of the reduction of the measured runs, without the load cells."""
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
-    known = type(config.friction).model_fields
-    section = {key: v for key, v in stored.get("friction", {}).items() if key in known}
+    field_names = type(config.friction).model_fields
+    section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
     bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
     try:
         reduction_config = load_config({"friction": section, "rig": bins}) if section else config
@@ -436,14 +436,14 @@ def summarise(built: Built) -> Summary:
 def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
     def in_words(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
-        words = TOLERANCES.get(name, name)
+        label = TOLERANCES.get(name, name)
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
         if name == "min_share_compared":
-            return f"{words} {found:.0f} % < {100.0 * row['allowed']:g} %"
+            return f"{label} {found:.0f} % < {100.0 * row['allowed']:g} %"
         sign = "<=" if row["holds"] else ">"
         if name == "max_rms_error_over_uncertainty":
-            return f"{words} {found / 100.0:.2f} {sign} {row['allowed']:g}"
-        return f"{words} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
+            return f"{label} {found / 100.0:.2f} {sign} {row['allowed']:g}"
+        return f"{label} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
     return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

@@ -106,8 +106,8 @@ def predict(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, fold: Fold
 ) -> Predicted:
     """Refine the surface from the remaining runs and simulate the runs left out."""
-    rest = {name: values[fold.rest] for name, values in columns.items()}
-    campaign, speeds, _, _ = prepared_campaign(rest, press, config, f"without {fold.name}")
+    remaining = {name: values[fold.rest] for name, values in columns.items()}
+    campaign, speeds, _, _ = prepared_campaign(remaining, press, config, f"without {fold.name}")
     reference = reference_temperature(config, campaign)
     solution = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
     rest_uncertainty = refined_uncertainty(solution)

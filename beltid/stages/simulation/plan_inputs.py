@@ -68,8 +68,8 @@ def rig_settings(
 def _thinned(values: Sequence[float]) -> list[float]:
     """Thin a long list of settings, as when each run has its own value; keep both ends."""
     ordered = sorted(values)
-    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
-    return [ordered[k] for k in at]
+    indices = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
+    return [ordered[k] for k in indices]
 
 
 def at_rest(settings: Settings, config: Config) -> Settings:

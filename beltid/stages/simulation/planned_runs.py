@@ -361,8 +361,10 @@ def _chosen(
     for value in picked:
         near = [a for a in allowed if abs(a - value) <= gap * a]
         if not near:
-            known = _listed(allowed)
-            problems.append(f"{option} = {value:g}, must be one of those of the campaign: {known}")
+            listing = _listed(allowed)
+            problems.append(
+                f"{option} = {value:g}, must be one of those of the campaign: {listing}"
+            )
         matches.update(near)
     return matches
 

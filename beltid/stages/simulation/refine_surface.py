@@ -103,8 +103,8 @@ class Choices:
 
     def __post_init__(self) -> None:
         if self.bending not in get_args(Bending):
-            known = ", ".join(get_args(Bending))
-            raise InputError(f"bending = {self.bending}, must be one of {known}")
+            allowed = ", ".join(get_args(Bending))
+            raise InputError(f"bending = {self.bending}, must be one of {allowed}")
 
     @property
     def runs(self) -> dict[str, str | None]:

@@ -158,8 +158,8 @@ def prepared_campaign(
         text = f"{name}: {counted(good.size, 'run')} can be used, at least 4 are needed{why}"
         raise InputError(text, code="no-run")
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
-    own = own_errors(columns)
-    mu_se = None if own is None else own[good]
+    standard_errors = own_errors(columns)
+    mu_se = None if standard_errors is None else standard_errors[good]
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))

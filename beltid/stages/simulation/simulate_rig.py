@@ -208,9 +208,9 @@ def _refuse_nothing(campaign: Campaign) -> None:
     """Raise an error if a campaign has no result at all."""
     if not campaign.finished:
         failures = _failures(campaign)
-        more = len(failures) - SHOWN_FAILURES
+        n_hidden = len(failures) - SHOWN_FAILURES
         raise NumericsError(
-            [*failures[:SHOWN_FAILURES], *([f"and {more} more"] if more > 0 else [])]
+            [*failures[:SHOWN_FAILURES], *([f"and {n_hidden} more"] if n_hidden > 0 else [])]
         )
 
 
