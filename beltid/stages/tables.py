@@ -145,7 +145,7 @@ def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") 
         return []
     return [
         f"{artifact.path}: made with {', '.join(differing)}: if it is not of this belt and bench, "
-        f"name its own config ({source.origin} is in use)"
+        f"use its own config ({source.origin} is in use)"
     ]
 
 

@@ -121,7 +121,7 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
 def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[LabelledPoint]:
     """Return the operating points of a speed-loss recording, with the torque on the load pulley.
 
-    A braking torque is positive. If most of the recorded torques drive, the recording uses the
+    A braking torque is positive. If the recorded torques drive on balance, the recording uses the
     other sign, and all signs are reversed.
 
     Raises
@@ -220,7 +220,9 @@ def _refuse_names(section: DriveSection, names: list[str]) -> None:
         if names.count(name) > 1
     ]
     if (section.tensioner is not None) != (section.installation == "tensioner"):
-        problems.append("drive.tensioner: must be stated with installation: tensioner, and only so")
+        problems.append(
+            "drive.tensioner: must be stated with installation: tensioner, and only then"
+        )
     if problems:
         raise InputError(problems)
 

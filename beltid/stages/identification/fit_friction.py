@@ -198,7 +198,7 @@ def _drift_line(drift: Drift) -> str:
     remedy = {
         "order": "run-in or wear; refine-surface accounts for it",
         "distance": "run-in or wear; refine-surface accounts for the order of the runs",
-        "temperature": "friction.correct_temperature: true refers the refined surface to "
+        "temperature": "friction.correct_temperature: true corrects the refined surface to "
         "friction.reference_temperature_degC",
     }[drift.cause]
     return f"the friction drifts with the {cause}: {size} per {per} ({remedy})"

@@ -125,7 +125,7 @@ def _check_kind(config: Config) -> None:
     if config.rig.kind != "two_cells":
         raise InputError(
             f"rig.kind = {config.rig.kind}: the shear stiffness needs both span tensions of a belt "
-            "between held ends, must be two_cells"
+            "between fixed ends, must be two_cells"
         )
 
 

@@ -380,7 +380,7 @@ def taken_off(treatment: Treatment) -> tuple[str, ...]:
     if treatment.drag_N_m is not None:
         low, high = treatment.drag_N_m
         size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-        lines.append(f"drag of the bearings taken off: {size} N m, as the idle pulley showed")
+        lines.append(f"bearing drag subtracted: {size} N m, measured on the idle pulley")
     return tuple(filter(None, lines))
 
 

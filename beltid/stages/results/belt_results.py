@@ -102,7 +102,8 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
             problems += error.problems
     if not sheets:
         raise ArtifactError(
-            problems or [f"{folder}: no results of a belt in it; `beltid run CONFIG` makes some"]
+            problems
+            or [f"{folder}: contains no results of a belt; `beltid run CONFIG` creates them"]
         )
     problems += _drop_strangers(sheets)
     belt = folder.resolve().name
@@ -151,7 +152,9 @@ def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:
             continue
         if len({sheets[key].metadata.inputs.get(role) for key in (name, result)}) > 1:
             del sheets[name]
-            problems.append(f"{name}.parquet is of another recording than {result}.parquet")
+            problems.append(
+                f"{name}.parquet comes from a different recording than {result}.parquet"
+            )
     return problems
 
 

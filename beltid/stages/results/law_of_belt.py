@@ -73,13 +73,15 @@ def law_of_folder(
     source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:
         reporter.warn(
-            "the config of these results was not found: type, ribs and width of the belt are not "
-            "known; --config names it"
+            "the config of these results was not found: type, ribs and width of the belt are "
+            "unknown; name it with --config"
         )
     else:
         reporter.report(f"config: {source.origin}")
         if source.config.sha256 != surface.metadata.config_sha256:
-            reporter.warn(f"{surface.path.name} was made with another config than {source.origin}")
+            reporter.warn(
+                f"{surface.path.name} was made with a different config than {source.origin}"
+            )
     try:
         return _put_together(folder, stiffness, surface, friction, source)
     except ValidationError as error:

@@ -70,7 +70,7 @@ def run(
         check_folder(folder)
     distinct = {os.path.realpath(folder) for folder in folders}
     if len(distinct) < len(folders):
-        raise InputError("a folder is named twice, each belt must be named once")
+        raise InputError("a folder is given twice, each belt must be given once")
     if source is not None:
         for folder in folders:
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:

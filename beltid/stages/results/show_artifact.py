@@ -94,7 +94,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     if out is not None and chosen is not None and chosen.figure is not None:
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
-        raise InputError(f"{path}: it has no figure to draw")
+        raise InputError(f"{path}: contains nothing to draw")
     return _summary(artifact, chosen, [picture.key for picture in available], out)
 
 

@@ -184,7 +184,7 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         wrong = wrong_recordings(ConfigSource(config, str(path), path))
         problems += wrong
         unread = () if wrong else unread_recordings(config)
-        warnings += [f"{path}: not readable as it states: {line}" for line in unread]
+        warnings += [f"{path}: cannot be read with these settings: {line}" for line in unread]
         warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
         rows.append(
             {
@@ -198,7 +198,7 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         raise ConfigError(problems)
     return Summary(
         stage="config check",
-        title="every key known, every value allowed, every recording there",
+        title="all keys known, all values allowed, all recordings found",
         table=rows,
         warnings=tuple(warnings),
     )

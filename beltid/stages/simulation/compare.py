@@ -255,7 +255,7 @@ def _held_out(
     if by == "arc" and not knows_arcs(predicted_folds):
         notes.append(
             "a single arc was left, which does not show how much arcs differ: such a difference is "
-            "not in the uncertainty of the prediction"
+            "not included in the uncertainty of the prediction"
         )
     outcome = _outcome(measured, predicted, config, uncertainty, tuple(notes))
     relative, force = outcome.result.relative_difference, outcome.result.normal_force_N_m

@@ -265,7 +265,7 @@ def plan_runs(
 
 
 def _of_other_runs(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
-    """Return a warning for each artifact that the surface was not made from."""
+    """Warn of each artifact that is not the one the surface was made from."""
     surface = artifacts.get("surface")
     if surface is None:
         return ()

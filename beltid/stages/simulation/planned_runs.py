@@ -288,10 +288,7 @@ def _not_measured(
     return [
         run
         for run in product(*lists)
-        if any(
-            value in unmeasured_values
-            for value, unmeasured_values in zip(run, unmeasured, strict=True)
-        )
+        if any(value in new for value, new in zip(run, unmeasured, strict=True))
     ]
 
 

@@ -234,11 +234,11 @@ def sentence(effect: ShownEffect) -> str:
         )
     return {
         ORDER: f"the friction changes over the campaign by {size} from the first run to the last "
-        "(run-in, wear); the surface is that of its middle",
+        "(run-in, wear); the surface holds for its middle",
         COURSE: f"the friction changes over the campaign by {size} (root mean square) in addition "
-        "to a steady change; the surface is that of its mean",
+        "to a steady change; the surface holds for its mean",
         TEMPERATURE: f"the friction changes with the temperature of the runs, {size} per 10 K; the "
-        "surface is that of their mean, or of friction.reference_temperature_degC with "
+        "surface holds for their mean, or for friction.reference_temperature_degC with "
         "friction.correct_temperature: true",
         TOGETHER: f"the friction changes over the campaign by {size} from the first run to the "
         "last, with the order of the runs or with their temperature, which rises together with it",
