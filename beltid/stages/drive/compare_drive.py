@@ -78,7 +78,7 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
     predicted_status = np.where(has_prediction, drive.columns["status"][rows], NOT_PREDICTED)
     status = np.array(
-        [_why_not(*statuses) for statuses in zip(measured["status"], predicted_status, strict=True)]
+        [_status(*statuses) for statuses in zip(measured["status"], predicted_status, strict=True)]
     )
     status = np.where((status == OK) & ~result.judged, "torque too small to be judged", status)
     settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
@@ -166,7 +166,7 @@ def _arc_shares(columns: Mapping[str, np.ndarray], runs: np.ndarray) -> np.ndarr
     return np.array([largest.get(run, np.nan) for run in runs.tolist()])
 
 
-def _why_not(measured: str, predicted: str) -> str:
+def _status(measured: str, predicted: str) -> str:
     """Return "ok", or why a point cannot be judged."""
     if measured == GROSS_SLIP:
         return f"{GROSS_SLIP} on the bench (predicted: {predicted})"

@@ -45,7 +45,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     """
     section, shear = config.drive, config.belt.shear_stiffness_N_m2
     names = [pulley.name for pulley in section.pulleys]
-    _refuse_names(section, names)
+    _check_names(section, names)
     loaded = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
     pulleys = tuple(
         Pulley(
@@ -200,7 +200,7 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
     ]
 
 
-def _refuse_names(section: DriveSection, names: list[str]) -> None:
+def _check_names(section: DriveSection, names: list[str]) -> None:
     points = section.operating_points
     allowed = ", ".join(names)
     stated = {"drive.driver": [section.driving]}

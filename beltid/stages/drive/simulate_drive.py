@@ -164,7 +164,7 @@ def _outcome(
     drive, method = drive_of(config, surface, press.law), config.drive.method
     at_rest = Simulator(drive).at_rest
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
-    good, failed = _solved(Simulator(drive, method), points)
+    good, failed = _solve_points(Simulator(drive, method), points)
     uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
     has_covariance = uncertain.members is not None or uncertain.factor is not None
     ensemble = uncertain.ensemble() if has_covariance else ()
@@ -189,7 +189,7 @@ def _outcome(
             "uncertainty_by_string": by_string,
             "slip_limits": _limits(drive, good),
             "limits_over_tension": _limits_over_tension(drive, good),
-            "laid": _laid(drive, good),
+            "laid": _layout_rows(drive, good),
             "arcs": _arcs(good),
             "budget": _budget(columns, sources, uncertainty.shared, uncertainty.surface),
         },
@@ -206,7 +206,7 @@ def _outcome(
     )
 
 
-def _solved(
+def _solve_points(
     simulator: Simulator, points: Sequence[LabelledPoint]
 ) -> tuple[list[Solved], list[tuple[LabelledPoint, ConvergenceError]]]:
     """Solve all points; return the steady states, and the errors of the points that failed."""
@@ -267,7 +267,7 @@ def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
 
 def _limits_over_tension(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return the torque limits over the belt tension, for the most loaded point."""
-    labelled, result = _heaviest(good)
+    labelled, result = _most_loaded(good)
     if result.load == 0.0:
         return []
     simulator, rows = Simulator(drive), []
@@ -289,13 +289,13 @@ def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, An
     }
 
 
-def _heaviest(good: Sequence[Solved]) -> Solved:
+def _most_loaded(good: Sequence[Solved]) -> Solved:
     """Return the most loaded steady point, or the most loaded point if none is steady."""
     steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
     return max(steady or good, key=lambda solved: solved[1].load)
 
 
-def _laid(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _layout_rows(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return the layout of pulleys and spans at rest, in the order of the drive."""
     laid = layout(drive, good[0][1].rest.arm_angle)
     return [
@@ -313,7 +313,7 @@ def _laid(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
 
 def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return line force and sliding speed along every arc at the most loaded point."""
-    labelled, result = _heaviest(good)
+    labelled, result = _most_loaded(good)
     return [
         {
             "pulley": pulley.name,

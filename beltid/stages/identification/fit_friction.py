@@ -169,7 +169,7 @@ def _outcome(
             ),
         ),
         warnings=(
-            *_traps(table.runs, rig_kind(config), held=config.rig.slide == "held"),
+            *_warnings(table.runs, rig_kind(config), held=config.rig.slide == "held"),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
@@ -204,7 +204,7 @@ def _drift_line(drift: Drift) -> str:
     return f"the friction drifts with the {cause}: {size} per {per} ({remedy})"
 
 
-def _traps(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
+def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
     """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)

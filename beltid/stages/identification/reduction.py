@@ -260,7 +260,7 @@ def _parallel_map(
     with ThreadPoolExecutor(1) as sender:
         while batch:
             size = sum(map(_bytes, batch))
-            under_way.append((sender.submit(_reduced, workers, function, batch), size))
+            under_way.append((sender.submit(_reduce_batch, workers, function, batch), size))
             while under_way and (
                 under_way[0][0].done() or sum(size for _, size in under_way) > BYTES_UNDER_WAY
             ):
@@ -289,7 +289,7 @@ def _bytes(record: RunRecord) -> int:
     return sum(channel.nbytes for channel in channels if isinstance(channel, np.ndarray))
 
 
-def _reduced(
+def _reduce_batch(
     workers: Workers, function: Callable[[RunRecord], Any], items: list[RunRecord]
 ) -> list[Any]:
     chunks = [items[k :: workers.jobs] for k in range(workers.jobs)]

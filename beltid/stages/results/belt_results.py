@@ -105,7 +105,7 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
             problems
             or [f"{folder}: contains no results of a belt; `beltid run CONFIG` creates them"]
         )
-    problems += _drop_strangers(sheets)
+    problems += _drop_mismatched_curves(sheets)
     belt = folder.resolve().name
     profiles, profile_problems = arc_profiles(sheets) if with_profiles else ((), [])
     config = config_of(folder)
@@ -144,7 +144,7 @@ def test_dates(config: Config) -> dict[str, str]:
     return {kind: day for kind, day in days.items() if day is not None}
 
 
-def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:
+def _drop_mismatched_curves(sheets: dict[str, Sheet]) -> list[str]:
     """Drop curves whose recording differs from the one that the result was made from."""
     problems = []
     for name, (result, role) in MADE_FROM.items():

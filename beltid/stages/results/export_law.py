@@ -71,7 +71,7 @@ def run(
         raise InputError("--out = -, must be a folder: the law is written as several files")
     targets = _targets(target)
     law = (
-        _law_of_file(source, surface)
+        _load_law_file(source, surface)
         if source.is_file()
         else law_of_folder(source, config, surface, options.reporter)
     )
@@ -93,7 +93,7 @@ def run(
     return _summary(law, folder, exports, tuple(warnings), up_to_date)
 
 
-def _law_of_file(source: Path, surface: str | None) -> ContactLaw:
+def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
     """Load the law of a law file, which holds one surface only."""
     law = load_law(source)
     if surface not in (None, law.friction.method):

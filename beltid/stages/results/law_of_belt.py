@@ -83,12 +83,12 @@ def law_of_folder(
                 f"{surface.path.name} was made with a different config than {source.origin}"
             )
     try:
-        return _put_together(folder, stiffness, surface, friction, source)
+        return _assemble(folder, stiffness, surface, friction, source)
     except ValidationError as error:
         raise ArtifactError(validation_problems(error, str(folder))) from None
 
 
-def _put_together(
+def _assemble(
     folder: Path,
     stiffness: Artifact,
     surface: Artifact,
@@ -100,18 +100,18 @@ def _put_together(
     return ContactLaw(
         about=ABOUT,
         origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
-        belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
+        belt=BeltFacts(name=_belt_name(folder)) if source is None else _belt(source.config),
         conditions=surface.metadata.figures.get("conditions") or {},
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,
-            k_linear_u_N_m2=_known(stiffness, "k_linear_u_N_m2", row),
-            k_quadratic_u_N_m3=_known(stiffness, "k_quadratic_u_N_m3", row),
-            k_linear_se_N_m2=_known(stiffness, "k_linear_se_N_m2", row),
-            k_quadratic_se_N_m3=_known(stiffness, "k_quadratic_se_N_m3", row),
+            k_linear_u_N_m2=_finite_or_none(stiffness, "k_linear_u_N_m2", row),
+            k_quadratic_u_N_m3=_finite_or_none(stiffness, "k_quadratic_u_N_m3", row),
+            k_linear_se_N_m2=_finite_or_none(stiffness, "k_linear_se_N_m2", row),
+            k_quadratic_se_N_m3=_finite_or_none(stiffness, "k_quadratic_se_N_m3", row),
             covariance=_covariance(stiffness, row),
-            rms_residual_N_m=_known(stiffness, "rms_residual_N_m", row),
-            hysteresis_ratio=_known(stiffness, "hysteresis_ratio", row),
+            rms_residual_N_m=_finite_or_none(stiffness, "rms_residual_N_m", row),
+            hysteresis_ratio=_finite_or_none(stiffness, "hysteresis_ratio", row),
         ),
         friction=friction_part(
             surface_of(surface),
@@ -151,7 +151,7 @@ def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
     return next((c for c in candidates if c.config.sha256 == sha256), None)
 
 
-def _name_of(folder: Path) -> str:
+def _belt_name(folder: Path) -> str:
     """Turn the name of a folder into a valid name of a belt."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
     return name[:64] or "belt"
@@ -170,7 +170,7 @@ def _belt(config: Config) -> BeltFacts:
     )
 
 
-def _known(artifact: Artifact, column: str, row: int) -> float | None:
+def _finite_or_none(artifact: Artifact, column: str, row: int) -> float | None:
     if column not in artifact.columns:
         return None
     value = float(artifact.columns[column][row])

@@ -79,7 +79,7 @@ def rig_curves(
         samples = samples_of_runs(read_artifact(friction, "friction").columns)
         parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
         # a run that was cut into bins of the speed is shown as a whole
-        labels = dict.fromkeys(run if run in parts else _whole(run) for run in samples)
+        labels = dict.fromkeys(run if run in parts else _whole_run(run) for run in samples)
         missing = sorted(set(labels) - set(parts))
         if missing:
             raise InputError(
@@ -92,7 +92,7 @@ def rig_curves(
     return built
 
 
-def _whole(run: str) -> str:
+def _whole_run(run: str) -> str:
     """Return the label of the whole run from that of one of its speed bins."""
     return run.rpartition(":")[0] or run
 
@@ -119,7 +119,7 @@ def _thinned_runs(
 
     A big recording is read one run at a time.
     """
-    sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
+    sizes = {_whole_run(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
     curves = {}
     for record in records_of(recording, config):
         if record.run not in sizes:

@@ -78,13 +78,13 @@ def run(
     if len(folders) == 1:
         return of_belt(folders[0], out or folders[0] / NAME, options)
     single = [of_belt(folder, folder / NAME, options) for folder in folders]
-    comparison = of_belts(folders, out or _above(folders) / NAME, options)
+    comparison = of_belts(folders, out or _parent_folder(folders) / NAME, options)
     if comparison.up_to_date and not all(summary.up_to_date for summary in single):
         options.reporter.report(f"{comparison.out} is up to date")
     return comparison
 
 
-def _above(folders: Sequence[Path]) -> Path:
+def _parent_folder(folders: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
 
 

@@ -50,9 +50,9 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
         place = places.at(places.place(keys), format_path(keys))
-        for problem in _wrong(file, list(tables.values())):
+        for problem in _file_problems(file, list(tables.values())):
             problems.append(Problem(f"{place} = {problem}", "missing-file"))
-    return problems or _of_other_benches(source.config, places)
+    return problems or _mismatched_kinds(source.config, places)
 
 
 def unread_recordings(config: Config) -> list[str]:
@@ -66,10 +66,10 @@ def unread_recordings(config: Config) -> list[str]:
     return problems
 
 
-def _of_other_benches(config: Config, places: Source) -> list[str]:
+def _mismatched_kinds(config: Config, places: Source) -> list[str]:
     """Return problems of text files whose columns are those of another kind of recording."""
     data = config.data.files
-    found_kinds = {kind: _kind_held(file, config, kind) for kind, file in data.items()}
+    found_kinds = {kind: _header_kind(file, config, kind) for kind, file in data.items()}
     mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
     problems: list[str] = []
     for kind, found in mismatched.items():
@@ -87,7 +87,7 @@ def _of_other_benches(config: Config, places: Source) -> list[str]:
     return problems
 
 
-def _kind_held(file: Path, config: Config, kind: str) -> str:
+def _header_kind(file: Path, config: Config, kind: str) -> str:
     """Return the kind of recording from the header of a text file; "" if undetermined."""
     if is_many(file) or config.columns.of(kind):
         return ""
@@ -101,7 +101,7 @@ def _kind_held(file: Path, config: Config, kind: str) -> str:
     return kind_of_columns(head.layout.header)
 
 
-def _wrong(file: Path, tables: list[Path]) -> Iterator[str]:
+def _file_problems(file: Path, tables: list[Path]) -> Iterator[str]:
     """Yield the problems of the files of a path, as the text after its key."""
     if not exists(file):
         yield f"{file}, there is no such file"

@@ -57,10 +57,10 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     InputError
         If a value is not allowed, or the file already exists.
     """
-    values = _with_type_of_name(dict(stated))
+    values = _with_derived_type(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
-    recorded = _rig_found(stated.get("data.rig"), config, options)
+    recorded = _rig_values(stated.get("data.rig"), config, options)
     recorded = {key: value for key, value in recorded.items() if key not in values}
     if recorded:
         values |= recorded
@@ -83,7 +83,7 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
 def default_of(key: str, answers: Mapping[str, Any]) -> Any:
     """Return the default of a key after the given answers; None if it has none, as for a file."""
     section, _, name = key.partition(".")
-    answered = _with_type_of_name(dict(answers)).get(key)
+    answered = _with_derived_type(dict(answers)).get(key)
     return getattr(getattr(Config(), section), name) if answered is None else answered
 
 
@@ -98,7 +98,7 @@ def problems_of_answer(key: str, value: Any) -> tuple[str, ...]:
     return ()
 
 
-def _rig_found(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
+def _rig_values(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
     """Return what a recording of the rig contains, by config key: its kind and its settings."""
     if recording is None or not exists(Path(recording)):
         return {}
@@ -129,7 +129,7 @@ def _rig_found(recording: Path | None, config: Config, options: Options) -> dict
     return values
 
 
-def _with_type_of_name(values: dict[str, Any]) -> dict[str, Any]:
+def _with_derived_type(values: dict[str, Any]) -> dict[str, Any]:
     """Derive type and ribs from the name or type, unless stated: 6pk is type 6PK with six ribs."""
     match = re.fullmatch(r"(\d{1,2})(p[hjklm])", str(values.get("belt.name", "")), re.IGNORECASE)
     if match:

@@ -181,13 +181,13 @@ def simulated_results(
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs)
         return
-    groups = _laid_on_together(points)
+    groups = _group_by_tension(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]
     for number, results in jobs.as_ended(simulated_group, calls):
         yield from zip(groups[number], results, strict=True)
 
 
-def _laid_on_together(points: Sequence[OperatingPoint]) -> list[list[int]]:
+def _group_by_tension(points: Sequence[OperatingPoint]) -> list[list[int]]:
     """Group the indices of runs that differ in speed only, and share the tightened belt."""
     groups: dict[tuple[float, float], list[int]] = {}
     for index, point in enumerate(points):

@@ -141,7 +141,7 @@ def run(
     others; `hold_out`, or else the config, selects arc or speed.
     """
     if "stiffness" in inputs:
-        by = _checked(hold_out or config.config.compare.hold_out)
+        by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
@@ -149,7 +149,7 @@ def run(
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
-        radius, settings = _reduced_with(friction, config.config)
+        radius, settings = _reduction_settings(friction, config.config)
         notes: tuple[str, ...] = ()
         uncertainty = None
         if recording.is_artifact:
@@ -216,14 +216,14 @@ def predict_held_out(
     ConvergenceError
         If a surface does not converge, or a run cannot be simulated.
     """
-    by = _checked(hold_out)
+    by = _checked_hold_out(hold_out)
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
     press = press_law(law, model)
     return _held_out(columns, press, model, by, Workers()).with_origin(model, friction, law)
 
 
-def _checked(hold_out: str) -> HoldOut:
+def _checked_hold_out(hold_out: str) -> HoldOut:
     if hold_out not in FEWEST:
         raise InputError(f"hold_out = {hold_out}, must be {' or '.join(FEWEST)}")
     return hold_out
@@ -324,7 +324,7 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     return table_columns(frame, "friction", NEEDED, "simulated")
 
 
-def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
+def _reduction_settings(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
     """Return radius and settings of the reduction of the measured runs, without the load cells."""
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m

@@ -185,7 +185,7 @@ def run(
             "if it were known twice as well": statement_rows(planned.plan),
         },
         notes=(*notes, *planned.notes),
-        warnings=(*other_bench, *_of_other_runs(artifacts), *planned.warnings),
+        warnings=(*other_bench, *_provenance_warnings(artifacts), *planned.warnings),
         verdict=verdict(planned.plan, goal_u),
         origin=origin,
     )
@@ -264,7 +264,7 @@ def plan_runs(
     return replace(planned, notes=(*notes, *planned.notes))
 
 
-def _of_other_runs(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
+def _provenance_warnings(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
     """Warn of each artifact that is not the one the surface was made from."""
     surface = artifacts.get("surface")
     if surface is None:

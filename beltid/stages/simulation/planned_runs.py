@@ -100,7 +100,7 @@ def planned_runs(
     if measured is None:
         settings = list(product(*lists))
     else:
-        settings = [*_as_stated(lists, measured), *_not_measured(config, lists, measured)]
+        settings = [*_measured_at(lists, measured), *_unmeasured(config, lists, measured)]
         ranks = [{value: i for i, value in enumerate(values)} for values in lists]
         settings.sort(key=lambda run: [rank[value] for rank, value in zip(ranks, run, strict=True)])
     if not settings:
@@ -111,7 +111,7 @@ def planned_runs(
         )
     problems: list[str] = []
     wanted = [
-        _chosen(values, allowed, gap, option, problems)
+        _matching(values, allowed, gap, option, problems)
         for values, allowed, gap, option in zip(
             (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
             lists,
@@ -223,7 +223,10 @@ def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]
             continue
         stated, occurring = getattr(config.rig, key), np.unique(measured[:, k])
         gap = SAME_SETTING[name]
-        if _near(occurring, stated, gap).all() and _near(np.array(stated), occurring, gap).all():
+        if (
+            _is_same_setting(occurring, stated, gap).all()
+            and _is_same_setting(np.array(stated), occurring, gap).all()
+        ):
             continue
         lines.append(
             f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
@@ -237,7 +240,9 @@ def _listed(values: Sequence[float] | np.ndarray) -> str:
     return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
 
 
-def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) -> np.ndarray:
+def _is_same_setting(
+    values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float
+) -> np.ndarray:
     """Return whether each value is the same setting as one of the others."""
     known = np.asarray(others)
     return np.any(np.abs(values[:, None] - known) <= gap * values[:, None], axis=1)
@@ -263,13 +268,13 @@ def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[floa
     return lists
 
 
-def _as_stated(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
+def _measured_at(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
     """Return the measured runs whose settings are in the lists."""
     kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
     return list(map(tuple, measured[kept].tolist()))
 
 
-def _not_measured(
+def _unmeasured(
     config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
 ) -> list[tuple[float, ...]]:
     """Return the combinations that contain a stated setting without a measured run."""
@@ -344,7 +349,7 @@ def momentum_N(config: Config) -> float:
     return config.belt.mass_per_length_kg_m * belt_speed(config) ** 2
 
 
-def _chosen(
+def _matching(
     picked: Sequence[float],
     allowed: Sequence[float],
     gap: float,

@@ -365,13 +365,13 @@ def _outcome(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
                 "force and speed",
             ),
-            *_explained_otherwise(result.effects),
+            *_unclear_effects(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *formulas.notes,
         ),
         warnings=(
             *result.disagreement(),
-            *_bending_lines(result.bending, config),
+            *_bending_warnings(result.bending, config),
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
@@ -445,7 +445,7 @@ def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
     ]
 
 
-def _explained_otherwise(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
+def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
     """Return a note on large effects that the runs do not identify clearly."""
     large = [
         EFFECT_WORDS[effect.key] for effect in effects if effect.is_large and not effect.is_clear
@@ -472,7 +472,7 @@ def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, 
     }
 
 
-def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
+def _bending_warnings(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
     """Return a warning if the fitted and the stated bending stiffness disagree."""
     if fitted is None:
         return ()

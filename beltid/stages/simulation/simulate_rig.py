@@ -168,7 +168,7 @@ def run(
         bench, workers = bench_of(model, surface_of(surface), press.law), options.workers
         parallel = workers if workers.jobs > 1 else jobs
         campaign = simulate(model, bench, runs, settings, parallel, options.reporter)
-        _refuse_nothing(campaign)
+        _require_results(campaign)
         if built is None:
             uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
             built = build.write(_outcome(campaign, settings, uncertainty))
@@ -204,7 +204,7 @@ def _failures(campaign: Campaign) -> list[str]:
     return [f"run {run.label}: {line}" for run, e in campaign.failures for line in e.problems]
 
 
-def _refuse_nothing(campaign: Campaign) -> None:
+def _require_results(campaign: Campaign) -> None:
     """Raise an error if a campaign has no result at all."""
     if not campaign.finished:
         failures = _failures(campaign)
@@ -313,7 +313,7 @@ def _profiles_outcome(campaign: Campaign, times_s: Sequence[float]) -> Outcome[C
             {"run": run.label, "why": "; ".join(e.problems)} for run, e in campaign.failures
         ],
         extra={"profile_times_s": list(times_s)},
-        notes=_too_late(campaign, times_s),
+        notes=_ended_early(campaign, times_s),
     )
 
 
@@ -330,7 +330,7 @@ def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]
     return parts
 
 
-def _too_late(campaign: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
+def _ended_early(campaign: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
     notes = []
     for time in times_s:
         short = [run.label for run, result in campaign.finished if time > _rotation_time(result)]
