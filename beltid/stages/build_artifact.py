@@ -1,11 +1,11 @@
 """Build an artifact, unless the existing one was built from the same inputs.
 
 An artifact is up to date if the hashes of its inputs, the values of all settings that matter, the
-version of the software and the hash of its sources are the same. Nothing but this artifact is ever
-replaced without being asked for; recordings, configs and whatever else is no Parquet file are not
-replaced at all.
+version of the software and the hash of its sources are unchanged. Only an artifact of the same kind
+is replaced without --force. Recordings, configs and all other files that are not Parquet are never
+replaced.
 
-A stage reads like this::
+Typical use in a stage::
 
     build = Build(KIND, source, KEYS, inputs, out, options)
     built = build.up_to_date()
@@ -50,18 +50,18 @@ if TYPE_CHECKING:
 BUILT_IN: Final = "built-in 5PK rig"
 SUFFIX: Final = ".parquet"
 OTHER_FORMATS: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".json", ".yaml", ".html"})
-"""Endings of files that a result would not be what it is called."""
+"""File endings that do not fit a result, which is always Parquet."""
 UNCERTAINTY: Final = "uncertainty"
-"""Section of the config of which it matters, too, which values are stated and which assumed."""
+"""Section of the config where it also matters which values are stated and which are defaults."""
 RECORDED: Final = "simulated"
-"""The artifact in whose place a recording may be named."""
+"""Kind of artifact for which a recording may be given instead."""
 LARGE: Final = 64 << 20
-"""Bytes of inputs whose hashes take longer than the start of a thread."""
+"""Size of inputs from which hashing takes longer than starting a thread [bytes]."""
 FOREIGN: Final = "a file that beltid did not write"
 
 
 class Stale(Exception):
-    """An artifact has to be built, but the caller only wanted to know that."""
+    """Raised if an artifact has to be built but the caller asked for a check only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class Built:
     Attributes
     ----------
     artifact : Artifact
-        As it reads.
+        The artifact as read back from its file.
     up_to_date : bool
-        Whether it had been built before from the same inputs.
+        Whether it had already been built from the same inputs.
     """
 
     artifact: Artifact
@@ -81,49 +81,49 @@ class Built:
 
     @property
     def origin(self) -> str | None:
-        """Where its data come from: "measured", "synthetic", or None where nobody said."""
+        """Origin of its data: "measured", "synthetic", or None if not stated."""
         return self.artifact.metadata.origin
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """Notes for the user."""
         return self.artifact.metadata.notes
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should look into."""
+        """Warnings that the user should look into."""
         return self.artifact.metadata.warnings
 
     def summary(self, stage: str, title: str, **shown: Any) -> Summary:
-        """Sum it up: what every artifact tells, and what is shown of this one (see `Summary`)."""
-        told: dict[str, Any] = {
+        """Summarise it: the fields common to all artifacts, plus `shown` (see `Summary`)."""
+        common: dict[str, Any] = {
             "out": self.artifact.path,
             "notes": self.notes,
             "warnings": self.warnings,
             "up_to_date": self.up_to_date,
             "origin": self.origin,
         }
-        return Summary(stage, title, **(told | shown))
+        return Summary(stage, title, **(common | shown))
 
 
 @dataclass(slots=True, eq=False)
 class Build:
-    """One artifact of a stage: what it is built from, and where it goes.
+    """Inputs, settings and output path of one artifact of a stage.
 
     Attributes
     ----------
     kind : str
         Kind of the artifact.
     source : ConfigSource
-        The config and where it came from.
+        The config and its origin.
     keys : tuple of str
         Sections or ``section.key`` of the config that matter for it.
     inputs : mapping of str to Path
         Files it is built from, by their role.
     out : Path
-        Where it goes.
+        Output path.
     options : Options
-        Force, reporter, whether only to look.
+        Force, reporter, whether only to check.
     choices : dict
         Settings of this call that are not in the config.
     """
@@ -139,16 +139,16 @@ class Build:
     _contents: Future[dict[str, Content]] = field(init=False)
 
     def up_to_date(self) -> Built | None:
-        """The existing artifact if it is up to date; None if it has to be built.
+        """Return the existing artifact if it is up to date, or None if it has to be built.
 
         Raises
         ------
         InputError
             If an input is missing, or `out` is an input or a file that must not be replaced.
         ArtifactError
-            If nothing can be written there.
+            If `out` cannot be written.
         Stale
-            If it has to be built and the options say only to look.
+            If it has to be built but `options.peek` is set.
         """
         self._seen = self._signatures()
         self._contents = self._read_contents()
@@ -160,18 +160,18 @@ class Build:
             raise Stale
         if not rebuild:
             reporter = self.options.reporter
-            reporter.detail(f"{self.out}: built from other inputs or settings, built again")
+            reporter.detail(f"{self.out}: inputs or settings have changed, built again")
         return None
 
     def write(self, outcome: Outcome[Any]) -> Built:
-        """Write what was computed, and return it as it reads.
+        """Write the outcome and return the artifact as read back.
 
         Raises
         ------
         InputError
-            If an input was changed meanwhile.
+            If an input has changed since it was read.
         ArtifactError
-            If a value is not what the schema allows, or the file cannot be written.
+            If a value violates the schema, or the file cannot be written.
         """
         self._refuse_changed()
         data = artifact_bytes(self.kind, outcome.columns, self._metadata(outcome), str(self.out))
@@ -181,7 +181,7 @@ class Build:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Every setting that matters, by its key, as JSON has it."""
+        """Every setting that matters, by its key, as plain JSON values."""
         values = self.source.config.model_dump(mode="json")
         recorded = any(role in RECORDINGS for role in self.inputs)
         keys = (*self.keys, "data.origin") if recorded else self.keys
@@ -196,7 +196,7 @@ class Build:
             config_sha256=self.source.config.sha256,
             inputs=self._hashes(),
             settings=self.settings,
-            # the name without its folder: the same input gives the same bytes anywhere
+            # name without folder, so that the same input gives the same bytes anywhere
             config=BUILT_IN if path is None else path.name,
             origin=self._origin(),
         )
@@ -212,19 +212,19 @@ class Build:
     # --- inputs
 
     def _files(self) -> dict[str, Path]:
-        """Every input by its role, and the tables of runs that belong to recordings."""
+        """Return every input by its role, with the run tables of the recordings."""
         tables = self.source.config.runs.tables
-        of_runs = {f"{role}_runs": tables[role] for role in self.inputs if role in tables}
-        return {**self.inputs, **of_runs}
+        run_tables = {f"{role}_runs": tables[role] for role in self.inputs if role in tables}
+        return {**self.inputs, **run_tables}
 
     def _signatures(self) -> dict[str, Signature]:
-        """What the file system says of every input."""
+        """Return the file-system signatures (size, time) of every input."""
         return {role: signature_of(path) for role, path in self._files().items()}
 
     def _read_contents(self) -> Future[dict[str, Content]]:
-        """Contents of the inputs; those of large files are hashed while the work begins.
+        """Start hashing the inputs; large files are hashed in a thread while the work begins.
 
-        Signals do not reach a thread, and an interrupted program does not wait for a daemon.
+        The thread is a daemon, so that an interrupted program does not wait for it.
         """
         contents: Future[dict[str, Content]] = Future()
         if sum(file.size for files in self._seen.values() for file in files) < LARGE:
@@ -236,16 +236,16 @@ class Build:
     def _read_into(self, contents: Future[dict[str, Content]]) -> None:
         try:
             contents.set_result(self._input_contents())
-        except Exception as error:  # raised where the contents are asked for
+        except Exception as error:  # raised again when the contents are requested
             contents.set_exception(error)
 
     def _hashes(self) -> dict[str, str]:
-        """SHA-256 of every file that is read, by its role."""
+        """Return the SHA-256 of every input file by its role."""
         return {role: content.sha256 for role, content in self._contents.result().items()}
 
     def _input_contents(self) -> dict[str, Content]:
-        """Content of every file that is read, by its role."""
-        folders = [  # an artifact is one file; only recordings may be folders
+        """Return the content of every input file by its role."""
+        folders = [  # an artifact is a single file; only recordings may be folders
             f"{path}: is a folder, a {role} artifact is needed, "
             f"a file such as {path / role}{SUFFIX}"
             for role, path in self.inputs.items()
@@ -260,24 +260,24 @@ class Build:
         }
 
     def _origin(self) -> Origin | None:
-        """Where the data of the inputs come from."""
+        """Return the combined origin of the inputs' data."""
         return combined_origin([self._origin_of(role, path) for role, path in self.inputs.items()])
 
     def _origin_of(self, role: str, path: Path) -> Origin | None:
-        """The config states the origin of recordings; artifacts hand it on."""
+        """Return the origin of one input: from the config for a recording, else its own."""
         artifact = None
         if self._contents.result()[role].is_parquet and may_be_artifact(path):
             with contextlib.suppress(ArtifactError):
                 artifact = read_artifact(path)
-        if artifact is None:  # a recording as the bench wrote it, of any size
-            # a simulation that is brought along as a table adds no data of a bench
+        if artifact is None:  # a recording as the bench wrote it
+            # a simulation given as a plain table does not change the origin of the bench data
             return self.source.config.data.origin if role in RECORDINGS else "measured"
         if role in RECORDINGS:
-            return "synthetic"  # a simulated recording in the place of a measured one
+            return "synthetic"  # a simulated recording used in place of a measured one
         return artifact.metadata.origin
 
     def _refuse_changed(self) -> None:
-        """The inputs that were read must be those whose hashes the artifact will carry."""
+        """Raise an error if an input has changed since its hash was taken."""
         if self._signatures() == self._seen:
             return
         before, now = self._contents.result(), self._input_contents()
@@ -290,10 +290,10 @@ class Build:
                 ]
             )
 
-    # --- the place of the result
+    # --- output path
 
     def _check_place(self) -> Artifact | None:
-        """The artifact of this kind that exists at `out`; refuse what must not be replaced."""
+        """Return the artifact of this kind at `out`; refuse files that must not be replaced."""
         self._refuse_inputs()
         out, force = self.out, self.options.force
         if out.suffix.lower() in OTHER_FORMATS:
@@ -318,7 +318,7 @@ class Build:
         return existing
 
     def _refuse_inputs(self) -> None:
-        """Neither an input nor a recording that the config names is a place for a result."""
+        """Refuse to write over an input or a recording named in the config."""
         out = self.out
         for role, path in self.inputs.items():
             if _same_file(path, out):
@@ -331,7 +331,7 @@ class Build:
 
 
 def already_exists(path: Path) -> Problem:
-    """What to say of a file that only --force replaces."""
+    """Return the problem of a file that only --force overwrites."""
     text = f"{path}: already exists; use --force to overwrite, or name another --out"
     return Problem(text, "not-replaced")
 
@@ -346,26 +346,26 @@ def _same_file(path: Path, other: Path) -> bool:
         return True
     try:
         return os.path.samefile(path, other)
-    except (OSError, ValueError):  # one of them is not there
+    except (OSError, ValueError):  # one of the files does not exist
         return False
 
 
 def _existing(out: Path, kind: str) -> tuple[Artifact | None, str]:
-    """The artifact of this kind at `out`, and what else is in the way there."""
+    """Return the artifact of this kind at `out`, or the name of whatever else is there."""
     if not out.exists() or out.is_dir():
         return None, ""
     try:
         return read_artifact(out, kind), ""
     except ArtifactError:
         pass
-    found = stated_kind(out) if out.is_file() else None
-    if found == kind:
-        return None, ""  # damaged or of an old schema: only good to be replaced
-    return None, f"a {found} artifact" if found else FOREIGN
+    other_kind = stated_kind(out) if out.is_file() else None
+    if other_kind == kind:
+        return None, ""  # damaged or written with an old schema: may be replaced
+    return None, f"a {other_kind} artifact" if other_kind else FOREIGN
 
 
 def _refuse_unwritable(out: Path) -> None:
-    """Say before the work, not after it, that the result cannot be kept."""
+    """Raise an error before the work starts if the result cannot be written."""
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     folder = out.parent

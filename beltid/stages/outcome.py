@@ -1,4 +1,4 @@
-"""Outcome of a stage: its table, what it says about itself, and the result of the science."""
+"""Outcome of a stage: its table, its metadata and the scientific result."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome(Generic[Result]):
-    """What a stage computed, before it is written.
+    """Result of a stage, before it is written.
 
     Attributes
     ----------
@@ -35,17 +35,17 @@ class Outcome(Generic[Result]):
     columns : dict of str to ndarray
         The table, with the columns of the artifact; nan or None where a value is missing.
     result : object
-        The result of the science with all its properties.
+        The scientific result with all its properties.
     validity : dict
         Range within which the result holds.
     set_aside : list of dict
-        What was set aside, and why.
+        Runs or points that were set aside, with the reason.
     extra : dict
-        Single figures, such as those of a statistical test.
+        Further metadata, such as the figures of a statistical test.
     notes, warnings : tuple of str
-        What the user should know, and look into.
+        What the user should know, and what the user should look into.
     origin : {"measured", "synthetic"} or None
-        Where the data come from; None where nobody said.
+        Origin of the data; None if not stated.
     """
 
     kind: str
@@ -59,33 +59,33 @@ class Outcome(Generic[Result]):
     origin: Origin | None = None
 
     def with_origin(self, config: Config, *inputs: Any) -> Outcome[Result]:
-        """The same, with the origin of all data that went into it.
+        """Return a copy with the combined origin of all its input data.
 
         Parameters
         ----------
         config : Config
-            What it states of the data holds for all inputs.
+            An origin stated here holds for all inputs.
         *inputs
-            A result or an artifact hands on its own origin. Any other table, such as the frame of a
-            recording, has the origin that the config states: unknown if it states none. A law or a
-            surface by its numbers is no data.
+            A result or an artifact keeps its own origin. Any other table, such as the frame of a
+            recording, has the origin that the config states, or none. A law or a surface given by
+            numbers does not count as data.
         """
         from beltid.artifacts.artifact import Artifact
 
         origins = []
-        for one in inputs:
-            if isinstance(one, Outcome):
-                origins.append(one.origin)
-            elif isinstance(one, Artifact):
-                origins.append(one.metadata.origin)
-            elif isinstance(one, Mapping) or hasattr(one, "columns"):
+        for item in inputs:
+            if isinstance(item, Outcome):
+                origins.append(item.origin)
+            elif isinstance(item, Artifact):
+                origins.append(item.metadata.origin)
+            elif isinstance(item, Mapping) or hasattr(item, "columns"):
                 origins.append(config.data.origin)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
         return replace(self, origin=combined_origin(origins))
 
     def to_frame(self) -> pd.DataFrame:
-        """The table as a pandas DataFrame."""
+        """Return the table as a pandas DataFrame."""
         import pandas as pd
 
         return pd.DataFrame(
@@ -96,40 +96,40 @@ class Outcome(Generic[Result]):
         )
 
     def plot(self, figure: str | None = None) -> Figure:
-        """The table as a figure of matplotlib, like that of ``beltid show``.
+        """Plot the table with matplotlib, as ``beltid show`` does.
 
-        It says so if the data are synthetic.
+        The figure is labelled if the data are synthetic.
 
         Parameters
         ----------
         figure : str, optional
-            Which of its figures; by default the most telling one.
+            Name of the figure; by default the most informative one.
 
         Raises
         ------
         InputError
-            If there is no such figure, with the names of those there are.
+            If there is no such figure; the message lists those that exist.
         """
         from beltid.errors import InputError
         from beltid.report.figures.single import pictures
         from beltid.report.results import Sheet
 
         sheet = Sheet(self.kind, self.kind, self.columns, self.metadata(origin=self.origin))
-        found = {
+        figures = {
             picture.key: picture.figure for picture in pictures(sheet) if picture.figure is not None
         }
-        name = figure or next(iter(found), "")
-        if name not in found:
-            raise InputError(f"figure = {name}, must be one of: {', '.join(found) or 'none'}")
-        return found[name]
+        name = figure or next(iter(figures), "")
+        if name not in figures:
+            raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")
+        return figures[name]
 
     def metadata(self, **made: Any) -> Metadata:
-        """What an artifact of the table states about itself, with how it was made.
+        """Return the metadata of an artifact that holds the table.
 
         Parameters
         ----------
         **made
-            Origin, inputs, settings and so on; see `Metadata`.
+            Origin, inputs, settings and other provenance; see `Metadata`.
         """
         from beltid.artifacts.metadata_models import METADATA
 
@@ -149,21 +149,21 @@ class Outcome(Generic[Result]):
         origin: Origin | None = None,
         force: bool = False,
     ) -> Path:
-        """Write the table: to an artifact (.parquet) that every command takes, or as .csv.
+        """Write the table as an artifact (.parquet) that every command reads, or as .csv.
 
         Parameters
         ----------
         path : path
             The file.
         origin : {"measured", "synthetic"}, optional
-            Where the data come from; the artifact states it. By default what the result knows.
+            Origin of the data, which the artifact states; by default that of the result.
         force : bool
             Whether to overwrite an existing file.
 
         Raises
         ------
         InputError
-            If the file ends in something else, or exists already.
+            If the file has another ending, or already exists.
         ArtifactError
             If it cannot be written.
         """
@@ -184,29 +184,29 @@ class Outcome(Generic[Result]):
         return path
 
     def _repr_html_(self) -> str:
-        """The table for a notebook, with what should be looked into."""
+        """Render the table for a notebook, with its warnings."""
         from html import escape
 
         frame = self.to_frame()[[*flat(self.columns)]]
-        said = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
+        warnings = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
         table = frame.to_html(
             max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
         )
-        of_what = " (synthetic data)" if self.origin == "synthetic" else ""
-        return f"<p>{escape(self.kind)}{of_what}: {len(frame)} rows</p><ul>{said}</ul>{table}"
+        origin = " (synthetic data)" if self.origin == "synthetic" else ""
+        return f"<p>{escape(self.kind)}{origin}: {len(frame)} rows</p><ul>{warnings}</ul>{table}"
 
 
 def table_columns_of(
     kind: str, values_of: Callable[[str], Sequence[Any] | None]
 ) -> dict[str, np.ndarray]:
-    """Columns of a table of ours; a number that the table does not admit is left out of it.
+    """Build the columns of a table; a number that its schema does not allow becomes nan.
 
     Parameters
     ----------
     kind : str
         Kind of the table.
     values_of : callable
-        The values of a column by its name, a row each; None where the table goes without it.
+        Returns the values of a column by its name, one per row; None if the table omits it.
     """
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table(kind).columns:
@@ -222,21 +222,21 @@ def table_columns_of(
 
 
 def ok_rows(friction: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Which runs of a friction table, shape (n,), can be used: all of one without a status."""
+    """Return which runs of a friction table are usable, shape (n,); all if it has no status."""
     status = friction.get("status")
     return np.ones(len(friction["arc_deg"]), dtype=bool) if status is None else status == "ok"
 
 
 def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of a table that hold a single value in each cell."""
+    """Return the columns of a table that hold a single value in each cell."""
     return {name: values for name, values in columns.items() if values.ndim == 1}
 
 
 def csv_bytes(columns: Mapping[str, np.ndarray], origin: Origin | None) -> bytes:
-    """A whole table as CSV, with the origin of its data as a column.
+    """Return a whole table as CSV, with the origin of its data as a column.
 
     Columns with several numbers in a cell are left out. A label that a spreadsheet would take for a
-    formula is quoted by an apostrophe.
+    formula is prefixed with an apostrophe.
     """
     import pandas as pd
 
@@ -257,7 +257,7 @@ def _quoted(cell: Any) -> Any:
 
 
 def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
-    """Rows of some columns of a table as plain values; nan becomes None."""
+    """Return rows of the named columns of a table as plain values; nan becomes None."""
     chosen = [name for name in names if name in columns]
     cells = [[_plain(v) for v in columns[name].tolist()] for name in chosen]
     return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
@@ -270,17 +270,17 @@ def _plain(value: Any) -> Any:
 def rows_per_setting(
     arc_deg: np.ndarray, speed_rad_s: np.ndarray, force_N_m: np.ndarray, mu: np.ndarray
 ) -> list[dict[str, Any]]:
-    """A row per arc and pulley speed: force and friction over the initial tensions."""
+    """Return a row per arc and pulley speed: force and friction over the initial tensions."""
     rows = []
     for arc in np.unique(arc_deg):
         for speed in np.unique(speed_rad_s[arc_deg == arc]):
-            here = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
-            low, high = here[np.argmin(force_N_m[here])], here[np.argmax(force_N_m[here])]
+            runs = np.flatnonzero((arc_deg == arc) & (speed_rad_s == speed))
+            low, high = runs[np.argmin(force_N_m[runs])], runs[np.argmax(force_N_m[runs])]
             rows.append(
                 {
                     "arc_deg": float(arc),
                     "pulley_speed_rad_s": float(speed),
-                    "runs": here.size,
+                    "runs": runs.size,
                     "lowest_force_N_m": float(force_N_m[low]),
                     "highest_force_N_m": float(force_N_m[high]),
                     "mu_at_lowest": float(mu[low]),
@@ -291,22 +291,22 @@ def rows_per_setting(
 
 
 def span(values: np.ndarray) -> tuple[float, float] | None:
-    """Lowest and highest finite value; None if there is none."""
+    """Return the lowest and highest finite value, or None if there is none."""
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else None
 
 
 def finite_or_none(value: float) -> float | None:
-    """A number, or None in the place of nan and infinity."""
+    """Return a number, or None in place of nan and infinity."""
     return value if np.isfinite(value) else None
 
 
 def in_percent(share: float | None) -> float | None:
-    """A share in percent, None where it is not known."""
+    """Convert a share to percent; None stays None."""
     return None if share is None else 100.0 * share
 
 
 def listed(words: Sequence[str], most: int = 8) -> str:
-    """The first of some words, and how many more there are."""
+    """Join the first `most` words, and state how many more there are."""
     text = ", ".join(words[:most])
     return f"{text} and {len(words) - most} more" if len(words) > most else text

@@ -1,4 +1,4 @@
-"""What a stage reports while it works, and the options that all stages share."""
+"""Progress messages of a stage, and the options that all stages share."""
 
 from __future__ import annotations
 
@@ -12,45 +12,44 @@ from beltid.errors import BeltidWarning
 from beltid.stages.workers import Workers
 
 Level = Literal["report", "detail", "warn", "error"]
-"""For whom a line is: everybody, the curious, who should look into it, who has to mend it."""
+"""Importance of a line: for everybody, detail on request, to be looked into, to be fixed."""
 
 
 class Reporter:
     """Progress reporter; the base class discards everything.
 
-    What becomes of a line is decided in `line`. The command line has a reporter that writes to the
-    terminal.
+    Subclasses override `line`; the command line has one that writes to the terminal.
     """
 
     def line(self, level: Level, text: str) -> None:
-        """Take a line."""
+        """Handle one line; the base class discards it."""
 
     def report(self, text: str) -> None:
-        """Report what is going on."""
+        """Report progress."""
         self.line("report", text)
 
     def detail(self, text: str) -> None:
-        """Report what only a curious user wants to know."""
+        """Report a detail that is shown on request only."""
         self.line("detail", text)
 
     def warn(self, text: str) -> None:
-        """Report what the user should look into."""
+        """Report something that the user should look into."""
         self.line("warn", text)
 
     def error(self, text: str) -> None:
-        """Report what went wrong, where the work goes on without it."""
+        """Report an error after which the work goes on."""
         self.line("error", text)
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
-        """Follow a task of `total` steps; call what is yielded after each of them."""
+        """Track a task of `total` steps; call the yielded function after each step."""
         yield lambda: None
 
     @contextmanager
     def python_warnings(self) -> Iterator[None]:
-        """Report the warnings of Python meanwhile, without their place in the code.
+        """Report Python warnings raised in the block, without their place in the code.
 
-        Ours are for the user; those of the libraries are for the curious.
+        Warnings of beltid go to `warn`, those of the libraries to `detail`.
         """
 
         def take(message: Warning | str, category: type[Warning], *rest: object) -> None:
@@ -65,14 +64,14 @@ class Reporter:
 
 
 class NamedReporter(Reporter):
-    """Reporter of one of several: every line begins with its name, a warning is passed on once.
+    """Reporter that puts a name before every line and passes on each warning only once.
 
     Parameters
     ----------
     name : str
         The name.
     reporter : Reporter
-        Takes the lines.
+        Receives the lines.
     """
 
     def __init__(self, name: str, reporter: Reporter) -> None:
@@ -81,7 +80,7 @@ class NamedReporter(Reporter):
         self._warned: set[str] = set()
 
     def line(self, level: Level, text: str) -> None:
-        """Pass on a line."""
+        """Pass on a line with the name before it."""
         if level == "warn":
             if text in self._warned:
                 return
@@ -90,13 +89,13 @@ class NamedReporter(Reporter):
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
-        """Follow a task under the name."""
+        """Track a task under the name."""
         with self.reporter.progress(f"{self.name}: {label}", total) as advance:
             yield advance
 
 
 class KeepingReporter(Reporter):
-    """Keeps the lines, to be reported where the user is.
+    """Reporter that keeps the lines so that another process can report them.
 
     Attributes
     ----------
@@ -119,13 +118,13 @@ class Options:
     Attributes
     ----------
     force : bool
-        Whether to compute again what is up to date, and to replace files of another kind.
+        Whether to recompute artifacts that are up to date, and to replace files of another kind.
     reporter : Reporter
-        Hears what is going on.
+        Receives the progress messages.
     workers : Workers
-        Who carries out heavy calls; by default the stage itself.
+        Run the heavy calls; by default the stage's own process.
     peek : bool
-        Whether to raise `Stale` where something would have to be computed.
+        Whether to raise `Stale` if something would have to be computed.
     """
 
     force: bool = False

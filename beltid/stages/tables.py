@@ -35,7 +35,7 @@ OF_BENCH: Final = (
     "rig.span_length_m",
     "rig.supports",
 )
-"""What of a config tells a belt and its friction rig from others, as artifacts store it."""
+"""Keys of the config that identify a belt and its friction rig, as artifacts store them."""
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -74,8 +74,8 @@ def load_law(path: str | Path) -> ContactLaw:
 def load_surface(path: str | Path) -> UncertainSurface:
     """Load the averaged friction surface of a surface artifact.
 
-    It is a `FrictionSurface` that also knows what is not known of it: ``.mu_u(f, v)``, the combined
-    standard uncertainty, ``.band(f, v, level)``, ``.ensemble(size)``.
+    It is a `FrictionSurface` with its uncertainty: ``.mu_u(f, v)``, the combined standard
+    uncertainty, ``.band(f, v, level)``, ``.ensemble(size)``.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def load_surface(path: str | Path) -> UncertainSurface:
 
 
 def surface_of(artifact: Artifact) -> UncertainSurface:
-    """Averaged friction surface of a surface artifact that was read, with its covariance."""
+    """Return the averaged friction surface of a surface artifact, with its covariance."""
     columns = artifact.columns
     try:
         surface = surface_from_columns(columns)
@@ -108,31 +108,31 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
         return np.asarray(columns[name][rows].reshape(*surface.mu_nodes.shape, -1))
 
     members = on_grid("mu_members")
-    told = artifact.metadata.uncertainty or {}
+    uncertainty = artifact.metadata.uncertainty or {}
     return UncertainSurface(
         surface,
         on_grid("mu_factor"),
-        [source["name"] for source in told.get("sources", ())],
+        [source["name"] for source in uncertainty.get("sources", ())],
         None if members is None else np.moveaxis(members, -1, 0),
     )
 
 
 def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") -> list[str]:
-    """Belt and rig that an artifact was made for, where the config in use states others.
+    """Warn if an artifact was made for another belt or rig than the config in use states.
 
     Parameters
     ----------
     artifact : Artifact
-        Made with a config of its own.
+        Holds the settings it was made with.
     source : ConfigSource
         The config in use.
     section : str
-        Only what stands in this section, such as ``belt``; "" is all that tells a bench.
+        Compare the keys of this section only, such as ``belt``; "" compares all of `OF_BENCH`.
 
     Returns
     -------
     list of str
-        A warning with all that differs; none where nothing does.
+        A warning with all differences; empty if there are none.
     """
     stored = artifact.metadata.settings
     differing = []
@@ -145,12 +145,12 @@ def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") 
         return []
     return [
         f"{artifact.path}: made with {', '.join(differing)}: if it is not of this belt and bench, "
-        f"name its own config ({source.origin} is in use)"
+        f"use its own config ({source.origin} is in use)"
     ]
 
 
 def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
-    """The friction artifact that the surface was made from, if it is still in the folder."""
+    """Return the friction artifact that the surface was made from, if it is still in the folder."""
     try:
         friction = read_artifact(folder / "friction.parquet", "friction")
     except ArtifactError:
@@ -188,15 +188,15 @@ def _is_law_file(path: str | Path) -> bool:
 
 
 def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalLaw:
-    """Normal contact law of a stiffness artifact that was read; see `load_stiffness`."""
-    at = artifact.columns["temperature_degC"]
+    """Return the normal contact law of a stiffness artifact; see `load_stiffness`."""
+    temperatures = artifact.columns["temperature_degC"]
     if temperature_degC is None:
-        rows = np.flatnonzero(np.isnan(at))
+        rows = np.flatnonzero(np.isnan(temperatures))
     else:
-        rows = np.flatnonzero(np.abs(at - temperature_degC) <= 5.0)
-        rows = rows[np.argsort(np.abs(at[rows] - temperature_degC), kind="stable")]
+        rows = np.flatnonzero(np.abs(temperatures - temperature_degC) <= 5.0)
+        rows = rows[np.argsort(np.abs(temperatures[rows] - temperature_degC), kind="stable")]
     if rows.size == 0:
-        known = ", ".join(f"{t:g}" for t in at[~np.isnan(at)]) or "none"
+        known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
         wanted = "pooled law" if temperature_degC is None else f"law at {temperature_degC:g} °C"
         raise InputError(f"{artifact.path}: no {wanted}; temperatures with a law: {known}")
     row = int(rows[0])
@@ -207,13 +207,13 @@ def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalL
 
 
 def press_law(law: NormalLaw | Artifact | Outcome[Any], config: Config) -> PressLaw:
-    """A contact law with the scatter of its fit, which only the table it is from tells."""
+    """Return a contact law with the scatter of its fit, which only a fitted table contains."""
     covariance, depth = np.zeros((2, 2)), 1.0e-4
     normal = law_of(law) if isinstance(law, Artifact) else checked_law(law)
     if isinstance(law, (Artifact, Outcome)):
         pooled = int(np.flatnonzero(np.isnan(law.columns["temperature_degC"]))[0])
-        found = law.columns["covariance"][pooled].reshape(2, 2)
-        covariance = np.where(np.isfinite(found), found, 0.0)
+        stored = law.columns["covariance"][pooled].reshape(2, 2)
+        covariance = np.where(np.isfinite(stored), stored, 0.0)
         depth = float(law.columns["max_penetration_m"][pooled])
     return PressLaw(normal, covariance, depth, config.press.segment_length_cm / 100.0)
 
@@ -221,7 +221,7 @@ def press_law(law: NormalLaw | Artifact | Outcome[Any], config: Config) -> Press
 def table_columns(
     frame: Any, kind: str, needed: tuple[str, ...], argument: str = ""
 ) -> dict[str, np.ndarray]:
-    """Columns of a table of ours that is in memory.
+    """Return the columns of a table in memory that follows one of the schemas.
 
     Parameters
     ----------
@@ -230,14 +230,14 @@ def table_columns(
     kind : str
         Its kind.
     needed : tuple of str
-        Columns that it must have; further columns of the kind are taken if they are there.
+        Required columns; further columns of the schema are read if present.
     argument : str
-        Name of the argument that it was given as, for messages of a function of two tables.
+        Name of the argument, for messages of functions that take two tables.
 
     Raises
     ------
     InputError
-        With every column that is missing or holds something else than it must.
+        With every column that is missing or holds values of the wrong type.
     """
     if isinstance(frame, (Outcome, Artifact)):
         if frame.kind != kind:
@@ -251,16 +251,18 @@ def table_columns(
     if missing:
         raise InputError(f"{name}: column {missing} is missing", code="columns")
     part = ParquetTable(name, Path(name), arrow, arrow.schema)
-    wanted = {n: Wanted(n, is_text, n) for n, is_text in simple.items() if n in arrow.column_names}
-    there = replace(table, columns=tuple(c for c in table.columns if c.name in wanted))
-    parts = [rows.columns() for rows in parquet_blocks(part, wanted, there)]
+    selected = {
+        n: Wanted(n, is_text, n) for n, is_text in simple.items() if n in arrow.column_names
+    }
+    available = replace(table, columns=tuple(c for c in table.columns if c.name in selected))
+    parts = [rows.columns() for rows in parquet_blocks(part, selected, available)]
     if not parts:
         raise InputError(f"{name}: holds no samples")
-    return together(parts, there)
+    return together(parts, available)
 
 
 def surface_from(surface: Any) -> FrictionSurface:
-    """A friction surface, that of a result, or of a number: a constant friction coefficient.
+    """Return a friction surface given as such, as a result, or as a constant coefficient.
 
     Raises
     ------
@@ -282,7 +284,7 @@ def surface_from(surface: Any) -> FrictionSurface:
 
 
 def checked_law(law: Any) -> NormalLaw:
-    """A normal law, that of a result, or an error that names the argument and its sources."""
+    """Return a normal law given as such or as a result; otherwise raise an error."""
     if isinstance(law, Outcome) and law.kind == "stiffness":
         law = law.result.pooled.law
     if isinstance(law, NormalLaw):
@@ -294,12 +296,12 @@ def checked_law(law: Any) -> NormalLaw:
 
 
 def shown(value: Any) -> str:
-    """A wrong argument for a message: None, or what kind of thing it is."""
+    """Describe a wrong argument for a message: None, or its type."""
     if isinstance(value, Outcome):
         return f"result of kind {value.kind}"
     return "None" if value is None else type(value).__name__
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a single real number; true and false are none."""
+    """Return whether a value is a single real number; booleans are not."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

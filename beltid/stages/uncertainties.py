@@ -1,4 +1,4 @@
-"""Standard uncertainties of a config for the science, and budgets for people."""
+"""Standard uncertainties of a config in SI units, and uncertainty budgets for display."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ SI: Final = {
     "_N": 1.0,
     "_m": 1.0,
 }
-"""Unit at the end of a key of the config -> its size in SI."""
+"""Unit suffix of a config key -> factor to SI."""
 KEYS: Final[dict[str, tuple[str, float]]] = {
     key: next((key.removesuffix(unit), si) for unit, si in SI.items() if key.endswith(unit))
     for key in UncertaintySection.model_fields
 }
-"""Key of the config -> name in the science, SI per unit of the config."""
+"""Key of the config -> field of `StandardUncertainties`, factor to SI."""
 
 
 def standard_uncertainties(config: Config) -> StandardUncertainties:
-    """Standard uncertainties of a config in SI, with those that were stated named.
+    """Return the standard uncertainties of a config in SI, and which of them were stated.
 
-    Those of a torque are zero on a rig that measures none, that of the belt's mass on one whose
-    belt does not run.
+    Those of the torque are zero on a rig without a torque cell; that of the belt's mass is zero on
+    a rig whose belt does not run.
     """
     section = config.uncertainty
     values = {name: getattr(section, key) * unit for key, (name, unit) in KEYS.items()}
@@ -47,7 +47,7 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
 
 
 def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:
-    """Rows of a budget of one quantity as a person reads them."""
+    """Format the budget rows of one quantity for display."""
     return [
         {
             "source": row["source"],
@@ -62,7 +62,7 @@ def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[
 
 
 def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """A table for each quantity of a budget."""
+    """Return a table for each quantity of a budget."""
     return {
         f"standard uncertainty of {quantity}, in percent of it": budget_table(rows, quantity)
         for quantity in dict.fromkeys(row["quantity"] for row in rows)
@@ -70,13 +70,16 @@ def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str
 
 
 def confounded_note(shares: Mapping[str, float], by: str) -> tuple[str, ...]:
-    """What runs cannot tell from what explains it: words -> share; empty if they can."""
+    """Return a note on causes that the runs cannot separate from `by`; empty if there are none.
+
+    `shares` maps the name of each cause to the share of it that `by` explains.
+    """
     if not shares:
         return ()
-    listed = ", ".join(f"{words} ({percent(100 * share)})" for words, share in shares.items())
+    listed = ", ".join(f"{cause} ({percent(100 * share)})" for cause, share in shares.items())
     return (
         f"{by} of the runs explain {listed}: above {100 * CONFOUNDED:g} % a drift with it cannot "
-        "be told from them; runs in random order, and some repeated at the end, could tell",
+        "be separated from them; a random run order with some repeats at the end would separate it",
     )
 
 

@@ -1,7 +1,7 @@
-"""Who carries out the heavy calls of a stage: this process, others beside it, or a cluster.
+"""Workers for the heavy calls of a stage: this process, a local pool, or a cluster.
 
-A call is a function of a module with plain data as arguments and as result, so that it can be sent
-anywhere; files are written by the caller alone. The result of a call depends on its arguments only.
+A call is a module-level function with plain data as arguments and result, so that it can be sent
+anywhere. Only the caller writes files. The result of a call depends on its arguments only.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from typing import Any, Final, Self, TypeVar
 Result = TypeVar("Result")
 
 LOOK_UP_S: Final = 0.2
-"""Time after which one who waits wakes up, to hear a signal or that it is to stop [s]."""
+"""Interval at which a waiting caller checks for signals and for a request to stop [s]."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""The workers are the parallelism. Threads of the linear algebra below them only get in the way,
-and matrices as small as those here take longer on several cores than on one."""
+"""Environment variables that limit a worker's linear algebra to one thread: the workers already
+use all cores, and the small matrices here take longer on several cores than on one."""
 
 
 class Cancelled(Exception):
-    """The workers were told to stop: no result comes any more."""
+    """Raised if the workers were stopped: no more results will come."""
 
 
 class Workers:
-    """Workers that heavy calls are given to; this one is the caller itself, one call at a time.
+    """Workers for heavy calls; the base class runs each call in the caller's own process.
 
     Attributes
     ----------
     jobs : int
-        Calls at the same time.
+        Number of calls that run at the same time.
     share_files : bool
-        Whether they see the files of the caller, so that a whole stage can be given to them.
+        Whether they see the caller's files, so that they can run a whole stage.
     about : str
-        Who they are, in words.
+        Description for the user.
     """
 
     jobs: int = 1
@@ -41,15 +41,15 @@ class Workers:
     share_files: bool = True
 
     def prepare(self) -> None:
-        """Begin to start, where that takes time; returns at once."""
+        """Start the workers in the background; returns at once."""
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Result of one call.
+        """Run one call and return its result.
 
         Raises
         ------
         BeltidError
-            What the call raises, or that its worker was lost again and again.
+            The error of the call, or that its worker was lost repeatedly.
         """
         ((_, result),) = self.as_ended(function, [arguments])
         return result
@@ -57,12 +57,12 @@ class Workers:
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Result]]:
-        """Results of many calls in the order in which they end, each with its index.
+        """Yield the results of many calls in order of completion, each with its index.
 
         Parameters
         ----------
         function : callable
-            A function of a module.
+            A module-level function.
         calls : sequence of tuple
             The arguments of each call.
         """
@@ -70,20 +70,20 @@ class Workers:
             yield index, function(*arguments)
 
     def stop(self) -> None:
-        """Give up what is under way, at once."""
+        """Abandon running calls at once."""
 
     def close(self) -> None:
-        """End, when nothing is under way."""
+        """Shut down when no calls are running."""
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.stop()  # an interrupt waits for nobody
+        self.stop()  # do not wait for running calls after an interrupt
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1

@@ -79,7 +79,7 @@ def test_gaps_are_told(tmp_path):
 def test_what_is_still_to_be_told_stands_in_the_section():
     status, found = inspect(DATA / "zwick-testxpert-export.txt")
     assert status == 2
-    assert "# still to be told: " in found["snippet"]
+    assert "# still missing: " in found["snippet"]
     assert "say which: columns: {press: {displacement_mm:" in found["snippet"]
     assert "force_N: Standardkraft" in found["snippet"]
 
@@ -139,7 +139,7 @@ def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_kno
     assert "say --kind press, rig, speedloss or points" in found["warnings"][0]
     status, found = inspect(path, "--kind", "press")
     assert status == 2
-    kept = [line for line in found["snippet"].splitlines() if "still to be told" not in line]
+    kept = [line for line in found["snippet"].splitlines() if "still missing" not in line]
     config = tmp_path / "pasted.yaml"
     config.write_text("\n".join(line.removeprefix("# ") for line in kept) + "\n")
     assert inspect(path, "-c", config)[0] == 0
@@ -153,10 +153,10 @@ def test_units_that_nobody_told_stand_in_the_section_to_be_uncommented(tmp_path)
     config.write_text('columns: {speedloss: {driver_speed_rad_s: "n1 [rad/s]"}}\n')
     status, found = inspect(path, "--kind", "speedloss", "-c", config)
     assert status == 2
-    proposed = [line for line in found["snippet"].splitlines() if line.endswith("# if it is so")]
+    proposed = [line for line in found["snippet"].splitlines() if line.endswith("# if correct")]
     words = [line.removeprefix("#").partition("#")[0].strip() for line in proposed]
     assert words == ["time_s: s", "initial_tension_N: N", 'torque_N_m: "N m"']
-    kept = [line for line in found["snippet"].splitlines() if "still to be told" not in line]
+    kept = [line for line in found["snippet"].splitlines() if "still missing" not in line]
     config.write_text("\n".join(re.sub("^# ?", "", line) for line in kept) + "\n")
     assert inspect(path, "-c", config)[0] == 0
 

@@ -176,7 +176,7 @@ def test_init_names_the_command_that_tells_how_to_read_a_recording(beltid: Any) 
     Path("rig.csv").write_text("run;Zeit;Umschlingung\nA;0,0;40\nA;0,1;40\n")
     said = beltid("init", "6pk", "--rig", "rig.csv")
     assert said.exit_code == 0
-    assert "`beltid inspect rig.csv` tells all that is to be stated" in said.stderr
+    assert "`beltid inspect rig.csv` lists everything that must be stated" in said.stderr
 
 
 def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
@@ -223,10 +223,10 @@ def test_config_check_warns_of_columns_that_the_recordings_do_not_have(beltid: A
     Path("c.yaml").write_text("data: {press: press.csv}\ncolumns: {press: {force_N: Load}}\n")
     wrong = beltid("config", "check", "c.yaml")
     assert wrong.exit_code == 0
-    line = "warning: c.yaml: not readable as it states: press.csv:1: column Load (which the config"
-    assert line in wrong.stderr
+    line = "warning: c.yaml: cannot be read with these settings: press.csv:1: column Load (which "
+    assert line + "the config" in wrong.stderr
     Path("c.yaml").write_text("data: {press: press.csv}\n")
-    assert "not readable" not in beltid("config", "check", "c.yaml").stderr
+    assert "cannot be read" not in beltid("config", "check", "c.yaml").stderr
 
 
 @pytest.mark.parametrize(

@@ -125,8 +125,11 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
         (("--target", "drive"), "--target drive: drive.initial_tension_N: must be stated"),
         (("-c", "light.yaml"), "a setting of plan: (without it of rig:) cannot be simulated"),
         (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
-        (("-o", "runs.png"), "runs.png: the table of a plan ends in .csv, its figure goes beside"),
-        (("-o", "-"), "stdout: the table of a plan ends in .csv, its figure goes beside"),
+        (
+            ("-o", "runs.png"),
+            "runs.png: the table of a plan ends in .csv; its figure is written as",
+        ),
+        (("-o", "-"), "stdout: the table of a plan ends in .csv; its figure is written as"),
     ],
 )
 def test_a_wrong_call_is_refused(

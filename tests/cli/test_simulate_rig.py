@@ -95,7 +95,7 @@ def test_a_time_after_the_end_is_told(bench: Path, beltid: Any) -> None:
     result = beltid(*CALL, *ONE, "--method", "transient", "--profile-time", "99")
     assert result.exit_code == 0
     assert "99 s" in result.stderr
-    assert "the state at the end was taken" in result.stderr
+    assert "the state at the end was used" in result.stderr
 
 
 @pytest.mark.parametrize("time", ["-1", "nan", "inf"])

@@ -171,7 +171,7 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
     named = results / "named.yaml"
     named.write_text("belt: {name: mine, width_m: 0.021}\n")
     other = call("abaqus", results, "-c", named)
-    assert "was made with another config" in other.stderr
+    assert "was made with a different config" in other.stderr
     text = (results / "export" / "belt_mine_abaqus.inp").read_text()
     assert "Width of the belt: 0.021 m" in text
 

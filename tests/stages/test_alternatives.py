@@ -125,7 +125,7 @@ def test_a_surface_too_small_for_formulas_is_no_obstacle():
     surface = FrictionSurface.constant(0.7)
     beside = friction_formulas(surface, np.zeros((*surface.mu_nodes.shape, 1)))
     assert beside.extra == {}
-    assert "No friction formula beside the surface" in beside.notes[0]
+    assert "No friction formula for the surface" in beside.notes[0]
 
 
 def test_artifacts_without_these_figures_have_empty_tables():

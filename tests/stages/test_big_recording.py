@@ -66,7 +66,7 @@ def test_who_works_alone_holds_no_batch_of_runs(
     def batches(*arguments: object) -> None:
         raise AssertionError("runs were held for workers that there are none of")
 
-    monkeypatch.setattr("beltid.stages.identification.reduction._shared", batches)
+    monkeypatch.setattr("beltid.stages.identification.reduction._parallel_map", batches)
     assert fitted(some_runs, tmp_path / "alone.parquet", Workers()) == at_once.read_bytes()
 
 
@@ -86,7 +86,7 @@ def test_long_runs_are_reduced_one_by_one_however_many_workers_there_are(
 
     two = Workers()
     two.jobs = 2
-    reduced = reduction._shared(two, lambda record: record.time_s.size, records())
+    reduced = reduction._parallel_map(two, lambda record: record.time_s.size, records())
     for done, size in enumerate(reduced, start=1):
         assert size == 1000
         assert read - done <= 1
@@ -108,7 +108,7 @@ def test_short_runs_go_to_the_workers_in_batches_that_are_bounded(
 
     two = Workers()
     two.jobs = 2
-    reduced = reduction._shared(two, lambda record: record.time_s[0], records())
+    reduced = reduction._parallel_map(two, lambda record: record.time_s[0], records())
     found = []
     for value in reduced:
         found.append(value)

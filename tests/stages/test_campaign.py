@@ -105,7 +105,7 @@ def test_a_running_rig_needs_the_speed_of_its_belt_and_something_left_to_slide()
     with pytest.raises(InputError) as caught:
         as_resting(config, [run])
     assert len(caught.value.problems) == 2
-    assert "must be above 10 N, which turn the running belt" in caught.value.problems[0]
+    assert "must be above 10 N, the momentum part of the running belt" in caught.value.problems[0]
     assert "200 rad/s, must differ from that of the belt" in caught.value.problems[1]
 
 

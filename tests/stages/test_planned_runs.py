@@ -146,8 +146,8 @@ def test_both_lists_are_told_where_they_differ() -> None:
     )
     config = load_config({"rig": {"arcs_deg": [40, 68, 82], "initial_tensions_N": [100, 200.4]}})
     assert differing_settings(config, measured) == [
-        "rig.arcs_deg: the config states 40, 68, 82 °, measured are 45, 90 °; simulated are those "
-        "stated (without the key, those measured)"
+        "rig.arcs_deg: the config states 40, 68, 82 °, measured are 45, 90 °; the stated "
+        "ones are simulated (without the key, the measured ones)"
     ]
     assert differing_settings(OPEN, measured) == []
     # a motor misses its speed by a percent; six are another setting

@@ -71,7 +71,7 @@ def test_a_stiffness_that_the_runs_ask_for_is_warned_of_and_used_if_asked(monkey
     used = refined_with(found, "use", monkeypatch)
     # stated: 0.02 within 5 %; ln 1.5 / sqrt(0.05² + 0.02²) = 7.53
     (warning,) = (line for line in used.warnings if "bending_stiffness" in line)
-    assert "ask for 0.03 within 2 %: 7.5 standard uncertainties apart" in warning
+    assert "give 0.03 within 2 %: 7.5 standard uncertainties apart" in warning
     assert used.extra["bending"]["fitted_u_N_m2"] == pytest.approx(0.0006)
     only_shown = refined_with(found, "fit", monkeypatch)
     assert not np.array_equal(used.columns["mu"], only_shown.columns["mu"])
@@ -82,7 +82,7 @@ def test_a_stiffness_that_the_runs_ask_for_is_warned_of_and_used_if_asked(monkey
 def test_runs_that_hardly_tell_the_stiffness_say_so_and_accuse_nobody(monkeypatch: Any) -> None:
     shown = refined_with(FittedBending(0.005, 0.8, 12), "fit", monkeypatch)
     (warning,) = (line for line in shown.warnings if "bending" in line)
-    assert "the runs hardly tell it" in warning
+    assert "the runs hardly determine it" in warning
 
 
 def test_an_unknown_word_is_no_stiffness_of_the_config(monkeypatch: Any) -> None:

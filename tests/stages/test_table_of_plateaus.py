@@ -53,7 +53,7 @@ def solved_plateaus() -> list[dict[str, float]]:
     return rows
 
 
-TAKEN_OFF = "drag of the bearings taken off"
+TAKEN_OFF = "bearing drag subtracted"
 DIRECT = ["mu", "normal_force_N_m"]
 TENSIONS = ["tension_tight_N", "tension_slack_N"]
 
@@ -150,7 +150,7 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     assert with_idle.to_frame()["mu_sliding"].to_numpy() == pytest.approx(truth, rel=1e-9)
     assert not any("drag" in line for line in with_idle.warnings)
     assert any(
-        line == f"{TAKEN_OFF}: 0.2 N m, as the idle pulley showed" for line in with_idle.notes
+        line == f"{TAKEN_OFF}: 0.2 N m, measured on the idle pulley" for line in with_idle.notes
     )
     without = fit_friction(dragged, config, table=True)
     assert np.all(without.to_frame()["mu_sliding"].to_numpy() > truth)
@@ -201,7 +201,9 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path
     outcome = fit_friction(both, table=True)
     found = outcome.to_frame()
     assert found["condition"].tolist() == ["dry"] * 24 + ["wet"] * 24
-    with pytest.raises(InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one by --cond"):
+    with pytest.raises(
+        InputError, match=r"dry \(24 runs\), wet \(24 runs\); choose one with --cond"
+    ):
         build_surface(found)
     built = build_surface(found, condition="dry")
     assert built.extra["conditions"] == {"condition": "dry"}

@@ -136,5 +136,5 @@ def test_a_pulley_that_does_not_give_way_to_a_constant_force_is_told():
     for share, slide, told in ((0.8, "free", True), (0.8, "held", False), (1.0, "free", False)):
         rested = table("torque_hub").assign(initial_tension_N=0.5 * share * (TIGHT + SLACK))
         warnings = "\n".join(fit(rested, "torque_hub", slide=slide, span_length_m=10.0).warnings)
-        assert ("1.25 times what they were at rest" in warnings) == told
+        assert ("1.25 times that at rest" in warnings) == told
         assert ("rig.slide: held" in warnings) == told

@@ -3,8 +3,8 @@
 ==================== =========================================================== ===============
 Module               Responsibility                                              Equation
 ==================== =========================================================== ===============
-``simulate_drive``   speed loss, forces and slip limit of a drive                section 2.1
-``compare_drive``    predicted against measured speed losses
-``drive_of_config``  the drive of a config, and its operating points
+``simulate_drive``   predict speed loss, forces and slip limit of a drive        section 2.1
+``compare_drive``    compare predicted with measured speed losses
+``drive_of_config``  build the drive of a config and its operating points
 ==================== =========================================================== ===============
 """

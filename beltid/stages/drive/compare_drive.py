@@ -1,4 +1,4 @@
-"""beltid compare-drive: predicted against measured speed losses of a belt drive."""
+"""beltid compare-drive: compare predicted with measured speed losses of a belt drive."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SHOWN: Final = (
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Compare ``slip`` with ``drive``, write the points, sum them up."""
+    """Compare ``slip`` with ``drive``, write the points, summarise them."""
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
@@ -57,9 +57,10 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgreement]:
     measured, rows = slip.columns, _predicted_rows(slip, drive)
-    there = rows >= 0
+    has_prediction = rows >= 0
     predicted = {
-        name: np.where(there, drive.columns[of][rows], np.nan) for name, of in OF_PREDICTION.items()
+        name: np.where(has_prediction, drive.columns[source][rows], np.nan)
+        for name, source in OF_PREDICTION.items()
     }
     points = LossPoints(
         measured=measured["speed_loss_rad_s"],
@@ -75,8 +76,10 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
     )
     section = config.compare_drive
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
-    found = np.where(there, drive.columns["status"][rows], NOT_PREDICTED)
-    status = np.array([_why_not(*pair) for pair in zip(measured["status"], found, strict=True)])
+    predicted_status = np.where(has_prediction, drive.columns["status"][rows], NOT_PREDICTED)
+    status = np.array(
+        [_status(*statuses) for statuses in zip(measured["status"], predicted_status, strict=True)]
+    )
     status = np.where((status == OK) & ~result.judged, "torque too small to be judged", status)
     settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     return Outcome(
@@ -109,7 +112,7 @@ def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgr
 
 
 def _differences(result: LossAgreement) -> dict[str, np.ndarray]:
-    """Columns of what was compared and how far it agrees."""
+    """Return the columns of the compared losses and their differences."""
 
     def over(values: np.ndarray) -> np.ndarray:
         unknown = np.full(values.size, np.nan)
@@ -129,16 +132,18 @@ def _differences(result: LossAgreement) -> dict[str, np.ndarray]:
 
 
 def _predicted_rows(slip: Artifact, drive: Artifact) -> np.ndarray:
-    """Row of the loaded pulley in the drive for each measured run; -1 for one not predicted."""
+    """Return the row of the loaded pulley for each measured run; -1 if not predicted."""
     stated: DriveMetadata = drive.metadata
     loaded = stated.loaded_pulley
     if loaded is None:
         raise InputError(
-            f"{drive.path}: its points are not those of a recording; predict them with "
-            "beltid simulate-drive --from"
+            f"{drive.path}: its points do not come from a recording; predict those of the "
+            "recording with beltid simulate-drive --from"
         )
-    here = np.flatnonzero(drive.columns["pulley"] == loaded)
-    row_of = dict(zip(drive.columns["run"][here].tolist(), here.tolist(), strict=True))
+    loaded_rows = np.flatnonzero(drive.columns["pulley"] == loaded)
+    row_of = dict(
+        zip(drive.columns["run"][loaded_rows].tolist(), loaded_rows.tolist(), strict=True)
+    )
     rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
     if (rows < 0).all():
         raise InputError(f"{drive.path}: has none of the runs of {slip.path}")
@@ -146,14 +151,14 @@ def _predicted_rows(slip: Artifact, drive: Artifact) -> np.ndarray:
 
 
 def _standard_error(measured: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Standard error of the measured loss: that of the sliding speed, Eq. (7), over its radius."""
+    """Return the standard error of the measured loss: that of the speed in Eq. (7), over R."""
     loss, slip = measured["speed_loss_rad_s"], measured["slip_speed_m_s"]
     radius = np.nanmedian(np.divide(slip, loss, out=np.full(loss.size, np.nan), where=loss != 0.0))
     return np.asarray(measured["slip_speed_se_m_s"] / radius)
 
 
 def _arc_shares(columns: Mapping[str, np.ndarray], runs: np.ndarray) -> np.ndarray:
-    """Largest share of an arc that slides, over the pulleys of each run."""
+    """Return the largest sliding share of an arc over the pulleys of each run."""
     shares = columns["arc_used_deg"] / columns["wrap_deg"]
     largest: dict[str, float] = {}
     for run, share in zip(columns["run"].tolist(), shares.tolist(), strict=True):
@@ -161,8 +166,8 @@ def _arc_shares(columns: Mapping[str, np.ndarray], runs: np.ndarray) -> np.ndarr
     return np.array([largest.get(run, np.nan) for run in runs.tolist()])
 
 
-def _why_not(measured: str, predicted: str) -> str:
-    """Ok, or why a point cannot be judged."""
+def _status(measured: str, predicted: str) -> str:
+    """Return "ok", or why a point cannot be judged."""
     if measured == GROSS_SLIP:
         return f"{GROSS_SLIP} on the bench (predicted: {predicted})"
     if measured != OK:
@@ -171,39 +176,39 @@ def _why_not(measured: str, predicted: str) -> str:
 
 
 def _statements(result: LossAgreement) -> tuple[str, ...]:
-    """What the recording tests and what it does not."""
+    """State what the recording tests and what it does not test."""
     share = 100.0 * result.largest_arc_share
-    found = result.prominence
-    told = [f"{name} ({size:.1f} standard uncertainties)" for name, size in found.items()]
-    seen = [t for t, size in zip(told, found.values(), strict=True) if size > RESOLVED]
-    unseen = [t for t, size in zip(told, found.values(), strict=True) if size <= RESOLVED]
+    sizes = result.prominence
+    labels = {name: f"{name} ({size:.1f} standard uncertainties)" for name, size in sizes.items()}
+    resolved = [labels[name] for name, size in sizes.items() if size > RESOLVED]
+    unresolved = [labels[name] for name, size in sizes.items() if size <= RESOLVED]
     lines = [
-        f"resolved by this recording: {', '.join(seen) or 'nothing'}"
-        + (f"; not resolved: {', '.join(unseen)}" if unseen else "")
+        f"resolved by this recording: {', '.join(resolved) or 'nothing'}"
+        + (f"; not resolved: {', '.join(unresolved)}" if unresolved else "")
     ]
     if result.largest_arc_share <= MOST_OF_ARC:
         lines.append(
             f"friction is not tested: at most {share:.0f} % of an arc slides, and below full slip "
             "the loss does not depend on it"
         )
-    elif found["slip"] <= RESOLVED:
+    elif sizes["slip"] <= RESOLVED:
         lines.append(
             f"up to {share:.0f} % of an arc slides: friction is large enough to carry the torques, "
-            "but how large it is this recording does not tell"
+            "but this recording does not determine how large it is"
         )
     else:
         lines.append(
             f"up to {share:.0f} % of an arc slides: friction is tested by the points in full slip"
         )
     lines.append(
-        "the axial stiffness counts as known from elsewhere, such as a tensile test: fitted to "
-        "this recording it would be calibrated, and the agreement no validation of it"
+        "the axial stiffness must come from another source, such as a tensile test: if it were "
+        "fitted to this recording, the agreement would be a calibration, not a validation"
     )
     return tuple(lines)
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a comparison of a drive; its exit status is the verdict."""
+    """Summarise a comparison of a drive; its exit status is the verdict."""
     columns = built.artifact.columns
     metadata: CompareDriveMetadata = built.artifact.metadata
     return built.summary(
@@ -224,24 +229,24 @@ def summarise(built: Built) -> Summary:
 
 
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A row per driver speed and initial tension: how far the torque went, and the difference."""
+    """Return a row per driver speed and initial tension: largest torque and differences."""
     rows = []
     series = series_of(columns["driver_speed_rad_s"], columns["initial_tension_N"])
     for (speed, tension), points in series.items():
-        here = points[columns["judged"][points]]
-        if not here.size:
+        judged = points[columns["judged"][points]]
+        if not judged.size:
             continue
-        relative = columns["relative_difference"][here]
+        relative = columns["relative_difference"][judged]
         rows.append(
             {
                 "driver_speed_rad_s": speed,
                 "initial_tension_N": tension,
-                "points": here.size,
-                "largest_torque_N_m": float(np.abs(columns["torque_N_m"][here]).max()),
+                "points": judged.size,
+                "largest_torque_N_m": float(np.abs(columns["torque_N_m"][judged]).max()),
                 "mean_difference_percent": 100.0 * float(relative.mean()),
                 "rms_difference_percent": 100.0 * float(np.sqrt(np.mean(relative**2))),
-                "rms_over_uncertainty": float(np.sqrt(np.mean(columns["e_over_u"][here] ** 2))),
-                "largest_arc_share": float(columns["arc_share"][here].max()),
+                "rms_over_uncertainty": float(np.sqrt(np.mean(columns["e_over_u"][judged] ** 2))),
+                "largest_arc_share": float(columns["arc_share"][judged].max()),
             }
         )
     return rows

@@ -1,4 +1,4 @@
-"""The drive of a config, and its operating points: of the config or of a speed-loss recording."""
+"""Drive of a config, with operating points from the config or from a speed-loss recording."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from beltid.laws.slow_friction import HALF_TREND, NEAREST
 from beltid.rigsim.beam.path import bending_length
 
 ALIKE_RADII: Final = (0.7, 1.5)
-"""Radii over that of the rig for which its laws may hold: wedging changes with curvature."""
+"""Pulley radius over rig radius for which the laws may hold: wedging changes with curvature."""
 
 SLOW_TREND: Final = {"half_trend": HALF_TREND, "nearest": NEAREST}
-"""Share of the trend that each value of `drive.slow_friction` stands for."""
+"""Share of the trend for each value of `drive.slow_friction`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +36,17 @@ class LabelledPoint:
 
 
 def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
-    """The drive of a config with identified laws.
+    """Build the drive of a config with identified laws.
 
     Raises
     ------
     InputError
-        If pulleys are named twice, or a name is not that of a pulley.
+        If two pulleys have the same name, or a name is not that of a pulley.
     """
     section, shear = config.drive, config.belt.shear_stiffness_N_m2
     names = [pulley.name for pulley in section.pulleys]
-    _refuse_names(section, names)
-    taken = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    _check_names(section, names)
+    loaded = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
     pulleys = tuple(
         Pulley(
             pulley.name,
@@ -54,7 +54,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
             pulley.y_m,
             pulley.radius_m,
             pulley.side == "rib",
-            0.0 if pulley.name in {*taken, section.driving} else section.idler_torque_N_m,
+            0.0 if pulley.name in {*loaded, section.driving} else section.idler_torque_N_m,
         )
         for pulley in section.pulleys
     )
@@ -74,12 +74,12 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
 
 
 def points_of_config(config: Config) -> list[LabelledPoint]:
-    """Operating points that a config states: every initial tension with every point of the lists.
+    """Return the operating points of a config: every initial tension with every listed point.
 
     Raises
     ------
     InputError
-        If the lists are not of one length, or no tension is stated where one is needed.
+        If the lists differ in length, or a required tension is not stated.
     """
     section = config.drive
     points = section.operating_points
@@ -88,7 +88,7 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
         lists |= {f"{key}.{name}": values for name, values in getattr(points, key).items()}
     n = max(len(values) for values in lists.values())
     problems = [
-        f"drive.operating_points.{key}: {len(values)} values, must be 1 or {n} as the longest list"
+        f"drive.operating_points.{key}: {len(values)} values, must be 1 or {n} (the longest list)"
         for key, values in lists.items()
         if len(values) not in (1, n)
     ]
@@ -98,7 +98,7 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
         raise InputError(problems)
     full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
 
-    def taken_off(key: str, i: int) -> tuple[float, ...]:
+    def loads(key: str, i: int) -> tuple[float, ...]:
         listed = (full.get(f"{key}.{pulley.name}") for pulley in section.pulleys)
         return tuple(0.0 if values is None else values[i] for values in listed)
 
@@ -109,8 +109,8 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
             DrivePoint(
                 full["driver_speed_rad_s"][i],
                 tension,
-                taken_off("torque_N_m", i),
-                taken_off("power_W", i),
+                loads("torque_N_m", i),
+                loads("power_W", i),
             ),
         )
         for t, tension in enumerate(tensions)
@@ -119,15 +119,15 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
 
 
 def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[LabelledPoint]:
-    """Operating points of a speed-loss recording: torque off the one pulley that takes it.
+    """Return the operating points of a speed-loss recording, with the torque on the load pulley.
 
-    A torque is counted positive where it brakes; a recording whose torques drive on the whole has
-    the other sign.
+    A braking torque is positive. If the recorded torques drive on balance, the recording uses the
+    other sign, and all signs are reversed.
 
     Raises
     ------
     InputError
-        If it is not clear which pulley the torque is taken off, or no run says all that is needed.
+        If the load pulley is ambiguous, or no run has a speed, a tension and a torque.
     """
     section = config.drive
     loaded = load_pulley(section)
@@ -138,8 +138,8 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
     braking = torque * np.sign(speed)
     if np.nansum(braking) < 0.0:
         braking = -braking
-    known = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
-    if not known.any():
+    is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
+    if not is_complete.any():
         raise InputError("no run of the recording has a driver speed, a torque and a tension")
     return [
         LabelledPoint(
@@ -150,17 +150,17 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
                 tuple(float(braking[i]) if p.name == loaded else 0.0 for p in section.pulleys),
             ),
         )
-        for i in np.flatnonzero(known)
+        for i in np.flatnonzero(is_complete)
     ]
 
 
 def load_pulley(section: DriveSection) -> str:
-    """The pulley whose torque a speed-loss recording has.
+    """Return the pulley whose torque a speed-loss recording contains.
 
     Raises
     ------
     InputError
-        If there is not exactly one pulley that takes torque or power off.
+        If there is not exactly one pulley that takes torque or power from the belt.
     """
     others = [pulley.name for pulley in section.pulleys if pulley.name != section.driving]
     stated = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
@@ -174,12 +174,12 @@ def load_pulley(section: DriveSection) -> str:
 
 
 def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
-    """Check a drive against what its laws and the model hold for.
+    """Warn where a drive is outside the range of its laws; refuse what the model cannot solve.
 
     Raises
     ------
     InputError
-        If a span is shorter than six bending lengths, or pulleys cannot stand as stated.
+        If a span is shorter than six bending lengths, or the layout of the pulleys is impossible.
     """
     laid, names = layout(drive), [pulley.name for pulley in drive.pulleys]
     shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, min(tensions))
@@ -200,18 +200,18 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
     ]
 
 
-def _refuse_names(section: DriveSection, names: list[str]) -> None:
+def _check_names(section: DriveSection, names: list[str]) -> None:
     points = section.operating_points
-    known = ", ".join(names)
-    asked = {"drive.driver": [section.driving]}
-    asked["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
-    asked["drive.operating_points.power_W"] = list(points.power_W)
+    allowed = ", ".join(names)
+    stated = {"drive.driver": [section.driving]}
+    stated["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
+    stated["drive.operating_points.power_W"] = list(points.power_W)
     if section.tensioner is not None:
-        asked["drive.tensioner.pulley"] = [section.tensioner.pulley]
+        stated["drive.tensioner.pulley"] = [section.tensioner.pulley]
     problems = [
-        f"{key}: {name} is not the name of a pulley, must be one of {known}"
-        for key, wanted in asked.items()
-        for name in wanted
+        f"{key}: {name} is not the name of a pulley, must be one of {allowed}"
+        for key, references in stated.items()
+        for name in references
         if name not in names
     ]
     problems += [
@@ -220,7 +220,9 @@ def _refuse_names(section: DriveSection, names: list[str]) -> None:
         if names.count(name) > 1
     ]
     if (section.tensioner is not None) != (section.installation == "tensioner"):
-        problems.append("drive.tensioner: must be stated with installation: tensioner, and only so")
+        problems.append(
+            "drive.tensioner: must be stated with installation: tensioner, and only then"
+        )
     if problems:
         raise InputError(problems)
 

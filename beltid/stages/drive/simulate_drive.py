@@ -1,4 +1,4 @@
-"""beltid simulate-drive: a belt drive from the identified laws."""
+"""beltid simulate-drive: predict a belt drive from the identified laws."""
 
 from __future__ import annotations
 
@@ -74,19 +74,19 @@ SHOWN: Final = (
     "wrap_deg",
     "status",
 )
-TELLING: Final = 0.1
+SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 SLIP_LIMITS: Final = "Torque with which adhesion ends, and beyond which the drive slips grossly"
 TENSIONS: Final = (0.4, 0.6, 0.8, 1.0, 1.25, 1.5)
-"""Tensions over that at rest for which the report shows the slip limit."""
+"""Tensions over the tension at rest for which the report shows the slip limit."""
 FEW_ROWS: Final = 12
-"""Rows of the table up to which all of them are shown."""
+"""Number of rows up to which the whole table is shown."""
 NOT_STATED: Final = (
     "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
-    "taken for it"
+    "assumed"
 )
 MOST_OUTSIDE: Final = 0.3
-"""Share of the sliding friction outside what was measured, above which there is a warning."""
+"""Share of the sliding friction outside the measured range above which a warning is given."""
 
 
 Solved = tuple[LabelledPoint, DriveResult]
@@ -94,19 +94,19 @@ Solved = tuple[LabelledPoint, DriveResult]
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Predict the drive with ``surface`` and ``stiffness``, write the table, sum it up.
+    """Predict the drive from ``surface`` and ``stiffness``, write the table, summarise it.
 
-    With ``slip`` among the inputs the operating points are those of that recording.
+    If ``slip`` is among the inputs, the operating points are those of that recording.
     """
     model = config.config
 
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
-        made = read_artifact(inputs["surface"], "surface")
-        for line in of_other_bench(made, config, "belt"):
+        surface_artifact = read_artifact(inputs["surface"], "surface")
+        for line in of_other_bench(surface_artifact, config, "belt"):
             options.reporter.warn(line)
-        surface = surface_of(made)
+        surface = surface_of(surface_artifact)
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(stiffness, model)
         points = (
@@ -132,9 +132,9 @@ def simulate_drive(
     config : Config, dict, path or None
         Belt, drive and its operating points; None is the built-in 5PK rig.
     surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
-        Friction coefficient of the ribs; a number is a constant one.
+        Friction coefficient of the ribs; a number is a constant coefficient.
     law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the ribs; the result brings its scatter along.
+        Normal contact law of the ribs; a result also provides its scatter.
 
     Returns
     -------
@@ -144,14 +144,14 @@ def simulate_drive(
     Raises
     ------
     InputError
-        If the drive cannot be as stated.
+        If the stated drive is impossible.
     NumericsError
         If no operating point has a steady state.
     """
     model = load_config(config)
     press = press_law(law, model)
-    found = _outcome(model, surface_from(surface), press, points_of_config(model))
-    return found.with_origin(model, surface, law)
+    outcome = _outcome(model, surface_from(surface), press, points_of_config(model))
+    return outcome.with_origin(model, surface, law)
 
 
 def _outcome(
@@ -163,20 +163,24 @@ def _outcome(
 ) -> Outcome[tuple[Solved, ...]]:
     drive, method = drive_of(config, surface, press.law), config.drive.method
     at_rest = Simulator(drive).at_rest
-    alike = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
-    good, failed = _solved(Simulator(drive, method), points)
+    drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
+    good, failed = _solve_points(Simulator(drive, method), points)
     uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    known = uncertain.members is not None or uncertain.factor is not None
-    ensemble = uncertain.ensemble() if known else ()
-    found, sources = _uncertainty(config, drive, good, press, ensemble)
-    by_string = [asked.run for (asked, _), yes in zip(good, found.by_string, strict=True) if yes]
-    columns = {**_columns(drive, good), "speed_loss_u_rad_s": found.combined.ravel()}
+    has_covariance = uncertain.members is not None or uncertain.factor is not None
+    ensemble = uncertain.ensemble() if has_covariance else ()
+    uncertainty, sources = _uncertainty(config, drive, good, press, ensemble)
+    by_string = [
+        labelled.run
+        for (labelled, _), is_flagged in zip(good, uncertainty.by_string, strict=True)
+        if is_flagged
+    ]
+    columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
     return Outcome(
         kind=KIND,
         columns=columns,
         result=tuple(good),
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
-        set_aside=[{"run": asked.run, "why": "; ".join(e.problems)} for asked, e in failed],
+        set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
         extra={
             "method": method,
             "slow_friction": config.drive.slow_friction,
@@ -185,36 +189,36 @@ def _outcome(
             "uncertainty_by_string": by_string,
             "slip_limits": _limits(drive, good),
             "limits_over_tension": _limits_over_tension(drive, good),
-            "laid": _laid(drive, good),
+            "laid": _layout_rows(drive, good),
             "arcs": _arcs(good),
-            "budget": _budget(columns, sources, found.shared, found.surface),
+            "budget": _budget(columns, sources, uncertainty.shared, uncertainty.surface),
         },
         notes=(
             *_rigid_ribs(drive, method),
-            *_notes(columns, drive, known, method, by_string),
+            *_notes(columns, drive, has_covariance, method, by_string),
         ),
         warnings=(
             *([] if "drive" in config.model_fields_set else [NOT_STATED]),
-            *alike,
-            *(f"point {asked.run}: {error}" for asked, error in failed),
+            *drive_notes,
+            *(f"point {labelled.run}: {error}" for labelled, error in failed),
             *_outside(columns, surface),
         ),
     )
 
 
-def _solved(
+def _solve_points(
     simulator: Simulator, points: Sequence[LabelledPoint]
 ) -> tuple[list[Solved], list[tuple[LabelledPoint, ConvergenceError]]]:
-    """The steady states that are found, and what went wrong with the other points."""
+    """Solve all points; return the steady states, and the errors of the points that failed."""
     good: list[Solved] = []
     failed: list[tuple[LabelledPoint, ConvergenceError]] = []
-    for asked in points:
+    for labelled in points:
         try:
-            good.append((asked, simulator.solve(asked.point)))
+            good.append((labelled, simulator.solve(labelled.point)))
         except ConvergenceError as error:
-            failed.append((asked, error))
+            failed.append((labelled, error))
     if not good:
-        raise NumericsError([f"point {asked.run}: {error}" for asked, error in failed])
+        raise NumericsError([f"point {labelled.run}: {error}" for labelled, error in failed])
     return good, failed
 
 
@@ -225,27 +229,27 @@ def _uncertainty(
     press: PressLaw,
     ensemble: Sequence[FrictionSurface],
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
-    """What is not known of the speed losses, and the sources of it."""
-    points, results = [asked.point for asked, _ in good], [result for _, result in good]
+    """Return the uncertainty of the speed losses and its sources."""
+    points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    found = drive_uncertainty(drive, points, results, press, sources, ensemble)
+    uncertainty = drive_uncertainty(drive, points, results, press, sources, ensemble)
     if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = np.array([result.in_order(result.loss.total) for result in results])
-        found = found.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
-    slower = change_by_slower_friction(drive, points, results)
-    if slower.any():
+        uncertainty = uncertainty.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
+    slower_friction = change_by_slower_friction(drive, points, results)
+    if slower_friction.any():
         sources = (*sources, slower_source())
-        found = found.with_source(slower)
-    return found, sources
+        uncertainty = uncertainty.with_source(slower_friction)
+    return uncertainty, sources
 
 
 def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
-    """How much torque the drive carries at each speed and tension, by its most loaded point."""
+    """Return the torque limits at each speed and tension, from the most loaded point there."""
     speeds = np.array([result.point.omega for _, result in good])
     series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
     heaviest = {
-        setting: max((good[i] for i in rows), key=lambda one: one[1].load)
+        setting: max((good[i] for i in rows), key=lambda solved: solved[1].load)
         for setting, rows in series.items()
     }
     simulator = Simulator(drive)
@@ -254,30 +258,30 @@ def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
             "driver_speed_rad_s": speed,
             "initial_tension_N": tension,
             "largest_torque_N_m": result.load,
-            **_limit(simulator, asked.point, result.load),
+            **_limit(simulator, labelled.point, result.load),
         }
-        for (speed, tension), (asked, result) in heaviest.items()
+        for (speed, tension), (labelled, result) in heaviest.items()
         if result.load != 0.0
     ]
 
 
 def _limits_over_tension(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
-    """How much torque the drive carries over the belt tension, for its most loaded point."""
-    asked, result = _heaviest(good)
+    """Return the torque limits over the belt tension, for the most loaded point."""
+    labelled, result = _most_loaded(good)
     if result.load == 0.0:
         return []
     simulator, rows = Simulator(drive), []
     for share in TENSIONS:
-        point = replace(asked.point, T_0=share * result.rest.T_0)
-        with suppress(InputError):  # the arm of a tensioner does not reach every tension
+        point = replace(labelled.point, T_0=share * result.rest.T_0)
+        with suppress(InputError):  # the arm of a tensioner cannot produce every tension
             limit = _limit(simulator, point, result.load)
-            at = {"driver_speed_rad_s": point.omega, "initial_tension_N": point.T_0}
-            rows.append({**at, **limit})
+            setting = {"driver_speed_rad_s": point.omega, "initial_tension_N": point.T_0}
+            rows.append({**setting, **limit})
     return rows
 
 
 def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, Any]:
-    """Torques at which adhesion ends and gross slip begins, at the speed of a point [N m]."""
+    """Return the torques at which adhesion ends and gross slip begins at a point [N m]."""
     limit = slip_limit(simulator, point)
     return {
         "adhesion_end_torque_N_m": limit.adhesion * load,
@@ -285,14 +289,14 @@ def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, An
     }
 
 
-def _heaviest(good: Sequence[Solved]) -> Solved:
-    """The point with the largest torque of those that the belt carries steadily, if any."""
-    steady = [one for one in good if set(one[1].status) <= {ADHESION, FULL_SLIP}]
-    return max(steady or good, key=lambda one: one[1].load)
+def _most_loaded(good: Sequence[Solved]) -> Solved:
+    """Return the most loaded steady point, or the most loaded point if none is steady."""
+    steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
+    return max(steady or good, key=lambda solved: solved[1].load)
 
 
-def _laid(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
-    """Pulleys and spans at rest, in the order of the drive."""
+def _layout_rows(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return the layout of pulleys and spans at rest, in the order of the drive."""
     laid = layout(drive, good[0][1].rest.arm_angle)
     return [
         {
@@ -308,12 +312,12 @@ def _laid(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
 
 
 def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
-    """Line force and sliding speed along every arc at the most loaded point."""
-    asked, result = _heaviest(good)
+    """Return line force and sliding speed along every arc at the most loaded point."""
+    labelled, result = _most_loaded(good)
     return [
         {
             "pulley": pulley.name,
-            "run": asked.run,
+            "run": labelled.run,
             "angle_deg": np.degrees(profile.angle),
             "normal_force_N_m": profile.normal_force,
             "slip_speed_m_s": profile.slip_speed,
@@ -324,7 +328,7 @@ def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
 
 
 def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
-    """Columns of the drive table: a row per point and pulley."""
+    """Return the columns of the drive table, with a row per point and pulley."""
     n = len(drive.pulleys)
     blocks = [_block(result) for _, result in good]
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
@@ -333,14 +337,14 @@ def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
             columns[name] = np.where(np.isfinite(values), values, np.nan)
     return {
         "point": np.repeat(np.arange(1, len(good) + 1), n),
-        "run": np.repeat(np.array([asked.run for asked, _ in good], dtype=object), n),
+        "run": np.repeat(np.array([labelled.run for labelled, _ in good], dtype=object), n),
         "pulley": np.tile(np.array([p.name for p in drive.pulleys], dtype=object), len(good)),
         **columns,
     }
 
 
 def _block(result: DriveResult) -> dict[str, np.ndarray]:
-    """Rows of one operating point, a pulley each, in the order of the drive."""
+    """Return the rows of one operating point, one per pulley in the order of the drive."""
     state, loss = result.state, result.loss
     shares = result.shares
     before, behind = result.tensions
@@ -380,22 +384,22 @@ def _budget(
     shared: np.ndarray,
     surface: np.ndarray,
 ) -> list[dict[str, object]]:
-    """Budget of the speed losses, relative to them, over the pulleys that lose speed."""
+    """Return the relative budget of the speed losses, over the pulleys with a significant loss."""
     loss = columns["speed_loss_rad_s"]
     changes, scatter = shared.reshape(loss.size, -1), surface.ravel()
-    telling = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
-    telling &= np.abs(loss) > TELLING * np.nanmax(np.abs(loss), initial=0.0)
-    if not telling.any():
+    significant = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
+    significant &= np.abs(loss) > SIGNIFICANT_LOSS * np.nanmax(np.abs(loss), initial=0.0)
+    if not significant.any():
         return []
-    per_loss = 1.0 / loss[telling]
-    part = Scatter("friction surface", np.abs(scatter[telling] * per_loss))
-    return budget("speed loss", sources, changes[telling] * per_loss[:, None], part)
+    per_loss = 1.0 / loss[significant]
+    part = Scatter("friction surface", np.abs(scatter[significant] * per_loss))
+    return budget("speed loss", sources, changes[significant] * per_loss[:, None], part)
 
 
 def _notes(
     columns: Mapping[str, np.ndarray],
     drive: Drive,
-    surface_known: bool,
+    has_covariance: bool,
     method: Method,
     by_string: Sequence[str],
 ) -> tuple[str, ...]:
@@ -412,14 +416,14 @@ def _notes(
         )
     if by_string:
         notes.append(
-            "with an error of the inputs a rod has no steady state; what it changes is that of the "
-            f"string: {', '.join(by_string)}"
+            "the rod has no steady state for some changed inputs; these points have the "
+            f"uncertainties of the string: {', '.join(by_string)}"
         )
-    if not surface_known:
-        notes.append("the friction surface has no covariance: it is taken as known")
+    if not has_covariance:
+        notes.append("the friction surface has no covariance: it is assumed to be exact")
     for status, words in (
         ("gross slip", "cannot be transmitted with the friction that is known"),
-        ("slack", "leave a span without force"),
+        ("slack", "leave a span without tension"),
     ):
         runs = dict.fromkeys(columns["run"][columns["status"] == status].tolist())
         if runs:
@@ -428,32 +432,32 @@ def _notes(
 
 
 def _slower_than_measured(drive: Drive) -> str:
-    """How friction goes on below the slowest measured sliding."""
+    """Describe how friction is continued below the slowest measured sliding speed."""
     slowest, _ = drive.surface.validity["slip_speed_m_s"]
-    of_slower = f"friction slower than {slowest:.3g} m/s, the slowest measured sliding,"
+    subject = f"friction below {slowest:.3g} m/s, the slowest measured sliding speed,"
     if drive.friction is drive.surface.tables():
-        return f"{of_slower} is that of the slowest"
+        return f"{subject} is taken at that speed"
     return (
-        f"{of_slower} is continued with half of the trend that it has there "
-        "(drive.slow_friction): the mean of none and all of it, the limits of its uncertainty"
+        f"{subject} is continued with half of the trend there (drive.slow_friction): the mean of "
+        "no trend and the full trend, which bound its uncertainty"
     )
 
 
 def _rigid_ribs(drive: Drive, method: Method) -> list[str]:
-    """Says that the rods take stiff ribs as rigid."""
+    """Note that the rod methods treat stiff ribs as rigid."""
     k_s = drive.shear_stiffness
     if method == "string" or math.isinf(k_s) or ribs_shear(drive):
         return []
     over = 1e3 * math.sqrt(drive.belt.EA / k_s)
     return [
-        f"ribs of {k_s:.3g} N/m² give way over {over:.2g} mm of belt only: the rods take them as "
+        f"ribs of {k_s:.3g} N/m² shear over {over:.2g} mm of belt only: the rod treats them as "
         "rigid, which changes the loss by less than 1 %"
     ]
 
 
 def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
-    """Warnings of friction that acts where the laws were not measured."""
-    found = []
+    """Return warnings about friction outside the measured range of the laws."""
+    warnings = []
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
     for name, words in (
@@ -461,29 +465,29 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
         (
             "share_outside_force_range",
             f"outside the measured line forces, {low:.4g} to {high:.4g} N/m; the nearest measured "
-            "value was taken",
+            "value was used",
         ),
     ):
         shares = columns[name]
         beyond = shares > MOST_OUTSIDE
         if beyond.any():
             runs = len(set(columns["run"][beyond].tolist()))
-            found.append(
+            warnings.append(
                 f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
                 f"acts {words}"
             )
     states = columns["steady_states"] > 1
     if states.any():
         runs_with = dict.fromkeys(columns["run"][states].tolist())
-        found.append(
-            "friction that falls with the speed: a second steady state with more slip exists for "
-            f"{', '.join(runs_with)}; the one with less slip was taken"
+        warnings.append(
+            "friction falls with the speed: a second steady state with more slip exists for "
+            f"{', '.join(runs_with)}; the state with less slip was chosen"
         )
-    return found
+    return warnings
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a drive artifact."""
+    """Summarise a drive artifact."""
     columns = built.artifact.columns
     metadata: DriveMetadata = built.artifact.metadata
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
@@ -512,20 +516,20 @@ def summarise(built: Built) -> Summary:
 
 
 def _overview(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A row per pulley: the hubs' largest forces, the least reserve, the largest loss."""
+    """Return a row per pulley: largest hub force, least reserve, largest loss."""
     rows = []
     for pulley in dict.fromkeys(columns["pulley"].tolist()):
-        of = columns["pulley"] == pulley
-        reserve = span(columns["reserve"][of])
+        mask = columns["pulley"] == pulley
+        reserve = span(columns["reserve"][mask])
         rows.append(
             {
                 "pulley": pulley,
-                "largest_torque_N_m": _largest(np.abs(columns["torque_N_m"][of])),
-                "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"][of]),
-                "largest_tension_N": _largest(columns["tension_in_N"][of]),
-                "largest_hub_force_N": _largest(columns["hub_force_N"][of]),
+                "largest_torque_N_m": _largest(np.abs(columns["torque_N_m"][mask])),
+                "largest_speed_loss_rad_s": _largest(columns["speed_loss_rad_s"][mask]),
+                "largest_tension_N": _largest(columns["tension_in_N"][mask]),
+                "largest_hub_force_N": _largest(columns["hub_force_N"][mask]),
                 "least_reserve": None if reserve is None else reserve[0],
-                "largest_friction_power_W": _largest(columns["friction_power_W"][of]),
+                "largest_friction_power_W": _largest(columns["friction_power_W"][mask]),
             }
         )
     return rows

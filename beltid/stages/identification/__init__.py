@@ -1,4 +1,4 @@
-"""From recordings of the benches to the parameters of the contact.
+"""Identify the contact parameters from the recordings of the benches.
 
 =================== ============================================================ ===============
 Module              Responsibility                                               Equation
@@ -6,11 +6,11 @@ Module              Responsibility                                              
 ``fit_stiffness``   press recording to normal contact law                        (1) to (4)
 ``fit_slip``        speed loss to sliding speeds in service                      (7)
 ``fit_friction``    rig recording to a coefficient per run                       (5) to (8)
-``fit_shear``       build-up of the runs to shear stiffness of the ribs          (B1) to (B4)
+``fit_shear``       tension build-up of the runs to shear stiffness of the ribs  (B1) to (B4)
 ``build_surface``   coefficients to mu(f_N, v)                                   section 5
 ``alternatives``    other normal laws, and friction as a formula
-``conditions``      runs of one surface and one side of the belt, never mixed
+``conditions``      select runs of a single surface and a single side of the belt
 ``recordings``      recordings of any format as tables in memory
-``reduction``       settings; the runs of a rig reduced; their table             (5) to (8)
+``reduction``       settings; reduction of the runs of a rig; their table        (5) to (8)
 =================== ============================================================ ===============
 """

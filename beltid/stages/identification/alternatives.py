@@ -1,4 +1,4 @@
-"""Laws beside those that an artifact holds: other normal laws, and friction as a formula."""
+"""Alternatives to the laws of an artifact: other normal laws, and friction as a formula."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from beltid.uncertainty.measured import Measured
 
 @dataclass(frozen=True, slots=True)
 class Alternatives:
-    """What there is to say about other laws.
+    """Comparison with other laws.
 
     Attributes
     ----------
     extra : dict
         Figures for the artifact.
     notes, warnings : tuple of str
-        The verdict, and what contradicts it, for the user.
+        The verdict, and anything that contradicts it, for the user.
     """
 
     extra: dict[str, Any] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class Alternatives:
 def normal_laws(result: StiffnessResult) -> Alternatives:
     """Compare normal laws on the tests of the pooled law, and estimate the dissipation.
 
-    Never an obstacle: what cannot be told is a note.
+    A failure does not stop the stage but becomes a note.
     """
     extra: dict[str, Any] = {}
     notes: list[str] = []
@@ -62,7 +62,7 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
 
 
 def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The comparison of an artifact as a table, a row per law; empty in an older artifact."""
+    """Return the comparison of an artifact with a row per law; empty for an older artifact."""
     choice = extra.get("law_choice") or {"laws": ()}
     figures = "rms_residual_N_m", "criterion", "cv_error_N_m", "cv_ratio"
     return [
@@ -78,7 +78,7 @@ def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def friction_formulas(surface: FrictionSurface, factor: np.ndarray) -> Alternatives:
-    """Fit the parametric friction laws to the nodes of a surface; never an obstacle.
+    """Fit the parametric friction laws to the nodes of a surface; a failure becomes a note.
 
     Parameters
     ----------
@@ -96,16 +96,16 @@ def friction_formulas(surface: FrictionSurface, factor: np.ndarray) -> Alternati
             factor.reshape(force.size, -1),
         )
     except BeltidError as error:
-        return Alternatives(notes=(f"No friction formula beside the surface: {error}",))
+        return Alternatives(notes=(f"No friction formula for the surface: {error}",))
     best = [note for note in laws.fit(laws.best).notes if note]
     return Alternatives({"friction_laws": _record(laws)}, (laws.verdict, *best, *laws.notes))
 
 
 def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
-    """Fit friction laws to single readings beside a dead weight; nothing where more is known.
+    """Fit friction laws to the single readings of a dead-weight rig; otherwise return nothing.
 
-    A recording over time shows its scatter, and the surface is made with it. A stated resolution
-    says that there are readings only. The laws know no sliding speed but one.
+    A recording over time shows its scatter, with which the surface is built. A stated resolution
+    means that there are single readings only. The laws apply to a single sliding speed.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def forces_of_plateaus(measured: Measured, config: Config) -> Alternatives:
 
 
 def _record(laws: FrictionLaws) -> dict[str, Any]:
-    """The fits as plain values."""
+    """Return the fits as plain values."""
     shown = "law", "rms_misfit", "worst_misfit", "criterion"
     rows = [
         {name: getattr(fit, name) for name in shown}
@@ -145,8 +145,8 @@ def _record(laws: FrictionLaws) -> dict[str, Any]:
 
 
 def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The formulas of an artifact as a table, a row per law; empty in an older artifact."""
-    found = extra.get("friction_laws") or {"laws": ()}
+    """Return the formulas of an artifact with a row per law; empty for an older artifact."""
+    stored = extra.get("friction_laws") or {"laws": ()}
     return [
         {
             "law": law["law"],
@@ -156,12 +156,12 @@ def friction_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
             "criterion": law["criterion"],
             "formula": law["formula"],
         }
-        for law in found["laws"]
+        for law in stored["laws"]
     ]
 
 
 def _coefficients(parameters: list[dict[str, Any]]) -> str:
-    """Coefficients with their errors in one cell; an error that is not known is "?"."""
+    """Format coefficients with their errors for one cell; an unknown error is "?"."""
     texts = []
     for p in parameters:
         unit = f" {p['unit']}" if p["unit"] not in ("", "-") else ""

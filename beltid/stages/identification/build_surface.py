@@ -45,8 +45,8 @@ KEYS: Final = (
 )
 METHOD: Final = "published"
 NO_ARC_DEG: Final = 90.0
-"""Stands for the arc of coefficients that a table states without one: all are of one group, and
-nothing of the calibration of a rig is in them."""
+"""Arc assigned to coefficients that a table states without one: they form a single group and do not
+depend on the calibration of a rig."""
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 
 
@@ -58,9 +58,9 @@ def run(
     condition: str | None = None,
     side: str | None = None,
 ) -> Summary:
-    """Read a friction table (input ``friction``), build the surface, write it, sum it up.
+    """Read a friction table (input ``friction``), build the surface, write it, summarise it.
 
-    Only the runs of a chosen `condition` and `side` of the belt go into it.
+    `condition` and `side` select the runs that are used.
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
     build = Build(KIND, config, KEYS, inputs, out, options, choices=chosen)
@@ -87,12 +87,12 @@ def build_surface(
     Parameters
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
-        Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if there,
-        ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
+        Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if
+        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
     config : Config, dict, path or None
         Settings of the surface; None is the built-in 5PK rig.
     condition, side : str, optional
-        Only runs on this surface (dry, wet, dusty), of this side of the belt (rib, back).
+        Use only runs on this surface (dry, wet, dusty), or of this side of the belt (rib, back).
 
     Returns
     -------
@@ -126,8 +126,8 @@ def _outcome(
     used = valid_rows(columns, good)
     rig = config.rig_params()
     measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
-    given = StandardUncertainties() if direct else standard_uncertainties(config)
-    uncertainty = _uncertainty(measured, result, config, given)
+    uncertainties = StandardUncertainties() if direct else standard_uncertainties(config)
+    uncertainty = _uncertainty(measured, result, config, uncertainties)
     forces = Alternatives() if direct else forces_of_plateaus(measured, config)
     formulas = friction_formulas(surface, uncertainty.factor)
     f, v = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
@@ -155,7 +155,7 @@ def _outcome(
 
 
 def _ok_rows(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """Rows of the runs that can be used."""
+    """Return the rows of the usable runs."""
     usable = ok_rows(columns)
     good = np.flatnonzero(usable)
     if good.size == 0:
@@ -167,7 +167,7 @@ def _ok_rows(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
 def _published(
     columns: Mapping[str, np.ndarray], rows: np.ndarray, config: Config, name: str
 ) -> SurfaceResult:
-    """Surface of some runs by the procedure of the paper."""
+    """Build the surface of some runs by the procedure of the paper."""
     se = own_errors(columns)
     try:
         return identify(
@@ -185,11 +185,11 @@ def _published(
 def _uncertainty(
     measured: Measured, result: SurfaceResult, config: Config, standard: StandardUncertainties
 ) -> SurfaceUncertainty:
-    """What the surface's causes of error do to it; its bias by bending is not among them."""
+    """Propagate the errors to the surface; the bias by bending is not included."""
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     bent = measured.kind.spans.EI > 0.0
-    given = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
-    sources = (*given, *reduction_sources(measured.columns))
+    rig_errors = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
+    sources = (*rig_errors, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
         surface=result.surface,
         sources=sources,
@@ -200,7 +200,7 @@ def _uncertainty(
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a surface artifact."""
+    """Summarise a surface artifact."""
     columns = built.artifact.columns
     metadata: SurfaceMetadata = built.artifact.metadata
     surface = surface_of(built.artifact)
@@ -240,7 +240,7 @@ def summarise(built: Built) -> Summary:
 
 
 def _grid(surface: Any) -> list[dict[str, Any]]:
-    """The averaged surface as a person reads it: a row per force, a column per speed."""
+    """Format the averaged surface for display: a row per force, a column per speed."""
     return [
         {
             "normal_force_N_m": float(force),

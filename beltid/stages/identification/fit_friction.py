@@ -39,13 +39,13 @@ from beltid.stages.uncertainties import (
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
-FAINT: Final = 0.1  # of mu: a run whose standard error is more says little
+FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
     "speed and arc explain"
 )
 CONSTANT: Final = 0.03
-"""Change of a sum of tensions up to which a force on the axis counts as constant [-]."""
+"""Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
 RIG_KEYS: Final = (
     "kind",
     "weight_on",
@@ -59,7 +59,7 @@ RIG_KEYS: Final = (
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write and sum up."""
+    """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write, summarise."""
     model = config.config
     (role, path), *_ = inputs.items()
     build = Build(KIND, config, _keys(model, role), inputs, out, options)
@@ -82,19 +82,19 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 
 def _keys(config: Config, role: str) -> tuple[str, ...]:
-    """What of a config matters for a recording, or for a table of plateaus."""
-    rig = tuple(f"rig.{name}" for name in RIG_KEYS)
-    of_kind = {
+    """Return the config keys that matter for a recording or for a table of plateaus."""
+    rig_keys = tuple(f"rig.{name}" for name in RIG_KEYS)
+    kind_keys = {
         "running": ("belt.mass_per_length_kg_m",),
         "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
     }
-    files = tuple(f"{section}.{role}" for section in ("columns", "units", "runs"))
+    file_keys = tuple(f"{section}.{role}" for section in ("columns", "units", "runs"))
     return (
         "friction",
-        *rig,
-        *of_kind.get(config.rig.kind, ()),
+        *rig_keys,
+        *kind_keys.get(config.rig.kind, ()),
         "conditions",
-        *files,
+        *file_keys,
         "dialect",
         SECTION,
     )
@@ -116,12 +116,12 @@ def fit_friction(
         Kind of the rig, radius of the pulley, settings of the reduction, conditions; None is the
         built-in 5PK rig.
     table : bool
-        Whether the frame has a row per plateau in place of samples over the time.
+        Whether the frame has a row per plateau instead of samples over time.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per run; a run that cannot be used says why in ``status``.
+        ``.to_frame()`` has a row per run; ``status`` gives the reason if a run cannot be used.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def _outcome(
 ) -> Outcome[tuple[RunReduction, ...]]:
     runs = with_conditions(runs, config)
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
-    # nothing of the calibration of a rig is in coefficients that a table states by itself
+    # coefficients stated in a table do not depend on the calibration of a rig
     uncertainty = StandardUncertainties() if direct else standard_uncertainties(config)
     radius_m = config.rig.pulley_radius_m
     table = FrictionTable.of(runs, uncertainty, radius_m, name, rig_kind(config))
@@ -169,7 +169,7 @@ def _outcome(
             ),
         ),
         warnings=(
-            *_traps(table.runs, rig_kind(config), held=config.rig.slide == "held"),
+            *_warnings(table.runs, rig_kind(config), held=config.rig.slide == "held"),
             *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
@@ -177,7 +177,7 @@ def _outcome(
 
 
 def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
-    """The check for drift as it is shown and stored, in percent of mu; empty if it tells none."""
+    """Return the drift check as it is shown and stored, in percent of mu; empty without drift."""
     return [
         {
             "cause": CAUSES[drift.cause][0],
@@ -192,51 +192,51 @@ def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
 
 
 def _drift_line(drift: Drift) -> str:
-    """A clear drift in words."""
-    words, _, per = CAUSES[drift.cause]
+    """Describe a clear drift."""
+    cause, _, per = CAUSES[drift.cause]
     size = f"{100 * drift.change:+.2g} ± {100 * drift.standard_error:.1g} %"
-    mended = {
-        "order": "run-in or wear; refine-surface takes it into account",
-        "distance": "run-in or wear; refine-surface takes the order of the runs into account",
-        "temperature": "friction.correct_temperature: true refers the refined surface to "
+    remedy = {
+        "order": "run-in or wear; refine-surface accounts for it",
+        "distance": "run-in or wear; refine-surface accounts for the order of the runs",
+        "temperature": "friction.correct_temperature: true corrects the refined surface to "
         "friction.reference_temperature_degC",
     }[drift.cause]
-    return f"the friction drifts with the {words}: {size} per {per} ({mended})"
+    return f"the friction drifts with the {cause}: {size} per {per} ({remedy})"
 
 
-def _traps(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
-    """What a bench of this kind easily does wrong, where it may have."""
+def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
+    """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
     if kind.has_torque and derived and not any(run.treatment.drag_N_m for run in good):
         yield (
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
-            "pulley without the belt and mark it by a column idle: true"
+            "pulley without the belt and mark it with a column idle: true"
         )
     if any(run.treatment.other_span for run in good):
         span = other(kind.torque_with)
         yield (
-            f"the tension beside the torque is that of the {span} span: state rig.torque_with: "
-            f"{span}, which a plan and the simulated rig go by"
+            f"the tension measured with the torque is that of the {span} span: state "
+            f"rig.torque_with: {span}, which the plan and the simulated rig use"
         )
     if kind.measures == "torque_hub" and not kind.running and not held:
         ratio = np.array(
             [(r.tension_tight_N + r.tension_slack_N) / (2.0 * r.initial_tension_N) for r in good]
         )
-        grown = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0
-        if abs(grown - 1.0) > CONSTANT:
+        growth = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else 1.0
+        if abs(growth - 1.0) > CONSTANT:
             yield (
-                f"the tensions sum up to {grown:.3g} times what they were at rest: the pulley does "
-                "not give way to a constant force; if its slide is held, by the load cell of the "
-                "hub force, say so: rig.slide: held"
+                f"the sum of the tensions is {growth:.3g} times that at rest: the hub force is not "
+                "constant; if the slide of the pulley is held by the load cell of the hub force, "
+                "state rig.slide: held"
             )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
         yield f"{TOUCHING} ({listed(touching)})"
     if any(run.conditions.side == "back" for run in good):
         yield (
-            "measured on the back of the belt: it shares the units with the ribs, not the laws; "
-            "neither surface nor contact stiffness of one side holds for the other"
+            "measured on the back of the belt: surface and contact stiffness of one side do not "
+            "hold for the other"
         )
     if good and not any(np.isfinite(run.mu_sliding_se) for run in good):
         yield (
@@ -244,11 +244,11 @@ def _traps(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterat
             "as rig.force_resolution_N"
         )
     if any(run.treatment.course for run in good):
-        yield f"runs whose speed is not steady were cut into bins of the speed: {BINNED}"
+        yield f"runs without a steady speed were divided into speed bins: {BINNED}"
 
 
 def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
-    """What happened in several runs, each with the number of runs."""
+    """Return notes on events in several runs, with the number of runs."""
     spikes = [r for r in reduced if r.n_spikes]
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
@@ -278,13 +278,13 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     if faint:
         lines.append(
             f"standard error of mu above {percent(100 * FAINT)} in {listed(faint)}: readings near "
-            "their resolution or noise, which count for little"
+            "their resolution or noise, which carry little weight"
         )
     return tuple(lines)
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a friction artifact."""
+    """Summarise a friction artifact."""
     columns = built.artifact.columns
     good = columns["status"] == "ok"
     n_aside = int(np.count_nonzero(~good))

@@ -1,4 +1,4 @@
-"""beltid fit-shear: build-up of the rig's runs -> shear stiffness of the ribs."""
+"""beltid fit-shear: tension build-up of the rig's runs -> shear stiffness of the ribs."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ KEYS: Final = (
     SECTION,
 )
 SCATTER_REPORTED: Final = 2.0
-"""Scatter of the slopes over their standard errors from which on a user is warned."""
+"""Scatter of the slopes over their standard errors above which the user is warned."""
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a recording of the friction rig (input ``rig``), find the stiffness, sum it up.
+    """Read a recording of the friction rig (input ``rig``), fit the stiffness, summarise it.
 
-    With ``stiffness`` among the inputs the normal law of the ribs is that of the press.
+    If ``stiffness`` is among the inputs, the normal law of the ribs is that of the press.
     """
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
@@ -96,8 +96,8 @@ def fit_shear(
     config : Config, dict, path or None
         Axial and bending stiffness of the belt, radius of the pulley; None is the built-in 5PK rig.
     stiffness : NormalLaw, Outcome of fit_stiffness, or path, optional
-        Normal contact law of the ribs; the result and its stiffness.parquet bring their scatter and
-        origin along. Without one the law is that of a usual ribbed belt, and known to 40 %.
+        Normal contact law of the ribs; a result or its stiffness.parquet also provides scatter and
+        origin. By default the law of a usual ribbed belt, known to 40 %.
 
     Returns
     -------
@@ -107,43 +107,41 @@ def fit_shear(
     Raises
     ------
     InputError
-        If the recording cannot be used, or its usable runs have one contact arc only.
+        If the recording cannot be used, or all usable runs have the same contact arc.
     FitError
-        If the tensions do not build up as those of an elastic belt that sticks.
+        If the tensions do not build up like those of a sticking elastic belt.
     """
     model = load_config(config)
     _check_kind(model)
     columns, kind = columns_of(frame, "rig", model), rig_kind(model)
     records = run_records(columns, model.rig.pulley_radius_m, kind)
-    given = (
-        read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
-    )
-    press = None if given is None else press_law(given, model)
-    return _outcome(records, model, press).with_origin(model, frame, given)
+    law = read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
+    press = None if law is None else press_law(law, model)
+    return _outcome(records, model, press).with_origin(model, frame, law)
 
 
 def _check_kind(config: Config) -> None:
-    """The build-up is that of a belt between two held ends, with a cell at each."""
+    """Refuse rigs other than a belt between two fixed ends with a load cell at each."""
     if config.rig.kind != "two_cells":
         raise InputError(
             f"rig.kind = {config.rig.kind}: the shear stiffness needs both span tensions of a belt "
-            "between held ends, must be two_cells"
+            "between fixed ends, must be two_cells"
         )
 
 
 def _normal_stiffness_spread(
     press: PressLaw, given: StandardUncertainties, line_force: float
 ) -> float:
-    """Standard uncertainty over itself of a fitted normal law [-].
+    """Return the relative standard uncertainty of a fitted normal law [-].
 
-    On the arc its stiffness under the line force [N/m] counts, at the ends its linear part: the
-    larger of both uncertainties.
+    It is the larger of two: that of the stiffness under the line force [N/m], which counts on the
+    arc, and that of the linear part, which counts at its ends.
     """
 
     def stiffnesses(errors: Errors) -> np.ndarray:
         k_linear, k_quadratic = press.coefficients(errors)
-        under = stiffness_under(np.array(line_force), k_linear, k_quadratic)
-        return np.array([k_linear, float(under)])
+        loaded = stiffness_under(np.array(line_force), k_linear, k_quadratic)
+        return np.array([k_linear, float(loaded)])
 
     sources = (*law_scatter_sources(press.has_scatter), *press_sources(given))
     best = stiffnesses(Errors())
@@ -152,8 +150,8 @@ def _normal_stiffness_spread(
 
 
 def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchValues:
-    """Belt and bench as the config states them; the normal law is that of a usual belt."""
-    known = (
+    """Return belt and bench values of the config; the normal law is that of a usual belt."""
+    names = (
         "axial_stiffness",
         "pulley_radius",
         "pulley_speed",
@@ -167,7 +165,7 @@ def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchVa
         EI=config.belt.bending_stiffness_N_m2,
         R=config.rig.pulley_radius_m,
         span=config.rig.span_length_m,
-        **{name: getattr(uncertainty, name) for name in known},
+        **{name: getattr(uncertainty, name) for name in names},
     )
 
 
@@ -189,60 +187,60 @@ def _outcome(
         spread = _normal_stiffness_spread(press, uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
         bench = replace(bench, normal_law=law, normal_stiffness=spread)
-    found = fit_shear_stiffness(runs, bench)
-    columns = _columns(found)
+    shear = fit_shear_stiffness(runs, bench)
+    columns = _columns(shear)
     good = columns["status"] == "ok"
     return Outcome(
         kind=KIND,
         columns=columns,
-        result=found,
+        result=shear,
         validity={name: span(columns[name][good]) for name in ("arc_deg", "initial_tension_N")},
-        set_aside=[{"run": run.run, "why": run.status} for run in found.runs if not run.ok],
+        set_aside=[{"run": run.run, "why": run.status} for run in shear.runs if not run.ok],
         extra={
-            "resolved": found.resolved,
-            "shear_stiffness_N_m2": found.shear_stiffness_N_m2,
-            "shear_stiffness_u_N_m2": found.shear_stiffness_u_N_m2,
-            "shear_stiffness_low_N_m2": found.low_N_m2,
-            "shear_stiffness_high_N_m2": found.high_N_m2,
-            "effective_span_m": found.effective_span_m,
-            "effective_span_u_m": found.effective_span_u_m,
-            "slope_scatter": found.scatter,
-            "budget": shear_budget(found.shares, uncertainty, spread),
+            "resolved": shear.resolved,
+            "shear_stiffness_N_m2": shear.shear_stiffness_N_m2,
+            "shear_stiffness_u_N_m2": shear.shear_stiffness_u_N_m2,
+            "shear_stiffness_low_N_m2": shear.low_N_m2,
+            "shear_stiffness_high_N_m2": shear.high_N_m2,
+            "effective_span_m": shear.effective_span_m,
+            "effective_span_u_m": shear.effective_span_u_m,
+            "slope_scatter": shear.scatter,
+            "budget": shear_budget(shear.shares, uncertainty, spread),
         },
-        notes=tuple(not_used(found.runs)),
-        warnings=tuple(_warnings(found)),
+        notes=tuple(not_used(shear.runs)),
+        warnings=tuple(_warnings(shear)),
     )
 
 
-def _warnings(found: ShearStiffness) -> list[str]:
+def _warnings(shear: ShearStiffness) -> list[str]:
     lines = []
-    if not found.resolved:
+    if not shear.resolved:
         lines.append(
-            "the ribs are too stiff for this recording to see them shear: shear stiffness above "
-            f"{found.low_N_m2:.3g} N/m² (95 %), no upper bound; more runs, arcs further apart or "
-            "shorter ones would tell more"
+            "the ribs are too stiff for this recording to resolve their shear: shear stiffness "
+            f"above {shear.low_N_m2:.3g} N/m² (95 %), no upper bound; more runs, or arcs that are "
+            "shorter or further apart, would narrow it"
         )
-    if found.scatter > SCATTER_REPORTED:
+    if shear.scatter > SCATTER_REPORTED:
         lines.append(
-            f"the slopes are off their model by {found.scatter:.2g} times their standard errors; "
-            "the interval allows for it"
+            f"the slopes deviate from the model by {shear.scatter:.2g} times their standard "
+            "errors; the interval accounts for it"
         )
     return lines
 
 
-def _columns(found: ShearStiffness) -> dict[str, np.ndarray]:
-    """Columns of the shear table, a row for every run."""
+def _columns(shear: ShearStiffness) -> dict[str, np.ndarray]:
+    """Return the columns of the shear table, with a row per run."""
 
     def values_of(name: str) -> Sequence[Any]:
         if name == "slope_fitted_N_m":
-            return found.fitted_N_m
-        return [getattr(run, name) for run in found.runs]
+            return shear.fitted_N_m
+        return [getattr(run, name) for run in shear.runs]
 
     return table_columns_of(KIND, values_of)
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a shear artifact."""
+    """Summarise a shear artifact."""
     columns = built.artifact.columns
     metadata: ShearMetadata = built.artifact.metadata
     return built.summary(
@@ -278,25 +276,25 @@ def summarise(built: Built) -> Summary:
 
 
 def _snippet(metadata: ShearMetadata) -> str:
-    """The line of a config that takes the result to a drive; empty where there is none."""
+    """Return the config line that passes the result to a drive; empty without a result."""
     k_s = metadata.shear_stiffness_N_m2
     return "" if k_s is None else f"belt: {{shear_stiffness_N_m2: {k_s:.3e}}}"
 
 
 def _per_arc(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A row per arc: slopes of its runs, measured and fitted."""
+    """Return a row per arc with the measured and fitted slopes of its runs."""
     good = columns["status"] == "ok"
     rows = []
     for arc in np.unique(columns["arc_deg"]):
-        here = columns["arc_deg"] == arc
-        used = here & good
-        slopes = [columns[name][used] for name in ("slope_N_m", "slope_fitted_N_m")]
+        at_arc = columns["arc_deg"] == arc
+        usable = at_arc & good
+        slopes = [columns[name][usable] for name in ("slope_N_m", "slope_fitted_N_m")]
         measured, fitted = (float(x.mean()) if x.size else None for x in slopes)
         rows.append(
             {
                 "arc_deg": float(arc),
-                "runs": int(here.sum()),
-                "runs_used": int(used.sum()),
+                "runs": int(at_arc.sum()),
+                "runs_used": int(usable.sum()),
                 "mean_slope_N_m": measured,
                 "mean_slope_fitted_N_m": fitted,
             }

@@ -51,7 +51,7 @@ KEYS: Final = (
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a recording of the ``speedloss`` bench, find the speeds, write them, sum them up."""
+    """Read a recording of the ``speedloss`` bench, find the speeds, write and summarise them."""
     stated = {"rig_speeds_stated": _states_speeds(config.config)}
     build = Build(KIND, config, KEYS, inputs, out, options, stated)
     built = build.up_to_date()
@@ -87,8 +87,8 @@ def fit_slip(
         If the recording cannot be used.
     """
     model = load_config(config)
-    found = _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
-    return found.with_origin(model, frame)
+    outcome = _outcome(columns_of(frame, "speedloss", model), model, (), "frame")
+    return outcome.with_origin(model, frame)
 
 
 def _outcome(
@@ -126,18 +126,18 @@ def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None
     speeds = rig.pulley_speeds_rad_s if _states_speeds(config) else None
     try:
         required = required_pulley_speeds(result, rig.pulley_radius_m, config.slip.n_speeds, speeds)
-    except InputError as error:  # the sliding speeds themselves are found and worth keeping
+    except InputError as error:  # the sliding speeds were found; keep them
         return None, [f"no pulley speeds proposed: {line}" for line in error.problems]
     return required, []
 
 
 def _states_speeds(config: Config) -> bool:
-    """Whether the speeds of the rig are those of this rig, and not the built-in ones."""
+    """Return whether the config states the speeds of the rig, so that they are not the defaults."""
     return "pulley_speeds_rad_s" in config.rig.model_fields_set
 
 
 def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
-    """Columns of the slip table, a row for every point."""
+    """Return the columns of the slip table, with a row per point."""
 
     def values_of(name: str) -> list[Any] | None:
         return [getattr(p, name) for p in points] if hasattr(points[0], name) else None
@@ -146,7 +146,7 @@ def _columns(points: Sequence[SlipPoint]) -> dict[str, np.ndarray]:
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a slip artifact."""
+    """Summarise a slip artifact."""
     columns = built.artifact.columns
     metadata: SlipMetadata = built.artifact.metadata
     rig = metadata.rig_speeds
@@ -167,24 +167,28 @@ def summarise(built: Built) -> Summary:
 
 
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
-    """A row per driver speed and initial tension: how far the torque went, and the sliding."""
+    """Return a row per driver speed and initial tension: largest sliding speed and its torque."""
     rows = []
     drivers, tensions = as_set(columns["driver_speed_rad_s"]), as_set(columns["initial_tension_N"])
     good = columns["status"] == OK
     for driver in np.unique(drivers):
         for tension in np.unique(tensions[drivers == driver]):
-            here = (drivers == driver) & (tensions == tension)
-            used = np.flatnonzero(here & good)
-            most = used[np.argmax(np.abs(columns["slip_speed_m_s"][used]))] if used.size else None
+            in_series = (drivers == driver) & (tensions == tension)
+            usable = np.flatnonzero(in_series & good)
+            fastest = (
+                usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))]
+                if usable.size
+                else None
+            )
             rows.append(
                 {
                     "driver_speed_rad_s": float(driver),
                     "initial_tension_N": float(tension),
-                    "runs": int(here.sum()),
-                    "runs_ok": int(used.size),
-                    "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], most),
-                    "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], most),
-                    "at_torque_N_m": _at(columns["torque_N_m"], most),
+                    "runs": int(in_series.sum()),
+                    "runs_ok": int(usable.size),
+                    "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
+                    "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),
+                    "at_torque_N_m": _at(columns["torque_N_m"], fastest),
                 }
             )
     return rows

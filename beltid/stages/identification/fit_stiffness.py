@@ -34,11 +34,11 @@ COEFFICIENTS: Final = (
     "k_quadratic_se_N_m3",
     "k_quadratic_u_N_m3",
 )
-"""Of the law, each with its standard error and its combined uncertainty."""
+"""Coefficients of the law, each with its standard error and its combined uncertainty."""
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    """Read a press recording (input ``press``), identify the law, write it, sum it up."""
+    """Read a press recording (input ``press``), identify the law, write it, summarise it."""
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
@@ -64,7 +64,7 @@ def fit_stiffness(
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per temperature and a pooled one; ``.result.pooled.law`` is the
+        ``.to_frame()`` has a row per temperature and a pooled row; ``.result.pooled.law`` is the
         `NormalLaw`.
 
     Raises
@@ -72,7 +72,7 @@ def fit_stiffness(
     InputError
         If the recording cannot be used.
     FitError
-        If it is no law with coefficients >= 0.
+        If no law with coefficients >= 0 fits.
     """
     model = load_config(config)
     return _outcome(columns_of(frame, "press", model), model, ()).with_origin(model, frame)
@@ -128,9 +128,11 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
         "n_samples",
         "n_cycles",
     )
-    at = [np.nan if law.temperature_degC is None else law.temperature_degC for law in laws]
+    temperatures = [
+        np.nan if law.temperature_degC is None else law.temperature_degC for law in laws
+    ]
     return {
-        "temperature_degC": np.array(at, dtype=float),
+        "temperature_degC": np.array(temperatures, dtype=float),
         **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
         "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
         "notes": np.array(
@@ -140,7 +142,7 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a stiffness artifact."""
+    """Summarise a stiffness artifact."""
     artifact = built.artifact
     rows = rows_of(
         artifact.columns,

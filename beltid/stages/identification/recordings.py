@@ -1,4 +1,4 @@
-"""Recordings of any format as tables in memory: what the functions of Python take."""
+"""Read recordings of any format as tables in memory, for the Python functions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_press(path: str | Path, config: ConfigLike = None) -> pd.DataFrame:
     path : path
         A file; or a folder, a pattern such as ``"press/*.csv"`` or a zip file with a file per test.
     config : Config, dict, path or None
-        Names, units and dialect of the file, where they are not found out by themselves.
+        Names, units and dialect of the file, where they are not recognised automatically.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def read_press(path: str | Path, config: ConfigLike = None) -> pd.DataFrame:
     Raises
     ------
     InputError
-        With everything that is wrong, each with its line.
+        With all problems, each with its line.
     """
     return _frame(path, "press", config)
 

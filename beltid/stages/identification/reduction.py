@@ -1,4 +1,4 @@
-"""How recordings are reduced: settings; the runs of a rig, at once or while read; their table."""
+"""Reduction of recordings: settings; the runs of a rig, in memory or streamed; their table."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
-"""Columns that hold what the reduction does not know: the calibration of the bench."""
+"""Columns that depend on the calibration of the bench, so that the reduction does not fill them."""
 
 CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
-"""Keys of a config that tell what is known of the load cells."""
+"""Keys of a config for the known errors of the load cells."""
 BINNED: Final = (
     "friction at falling speed differs from that at rising and from that at steady speed"
 )
@@ -62,26 +62,26 @@ TOUCHING: Final = (
     "is not that of the pulley alone"
 )
 BATCH: Final = 8
-"""Runs per worker that are handed over at a time."""
+"""Runs per worker in a batch."""
 BATCH_BYTES: Final = 32 << 20
-"""Size from which fewer runs make a batch [bytes]."""
+"""Size at which a batch is closed even with fewer runs [bytes]."""
 BYTES_UNDER_WAY: Final = 96 << 20
-"""Size of the batches that wait for their workers, at most, beside the one that is made."""
+"""Maximum size of the batches that wait for their workers, without the one being filled."""
 
 
 def friction_settings(config: Config) -> FrictionSettings:
-    """Settings of the reduction that a config states."""
-    known = {field.name for field in fields(FrictionSettings)}
+    """Return the settings of the reduction that a config states."""
+    names = {field.name for field in fields(FrictionSettings)}
     section = config.friction.model_dump()
     bins = config.rig.speed_bins_rad_s or ()
-    chosen = {name: value for name, value in section.items() if name in known}
+    chosen = {name: value for name, value in section.items() if name in names}
     return FrictionSettings(**chosen, speed_bins_rad_s=bins)
 
 
 def rig_kind(config: Config) -> RigKind:
-    """What the friction rig of a config measures."""
+    """Return the kind of a config's friction rig: what it measures, and its load cells."""
     rig = config.rig
-    # between two pulleys of a running belt both ends turn alike, and the line of force does not
+    # a running belt between two pulleys turns alike at both ends; the line of force does not turn
     bent = rig.kind == "torque_hub"
     spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     return RigKind(
@@ -101,7 +101,7 @@ def _known_cell(config: Config, span: Span) -> KnownCell:
 
 
 def stiffness_settings(press: PressSection) -> StiffnessSettings:
-    """Settings of the evaluation of the press, in SI units, from the section of a config."""
+    """Return the settings of the press evaluation in SI units, from the section of a config."""
     return StiffnessSettings(
         segment_length_m=press.segment_length_cm / 100.0,
         reference_temperature_degC=press.reference_temperature_degC,
@@ -116,7 +116,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
 def reduce_rig(
     rig: Recording | BigRecording, config: Config, workers: Workers
 ) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the friction rig; those of a big one in bounded memory.
+    """Reduce the runs of a recording of the friction rig; a big one in bounded memory.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def reduce_rig(
     config : Config
         Radius of the pulley, settings of the reduction.
     workers : Workers
-        Who reduces the runs of a big recording while the next ones are read.
+        Reduce the runs of a big recording while the next ones are read.
     """
     if isinstance(rig, Recording):
         if rig.is_artifact:
@@ -133,13 +133,13 @@ def reduce_rig(
             return reduce_simulated(rig.columns, radius, settings, config)
         return reduce_columns(rig.columns, config)
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
-    # alone, one run goes after the other and no batch is held
-    mapper = map if workers.jobs == 1 else partial(_shared, workers)
+    # a single worker reduces run by run without holding a batch
+    mapper = map if workers.jobs == 1 else partial(_parallel_map, workers)
     return reduce_stream(records_of(rig, config), radius, settings, mapper)
 
 
 def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRecord]:
-    """Records of the runs of a recording; those of a big one are read one at a time."""
+    """Yield the records of the runs of a recording; a big one is read run by run."""
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
     if isinstance(rig, Recording):
         columns, kind = _simulated(rig.columns, config) if rig.is_artifact else (rig.columns, kind)
@@ -177,11 +177,11 @@ def reduce_simulated(
 def _simulated(
     columns: Mapping[str, ArrayLike], config: Config
 ) -> tuple[Mapping[str, ArrayLike], RigKind]:
-    """Columns of a recording of the simulated rig, and what they are measured by.
+    """Return the columns of a recording of the simulated rig, and the kind of rig they belong to.
 
-    It holds the tensions of both spans, by perfect cells, whatever the bench measures. Only the
-    span of a dead weight has no cell: its tension is the initial one. The belt of a running rig
-    runs here, too.
+    The recording holds the tensions of both spans from perfect load cells, for every kind of bench.
+    Only the span of a dead weight has no cell: its tension is the initial tension. The belt of a
+    running rig runs here as well.
     """
     kind = replace(rig_kind(config), cells=KnownCells())
     if config.rig.kind != "dead_weight":
@@ -224,7 +224,7 @@ def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[Ru
 
 
 def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunReduction, ...]:
-    """Runs with the conditions of the config where the recording states none of its own."""
+    """Fill in the conditions of the config for runs whose recording states none."""
     stated = config.conditions
     default = Conditions(
         condition=stated.surface,
@@ -245,22 +245,22 @@ def _columns(run: StreamedRun) -> RunColumns:
     return RunColumns(run.label, run.columns, run.said)
 
 
-def _shared(
+def _parallel_map(
     workers: Workers, function: Callable[[RunRecord], Any], records: Iterable[RunRecord]
 ) -> Iterator[Any]:
-    """Results of calls in the order of the records; the next ones are read meanwhile."""
+    """Yield the results in the order of the records; the next records are read meanwhile."""
     batches = _batches(records, BATCH * workers.jobs)
     batch = next(batches, [])
-    # a few runs take less time than workers to start, long ones less than to be handed over
+    # a few runs are faster than starting workers, long runs faster than sending them to workers
     if len(batch) < BATCH * workers.jobs:
         one_by_one = itertools.chain.from_iterable(itertools.chain([batch], batches))
         yield from map(function, one_by_one)
         return
     under_way: deque[tuple[Future[list[Any]], int]] = deque()
-    with ThreadPoolExecutor(1) as beside:
+    with ThreadPoolExecutor(1) as sender:
         while batch:
             size = sum(map(_bytes, batch))
-            under_way.append((beside.submit(_reduced, workers, function, batch), size))
+            under_way.append((sender.submit(_reduce_batch, workers, function, batch), size))
             while under_way and (
                 under_way[0][0].done() or sum(size for _, size in under_way) > BYTES_UNDER_WAY
             ):
@@ -271,7 +271,7 @@ def _shared(
 
 
 def _batches(records: Iterable[RunRecord], most: int) -> Iterator[list[RunRecord]]:
-    """Records in batches of some number, of fewer where they are long."""
+    """Group records into batches of at most `most`, of fewer if they are long."""
     batch: list[RunRecord] = []
     size = 0
     for record in records:
@@ -289,7 +289,7 @@ def _bytes(record: RunRecord) -> int:
     return sum(channel.nbytes for channel in channels if isinstance(channel, np.ndarray))
 
 
-def _reduced(
+def _reduce_batch(
     workers: Workers, function: Callable[[RunRecord], Any], items: list[RunRecord]
 ) -> list[Any]:
     chunks = [items[k :: workers.jobs] for k in range(workers.jobs)]
@@ -305,7 +305,7 @@ def _each(function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionTable:
-    """Reduced runs of a rig as the table of friction coefficients.
+    """Table of friction coefficients of the reduced runs of a rig.
 
     Attributes
     ----------
@@ -330,7 +330,7 @@ class FrictionTable:
         name: str,
         kind: RigKind = TWO_CELLS,
     ) -> FrictionTable:
-        """Table of reduced runs.
+        """Build the table of reduced runs.
 
         Parameters
         ----------
@@ -343,12 +343,12 @@ class FrictionTable:
         name : str
             Name of the recording, for messages.
         kind : RigKind
-            What the rig measures.
+            Kind of the rig.
 
         Raises
         ------
         InputError
-            If none of the runs can be used, with the reason of each.
+            If none of the runs can be used, with the reason for each.
         """
         if not any(run.ok for run in runs):
             lines = [f"{name}: run {run.run} cannot be used: {run.status}" for run in runs]
@@ -359,15 +359,15 @@ class FrictionTable:
 
 
 def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
-    """Columns of the friction table; a run that was set aside keeps what was found."""
+    """Return the columns of the friction table; a run set aside keeps the values found for it."""
 
     def values_of(name: str) -> list[Any] | None:
         if name in NOT_REDUCED:
             return None
         if name == "notes":
             return [_notes(r) for r in reduced]
-        about = [r.conditions for r in reduced] if name in schemas.CONDITIONS else reduced
-        values = [getattr(one, name) for one in about]
+        owners = [r.conditions for r in reduced] if name in schemas.CONDITIONS else reduced
+        values = [getattr(owner, name) for owner in owners]
         hidden = name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values)
         return None if hidden else values
 
@@ -375,23 +375,23 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
 
 
 def taken_off(treatment: Treatment) -> tuple[str, ...]:
-    """What was taken off the readings of a run, in words."""
+    """Describe the corrections of the readings of a run."""
     lines = [treatment.cells.note]
     if treatment.drag_N_m is not None:
         low, high = treatment.drag_N_m
         size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-        lines.append(f"drag of the bearings taken off: {size} N m, as the idle pulley showed")
+        lines.append(f"bearing drag subtracted: {size} N m, measured on the idle pulley")
     return tuple(filter(None, lines))
 
 
 def _notes(run: RunReduction) -> str | None:
-    """What a user should know about a run, in words."""
+    """Return the notes of a run for the user, as one text."""
     notes = list(taken_off(run.treatment))
     if run.treatment.other_span:
-        notes.append("the tension beside the torque is not that of the span that is stated")
+        notes.append("the tension measured with the torque is not that of the stated span")
     if run.treatment.course:
-        goes = f"the speed {run.treatment.course}: a plateau for each bin of the speed"
-        notes.append(f"{goes}; {BINNED}")
+        course = f"the speed {run.treatment.course}: a plateau for each bin of the speed"
+        notes.append(f"{course}; {BINNED}")
     if run.arc_deg >= TOUCH_DEG:
         notes.append(TOUCHING)
     notes += run.notes

@@ -1,13 +1,13 @@
-"""Results for people and for other programs; nothing is computed anew.
+"""Output of existing results for people and other programs.
 
 ==================== ===========================================================================
 Module               Responsibility
 ==================== ===========================================================================
-``report_belt``      the results of a belt, or several, as a page
-``show_artifact``    any artifact as a table and a drawing
-``export_law``       the contact law for other programs
-``law_of_belt``      the contact law put together from artifacts
-``belt_results``     the results in the folder of a belt
-``recorded_curves``  what the figures need of the recordings
+``report_belt``      write the results of one or more belts as an HTML page
+``show_artifact``    show any artifact as a table and a figure
+``export_law``       export the contact law to other programs
+``law_of_belt``      assemble the contact law from artifacts
+``belt_results``     read the results in the folder of a belt
+``recorded_curves``  keep the parts of recordings that the figures need
 ==================== ===========================================================================
 """

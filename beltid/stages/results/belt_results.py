@@ -1,4 +1,4 @@
-"""The results of a belt, gathered from its folder."""
+"""Results of a belt, gathered from its folder."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ ARTIFACTS: Final = {
     PRESS: PRESS,
     RIG: RIG,
 }
-"""Artifacts that a report shows: name of the file and kind."""
+"""Artifacts that a report shows: file name -> kind."""
 MADE_FROM: Final = {PRESS: ("stiffness", "press"), RIG: ("friction", "rig")}
-"""Curves that must be of the recording that a result was made from."""
+"""Curves -> result, role: both must come from the same recording."""
 
 
 def sheet_of(artifact: Artifact) -> Sheet:
-    """An artifact as the report sees it.
+    """Convert an artifact for the report.
 
     Raises
     ------
     ArtifactError
-        If its rows do not make what figures and tables rely on.
+        If its rows do not meet the requirements of the figures and tables.
     """
     sheet = Sheet(
         artifact.path.stem,
@@ -67,7 +67,7 @@ def sheet_of(artifact: Artifact) -> Sheet:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse what is no folder (`ArtifactError`)."""
+    """Raise an `ArtifactError` if a path is not a folder."""
     if not folder.is_dir():
         if folder.exists():
             raise ArtifactError(f"{folder}: is a file, the folder of a belt's results is needed")
@@ -75,7 +75,7 @@ def check_folder(folder: Path) -> None:
 
 
 def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
-    """Read what stands in the folder of a belt; what is missing or damaged is told.
+    """Read the results in the folder of a belt; report missing or damaged ones as problems.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     Raises
     ------
     ArtifactError
-        If there is no such folder, or nothing of ours in it.
+        If there is no such folder, or it holds no results.
     """
     check_folder(folder)
     sheets: dict[str, Sheet] = {}
@@ -102,19 +102,20 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
             problems += error.problems
     if not sheets:
         raise ArtifactError(
-            problems or [f"{folder}: no results of a belt in it; `beltid run CONFIG` makes some"]
+            problems
+            or [f"{folder}: contains no results of a belt; `beltid run CONFIG` creates them"]
         )
-    problems += _drop_strangers(sheets)
+    problems += _drop_mismatched_curves(sheets)
     belt = folder.resolve().name
-    profiles, more = arc_profiles(sheets) if with_profiles else ((), [])
+    profiles, profile_problems = arc_profiles(sheets) if with_profiles else ((), [])
     config = config_of(folder)
     dates = test_dates(config) if with_profiles and config is not None else {}
-    every = (*problems, *more)
-    return BeltResults(belt, sheets, profiles, every, belt_facts(config), dates)
+    all_problems = (*problems, *profile_problems)
+    return BeltResults(belt, sheets, profiles, all_problems, belt_facts(config), dates)
 
 
 def config_of(folder: Path) -> Config | None:
-    """The config that the results in a folder were made with, where it is found."""
+    """Return the config that the results in a folder were made with, or None if not found."""
     for name in ("friction", "stiffness"):
         try:
             metadata = read_artifact(folder / f"{name}.parquet", name).metadata
@@ -127,7 +128,7 @@ def config_of(folder: Path) -> Config | None:
 
 
 def belt_facts(config: Config | None) -> tuple[str, ...]:
-    """Type and ribs of the belt."""
+    """Return the type and number of ribs of the belt."""
     if config is None:
         return ()
     belt = config.belt
@@ -135,7 +136,7 @@ def belt_facts(config: Config | None) -> tuple[str, ...]:
 
 
 def test_dates(config: Config) -> dict[str, str]:
-    """When the recordings of a config were made, as they tell or as it states."""
+    """Return the dates of a config's recordings, from the files or else from the config."""
     days = {
         kind: recorded_on(file, config, kind) or config.data.date
         for kind, file in config.data.files.items()
@@ -143,26 +144,28 @@ def test_dates(config: Config) -> dict[str, str]:
     return {kind: day for kind, day in days.items() if day is not None}
 
 
-def _drop_strangers(sheets: dict[str, Sheet]) -> list[str]:
-    """Leave out curves of another recording than the one that a result was made from."""
+def _drop_mismatched_curves(sheets: dict[str, Sheet]) -> list[str]:
+    """Drop curves whose recording differs from the one that the result was made from."""
     problems = []
     for name, (result, role) in MADE_FROM.items():
         if name not in sheets or result not in sheets:
             continue
-        if len({sheets[one].metadata.inputs.get(role) for one in (name, result)}) > 1:
+        if len({sheets[key].metadata.inputs.get(role) for key in (name, result)}) > 1:
             del sheets[name]
-            problems.append(f"{name}.parquet is of another recording than {result}.parquet")
+            problems.append(
+                f"{name}.parquet comes from a different recording than {result}.parquet"
+            )
     return problems
 
 
 def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:
-    """The simulated contact of a typical run of each arc, sliding, and what went wrong with it."""
+    """Simulate the sliding contact of a typical run of each arc; return profiles and problems."""
     surface = sheets.get("surface_refined") or sheets.get("surface")
     simulated = sheets.get("simulated_refined") or sheets.get("simulated")
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    found, problems = [], []
+    arc_runs, problems = [], []
     try:
         bench = _bench(simulated.metadata.settings, stiffness, surface)
         rows = typical_runs(friction.columns)
@@ -180,12 +183,12 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
             problems += [f"the contact along the arc: {line}" for line in error.problems]
             continue
         profile = {name: np.asarray(values, dtype=float) for name, values in run.profile.items()}
-        found.append(ArcProfile(arc, tension, speed, profile, run.normal_force_N_m))
-    return tuple(found), problems
+        arc_runs.append(ArcProfile(arc, tension, speed, profile, run.normal_force_N_m))
+    return tuple(arc_runs), problems
 
 
 def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
-    """The simulated rig that a recording was made with, by the settings that it carries."""
+    """Rebuild the simulated rig of a recording from the settings stored in it."""
     sections: dict[str, dict[str, Any]] = {"belt": {}, "rig": {}}
     for key, value in settings.items():
         section, _, name = key.partition(".")

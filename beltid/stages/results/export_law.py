@@ -1,4 +1,4 @@
-"""beltid export: the contact law of a belt, as one value and as files for multibody codes."""
+"""beltid export: write the contact law of a belt as a law file and for multibody codes."""
 
 from __future__ import annotations
 
@@ -36,65 +36,65 @@ def run(
     slip_speed_m_s: float | None = None,
     units: str = SI.name,
 ) -> Summary:
-    """Write the law of a results folder, or of a law file, for a target (or for all).
+    """Write the law of a results folder or of a law file for one target or for all.
 
     Parameters
     ----------
     target : str
         Name of a target, or "all".
     source : Path or None
-        Folder with the artifacts of a belt, or a law file; None where none was named.
+        Folder with the artifacts of a belt, or a law file; None if the user named none.
     config : Path or None
         Config that the user named.
     out : Path or None
-        Folder of the files; None for ``export`` in the folder of the law.
+        Output folder; None for ``export`` in the folder of the law.
     options : Options
         Force and reporter.
     surface : {"refined", "published"} or None
-        Which friction surface; None for the refined one where it is there.
+        Friction surface to export; None for the refined one if it exists.
     normal_force_N_m, slip_speed_m_s : float or None
-        Where targets that hold one stiffness or mu at one force are exact; None for the middle of
-        the measured range.
+        Point at which targets with a single stiffness or mu are exact; None for the middle of the
+        measured range.
     units : {"SI", "mm"}
-        Units of the files of targets that leave them open.
+        Units of the files, for targets that do not prescribe them.
 
     Raises
     ------
     InputError
-        If something that is needed is missing, or a file with another content already exists.
+        If a required input is missing, or a file with other content already exists.
     """
     if source is None:
         raise InputError(
             "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
         )
     if out is not None and str(out) == "-":
-        raise InputError("--out = -, must be a folder: the law and what goes with it are files")
-    chosen = _targets(target)
+        raise InputError("--out = -, must be a folder: the law is written as several files")
+    targets = _targets(target)
     law = (
-        _law_of_file(source, surface)
+        _load_law_file(source, surface)
         if source.is_file()
         else law_of_folder(source, config, surface, options.reporter)
     )
     folder = out or (source if source.is_dir() else source.parent) / "export"
     point = reference_point(law, normal_force_N_m, slip_speed_m_s)
-    made: dict[str, Export] = {}
+    exports: dict[str, Export] = {}
     warnings: list[str] = []
-    if units != SI.name and not any(one.in_units for one in chosen):
+    if units != SI.name and not any(selected.in_units for selected in targets):
         warnings.append(f"--units {units}: files for {target} are in SI")
-    for one in chosen:
-        choices = Choices(point, SYSTEMS[units] if one.in_units else SI)
+    for selected in targets:
+        choices = Choices(point, SYSTEMS[units] if selected.in_units else SI)
         try:
-            made[one.name] = one.write(law, choices)
+            exports[selected.name] = selected.write(law, choices)
         except InputError as error:
-            if len(chosen) == 1:
+            if len(targets) == 1:
                 raise
-            warnings += [f"{one.name} left out: {line}" for line in error.problems]
-    up_to_date = _write(folder, made.values(), source, options)
-    return _summary(law, folder, made, tuple(warnings), up_to_date)
+            warnings += [f"{selected.name} left out: {line}" for line in error.problems]
+    up_to_date = _write(folder, exports.values(), source, options)
+    return _summary(law, folder, exports, tuple(warnings), up_to_date)
 
 
-def _law_of_file(source: Path, surface: str | None) -> ContactLaw:
-    """The law of a law file, which holds one surface."""
+def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
+    """Load the law of a law file, which holds one surface only."""
     law = load_law(source)
     if surface not in (None, law.friction.method):
         raise InputError(
@@ -105,12 +105,12 @@ def _law_of_file(source: Path, surface: str | None) -> ContactLaw:
 
 
 def schema_text() -> str:
-    """JSON Schema of the law file, as text."""
+    """Return the JSON Schema of the law file as text."""
     return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
 
 
 def target_rows() -> list[dict[str, Any]]:
-    """A row per target: name, what it is, how much of the law it holds."""
+    """Return a row per target: name, output, and how much of the law it holds."""
     return [
         {"target": target.name, "writes": target.title, "holds": target.holds}
         for target in TARGETS.values()
@@ -121,14 +121,14 @@ def _targets(name: str) -> Sequence[Target]:
     if name == ALL:
         return tuple(TARGETS.values())
     if name not in TARGETS:
-        known = ", ".join((*TARGETS, ALL, SCHEMA))
-        raise InputError(f"target = {name}, must be one of {known}")
+        allowed = ", ".join((*TARGETS, ALL, SCHEMA))
+        raise InputError(f"target = {name}, must be one of {allowed}")
     return (TARGETS[name],)
 
 
-def _write(folder: Path, made: Any, source: Path, options: Options) -> bool:
-    """Write the files; whether all of them existed with this content."""
-    files = {folder / name: data for export in made for name, data in export.files.items()}
+def _write(folder: Path, exports: Any, source: Path, options: Options) -> bool:
+    """Write the files; return whether all of them already existed with this content."""
+    files = {folder / name: data for export in exports for name, data in export.files.items()}
     problems, changed = [], {}
     for path, data in files.items():
         if path.is_file() and path.read_bytes() == data:
@@ -148,14 +148,14 @@ def _write(folder: Path, made: Any, source: Path, options: Options) -> bool:
 def _summary(
     law: ContactLaw,
     folder: Path,
-    made: dict[str, Export],
+    exports: dict[str, Export],
     warnings: tuple[str, ...],
     up_to_date: bool,
 ) -> Summary:
-    reduced = {name: ", ".join(export.reductions) or "nothing" for name, export in made.items()}
+    reduced = {name: ", ".join(export.reductions) or "nothing" for name, export in exports.items()}
     worst = {
         name: 100.0 * max((d.worst for d in export.reductions.values()), default=0)
-        for name, export in made.items()
+        for name, export in exports.items()
     }
     rows = [
         {
@@ -165,7 +165,7 @@ def _summary(
             "reduced": reduced[name],
             "worst_percent": worst[name],
         }
-        for name, export in made.items()
+        for name, export in exports.items()
         for file in export.files
     ]
     overview = [
@@ -175,7 +175,7 @@ def _summary(
             "worst_percent": worst[name],
             "reduced": reduced[name],
         }
-        for name, export in made.items()
+        for name, export in exports.items()
     ]
     valid = law.validity
     return Summary(
@@ -192,24 +192,24 @@ def _summary(
         table=rows,
         overview=overview if len(overview) > 1 else [],
         shown=("target", "file", "reduced", "worst_percent"),
-        details=_reductions(made),
+        details=_reductions(exports),
         warnings=warnings,
         up_to_date=up_to_date,
         origin=law.origin,
     )
 
 
-def _reductions(made: Mapping[str, Export]) -> dict[str, list[dict[str, Any]]]:
-    """What targets cannot hold, and how far its substitute is from the law; empty if nothing."""
+def _reductions(exports: Mapping[str, Export]) -> dict[str, list[dict[str, Any]]]:
+    """List what targets cannot hold, and how far their substitutes are from the law."""
     rows = [
         {
             "target": name,
-            "reduction": what,
+            "reduction": reduction,
             "rms_percent": 100.0 * deviation.rms,
             "worst_percent": 100.0 * deviation.worst,
             "where": deviation.where,
         }
-        for name, export in made.items()
-        for what, deviation in export.reductions.items()
+        for name, export in exports.items()
+        for reduction, deviation in export.reductions.items()
     ]
     return {"reductions": rows} if rows else {}

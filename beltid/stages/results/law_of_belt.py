@@ -43,18 +43,18 @@ ABOUT: Final = (
 def law_of_folder(
     folder: Path, named: Path | None, wanted: str | None, reporter: Reporter
 ) -> ContactLaw:
-    """The contact law of the artifacts in a folder.
+    """Assemble the contact law from the artifacts in a folder.
 
     Parameters
     ----------
     folder : Path
         Folder with the artifacts of a belt.
     named : Path or None
-        Config that the user named; it tells what belt it is.
+        Config that the user named; it describes the belt.
     wanted : {"refined", "published"} or None
-        Which friction surface; None for the refined one where it is there.
+        Friction surface to use; None for the refined one if it exists.
     reporter : Reporter
-        Hears what is going on.
+        Receives the progress messages.
 
     Raises
     ------
@@ -73,43 +73,45 @@ def law_of_folder(
     source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:
         reporter.warn(
-            "the config of these results was not found: type, ribs and width of the belt are not "
-            "known; --config names it"
+            "the config of these results was not found: type, ribs and width of the belt are "
+            "unknown; name it with --config"
         )
     else:
         reporter.report(f"config: {source.origin}")
         if source.config.sha256 != surface.metadata.config_sha256:
-            reporter.warn(f"{surface.path.name} was made with another config than {source.origin}")
+            reporter.warn(
+                f"{surface.path.name} was made with a different config than {source.origin}"
+            )
     try:
-        return _put_together(folder, stiffness, surface, friction, source)
+        return _assemble(folder, stiffness, surface, friction, source)
     except ValidationError as error:
         raise ArtifactError(validation_problems(error, str(folder))) from None
 
 
-def _put_together(
+def _assemble(
     folder: Path,
     stiffness: Artifact,
     surface: Artifact,
     friction: Artifact | None,
     source: ConfigSource | None,
 ) -> ContactLaw:
-    normal = law_of(stiffness)  # refuses one without a pooled law
+    normal = law_of(stiffness)  # raises an error without a pooled law
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     return ContactLaw(
         about=ABOUT,
         origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
-        belt=BeltFacts(name=_name_of(folder)) if source is None else _belt(source.config),
+        belt=BeltFacts(name=_belt_name(folder)) if source is None else _belt(source.config),
         conditions=surface.metadata.figures.get("conditions") or {},
         normal=NormalPart(
             k_linear_N_m2=normal.k_linear_N_m2,
             k_quadratic_N_m3=normal.k_quadratic_N_m3,
-            k_linear_u_N_m2=_known(stiffness, "k_linear_u_N_m2", row),
-            k_quadratic_u_N_m3=_known(stiffness, "k_quadratic_u_N_m3", row),
-            k_linear_se_N_m2=_known(stiffness, "k_linear_se_N_m2", row),
-            k_quadratic_se_N_m3=_known(stiffness, "k_quadratic_se_N_m3", row),
+            k_linear_u_N_m2=_finite_or_none(stiffness, "k_linear_u_N_m2", row),
+            k_quadratic_u_N_m3=_finite_or_none(stiffness, "k_quadratic_u_N_m3", row),
+            k_linear_se_N_m2=_finite_or_none(stiffness, "k_linear_se_N_m2", row),
+            k_quadratic_se_N_m3=_finite_or_none(stiffness, "k_quadratic_se_N_m3", row),
             covariance=_covariance(stiffness, row),
-            rms_residual_N_m=_known(stiffness, "rms_residual_N_m", row),
-            hysteresis_ratio=_known(stiffness, "hysteresis_ratio", row),
+            rms_residual_N_m=_finite_or_none(stiffness, "rms_residual_N_m", row),
+            hysteresis_ratio=_finite_or_none(stiffness, "hysteresis_ratio", row),
         ),
         friction=friction_part(
             surface_of(surface),
@@ -130,18 +132,18 @@ def _surface_artifact(folder: Path, wanted: str | None, reporter: Reporter) -> A
 
 
 def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
-    """The config that results were made with, by its hash; None if it is not found.
+    """Find the config that results were made with, by its hash; None if it is not found.
 
-    It is looked for beside the results and in the current folder, in the folders above them, and in
+    The search covers the folder of the results, the current folder, the folders above them, and
     their subfolders ``configs``.
     """
     candidates = []
     with contextlib.suppress(ConfigError):
         candidates.append(find_config(folder / STIFFNESS))
     name = made_with.config or ""
-    places = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
-    for place in places if name else ():
-        for path in (place / name, place / "configs" / name):
+    folders = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
+    for parent in folders if name else ():
+        for path in (parent / name, parent / "configs" / name):
             with contextlib.suppress(ConfigError):
                 if path.is_file():
                     candidates.append(ConfigSource(load_config(path), f"{path}", path))
@@ -149,8 +151,8 @@ def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
     return next((c for c in candidates if c.config.sha256 == sha256), None)
 
 
-def _name_of(folder: Path) -> str:
-    """Name of a folder as the name of a belt."""
+def _belt_name(folder: Path) -> str:
+    """Turn the name of a folder into a valid name of a belt."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
     return name[:64] or "belt"
 
@@ -168,7 +170,7 @@ def _belt(config: Config) -> BeltFacts:
     )
 
 
-def _known(artifact: Artifact, column: str, row: int) -> float | None:
+def _finite_or_none(artifact: Artifact, column: str, row: int) -> float | None:
     if column not in artifact.columns:
         return None
     value = float(artifact.columns[column][row])
@@ -176,7 +178,7 @@ def _known(artifact: Artifact, column: str, row: int) -> float | None:
 
 
 def _budget(surface: Artifact) -> tuple[Contribution, ...]:
-    """Where the uncertainty of mu comes from, largest first, the combined one last."""
+    """Return the contributions to the uncertainty of mu, largest first, the combined one last."""
     return tuple(
         Contribution(**{name: row[name] for name in Contribution.model_fields if name in row})
         for row in surface.metadata.budget
@@ -185,7 +187,7 @@ def _budget(surface: Artifact) -> tuple[Contribution, ...]:
 
 
 def _sticking(friction: Artifact | None) -> tuple[float, float] | None:
-    """Sticking peak over sliding coefficient: mean and standard deviation of the runs."""
+    """Return sticking peak over sliding coefficient: mean and standard deviation of the runs."""
     if friction is None:
         return None
     columns = friction.columns
@@ -203,18 +205,18 @@ def _covariance(stiffness: Artifact, row: int) -> Any:
 
 
 def _validity(stiffness: Artifact, surface: Artifact) -> Validity:
-    ours, theirs = surface.metadata.validity, stiffness.metadata.validity
+    of_surface, of_press = surface.metadata.validity, stiffness.metadata.validity
     return Validity(
         measured_force_N_m=surface.metadata.figures.get("measured", {}).get("normal_force_N_m"),
-        normal_force_N_m=ours.get("normal_force_N_m"),
-        slip_speed_m_s=ours.get("slip_speed_m_s"),
-        penetration_m=theirs.get("penetration_m"),
-        press_force_N_m=theirs.get("force_N_m"),
+        normal_force_N_m=of_surface.get("normal_force_N_m"),
+        slip_speed_m_s=of_surface.get("slip_speed_m_s"),
+        penetration_m=of_press.get("penetration_m"),
+        press_force_N_m=of_press.get("force_N_m"),
     )
 
 
 def _provenance(stiffness: Artifact, surface: Artifact, friction: Artifact | None) -> Provenance:
-    """Hashes of the artifacts, and of the recordings as far as the chain behind them is here."""
+    """Return the hashes of the artifacts, and of the recordings as far as they are known."""
     recordings = dict(stiffness.metadata.inputs)
     if friction is not None:
         recordings |= friction.metadata.inputs

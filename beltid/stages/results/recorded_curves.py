@@ -1,7 +1,7 @@
-"""What the figures need of the recordings: the branches of the press, some runs over time.
+"""Parts of the recordings that the figures need: branches of the press, some runs over time.
 
-They are kept beside the results, thinned, so that a report can be written from the folder of a belt
-alone, when the recordings are elsewhere.
+They are thinned and stored with the results, so that a report can be written from the folder of a
+belt alone, without the recordings.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ RIG_KEYS: Final = (
     "rig.belt_speed_m_s",
     *CELL_KEYS,
 )
-"""The load cells, too: what is known of them is taken off here as in the reduction."""
+"""Includes the load cells: their known errors are corrected here as in the reduction."""
 MOST_ARCS: Final = 4
 MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
-"""Runs set aside that are kept to be looked at."""
+"""Number of runs set aside that are kept for inspection."""
 MOST_NAMED: Final = 5
 MOST_RUNS: Final = 480
-"""Runs of a campaign that are kept as small pictures, the first ones."""
+"""Number of runs of a campaign that are kept as small pictures: the first ones."""
 SMALL_SAMPLES: Final = 80
 MOST_SAMPLES: Final = 1200
-"""Samples of a run that are kept; of a longer one the extremes of neighbouring samples."""
+"""Number of samples kept of a run; a longer run keeps the extremes of neighbouring samples."""
 
 
 def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Built:
-    """Branches of the press cycles that the stiffness was fitted to, over the penetration."""
+    """Store the branches of the press cycles that the stiffness was fitted to."""
     build = Build(PRESS, source, PRESS_KEYS, {"press": press}, out, options)
     built = build.up_to_date()
     if built is None:
@@ -66,20 +66,20 @@ def press_curves(source: ConfigSource, press: Path, out: Path, options: Options)
 def rig_curves(
     source: ConfigSource, rig: Path, friction: Path, out: Path, options: Options
 ) -> Built:
-    """Runs over time: typical ones and those set aside as recorded, all others thinned.
+    """Store runs over time: typical runs and runs set aside in detail, all others thinned.
 
     Raises
     ------
     InputError
-        If the recording has not all of these runs: it is not the one of the friction table.
+        If the recording lacks one of these runs, so that it does not belong to the friction table.
     """
     build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
     built = build.up_to_date()
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)
         parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
-        # of a run that was cut into bins of the speed, the whole of it is shown
-        labels = dict.fromkeys(run if run in parts else _whole(run) for run in samples)
+        # a run that was cut into bins of the speed is shown as a whole
+        labels = dict.fromkeys(run if run in parts else _whole_run(run) for run in samples)
         missing = sorted(set(labels) - set(parts))
         if missing:
             raise InputError(
@@ -92,42 +92,43 @@ def rig_curves(
     return built
 
 
-def _whole(run: str) -> str:
+def _whole_run(run: str) -> str:
+    """Return the label of the whole run from that of one of its speed bins."""
     return run.rpartition(":")[0] or run
 
 
 def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
-    """Runs to keep, and how many samples of each at most.
+    """Return the runs to keep, and the maximum number of samples of each.
 
-    The typical run of every arc comes first, then runs that were set aside: these are looked at
-    one by one. Of all others as many samples are kept as a gallery of small pictures shows.
+    The typical run of every arc comes first, then runs that were set aside: these are shown one by
+    one. All others keep as many samples as a gallery of small pictures shows.
     """
     labels, good = friction["run"], friction["status"] == "ok"
     aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
-    looked_at = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
+    detailed = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
     others = {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS]}
-    return dict.fromkeys(looked_at, MOST_SAMPLES) | {
-        label: most for label, most in others.items() if label not in looked_at
+    return dict.fromkeys(detailed, MOST_SAMPLES) | {
+        label: most for label, most in others.items() if label not in detailed
     }
 
 
 def _thinned_runs(
     recording: Recording | BigRecording, samples: Mapping[str, int], config: Config
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Tensions of the runs to keep, as the kind of the rig gives them, thinned.
+    """Return the thinned tensions of the runs to keep, as measured or derived on this rig.
 
-    Of a big recording one run at a time is held.
+    A big recording is read one run at a time.
     """
-    sizes = {_whole(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
-    found = {}
+    sizes = {_whole_run(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
+    curves = {}
     for record in records_of(recording, config):
         if record.run not in sizes:
             continue
         tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
-        if not kind.is_derived:  # else they were taken off before
+        if not kind.is_derived:  # otherwise already corrected
             tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
         kept = thinned(np.arange(tight.size), tight, sizes[record.run])
-        found[record.run] = {
+        curves[record.run] = {
             "run": np.full(kept.size, record.run, dtype=object),
             "time_s": record.time_s[kept],
             "tension_tight_N": tight[kept],
@@ -135,13 +136,13 @@ def _thinned_runs(
             "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
             "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
         }
-    return found
+    return curves
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
-    """Rows of the runs nearest to the middle settings of every arc, in the order of the arcs.
+    """Return the rows of the runs nearest to the median settings of every arc, in order of arcs.
 
-    Of many arcs, a run for each of a few classes of them.
+    Many arcs are grouped into `MOST_ARCS` classes with one run each.
 
     Parameters
     ----------
@@ -160,16 +161,16 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
         groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
     chosen = []
     for rows in groups:
-        away = np.zeros(rows.size)
+        distance = np.zeros(rows.size)
         for setting in (tension[rows], speed[rows]):
             if np.isfinite(setting).any():
-                away += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
-        chosen.append(int(rows[np.argmin(away)]))
+                distance += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        chosen.append(int(rows[np.argmin(distance)]))
     return tuple(chosen)
 
 
 def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
-    """Branches over the penetration, each thinned to means of neighbours, some hundred points."""
+    """Return the branches over the penetration, each thinned to at most 120 means of neighbours."""
     parts: list[dict[str, np.ndarray]] = []
     for curve in result.curves:
         for branch in curve.branches:
@@ -194,13 +195,13 @@ def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
 
 
 def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:
-    """Rows of a run, or of a long one those with the extremes of every bunch of neighbours."""
+    """Return the rows of a run; of a long run, those with the extremes of neighbouring samples."""
     if rows.size <= most:
         return rows
     kept = []
-    for bunch in np.array_split(rows, most // 2):
-        v = values[bunch]
-        known = bunch[np.isfinite(v)]
-        if known.size:
-            kept += [known[np.argmin(values[known])], known[np.argmax(values[known])]]
+    for group in np.array_split(rows, most // 2):
+        v = values[group]
+        finite = group[np.isfinite(v)]
+        if finite.size:
+            kept += [finite[np.argmin(values[finite])], finite[np.argmax(values[finite])]]
     return np.unique(np.array(kept, dtype=rows.dtype))

@@ -1,4 +1,4 @@
-"""beltid report: the results of a belt as one page, and those of several belts side by side."""
+"""beltid report: write the results of a belt as one page, and compare several belts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NAME: Final = "report.html"
 STAGE: Final = "report"
 SUFFIXES: Final = (".html", ".htm")
 HEAD: Final = 4096
-"""Bytes at the beginning of a page within which it tells what wrote it and from what."""
+"""Bytes at the beginning of a page that hold its generator and the hash of its inputs."""
 MARK: Final = re.compile(
     rf'<meta name="generator" content="{GENERATOR}">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
@@ -44,15 +44,15 @@ MARK: Final = re.compile(
 def run(
     folders: Sequence[Path], out: Path | None, options: Options, config: Path | None = None
 ) -> Summary:
-    """Write the report of every belt, and with several of them a page that compares them.
+    """Write the report of every belt, and for several belts a page that compares them.
 
     Parameters
     ----------
     folders : sequence of Path
         Folders of the results, one per belt.
     out : Path or None
-        The page; with several belts the one that compares them. By default report.html in the
-        folder of a belt, and in the folder above for several.
+        Output page; for several belts the one that compares them. By default report.html in the
+        folder of the belt, or in the folder above for several belts.
     options : Options
         Force and reporter.
     config : Path, optional
@@ -61,16 +61,16 @@ def run(
     Raises
     ------
     ArtifactError
-        If there is no such folder, nothing of ours in it, or a page cannot be written.
+        If there is no such folder, it holds no results, or a page cannot be written.
     InputError
-        If a file that is no report of ours stands where one is to stand.
+        If the output path holds a file that is not a report.
     """
     source = find_config(None, config) if config else None
     for folder in folders:
         check_folder(folder)
-    different = {os.path.realpath(folder) for folder in folders}
-    if len(different) < len(folders):
-        raise InputError("a folder is named twice, each belt must be named once")
+    distinct = {os.path.realpath(folder) for folder in folders}
+    if len(distinct) < len(folders):
+        raise InputError("a folder is given twice, each belt must be given once")
     if source is not None:
         for folder in folders:
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
@@ -78,39 +78,41 @@ def run(
     if len(folders) == 1:
         return of_belt(folders[0], out or folders[0] / NAME, options)
     single = [of_belt(folder, folder / NAME, options) for folder in folders]
-    both = of_belts(folders, out or _above(folders) / NAME, options)
-    if both.up_to_date and not all(summary.up_to_date for summary in single):
-        options.reporter.report(f"{both.out} is up to date")
-    return both
+    comparison = of_belts(folders, out or _parent_folder(folders) / NAME, options)
+    if comparison.up_to_date and not all(summary.up_to_date for summary in single):
+        options.reporter.report(f"{comparison.out} is up to date")
+    return comparison
 
 
-def _above(folders: Sequence[Path]) -> Path:
+def _parent_folder(folders: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
 
 
 def keep_curves(source: ConfigSource, folder: Path, options: Options) -> None:
-    """Keep in the folder of a belt what its figures need of the recordings, where they are."""
+    """Store the curves that the figures need in the folder of a belt, if there are recordings."""
     data = source.config.data
     friction = folder / "friction.parquet"
-    makers = []
+    builders = []
     if data.press is not None and (folder / "stiffness.parquet").exists():
         press = data.press
-        makers.append(lambda: press_curves(source, press, folder / f"{PRESS}.parquet", options))
+        builders.append(lambda: press_curves(source, press, folder / f"{PRESS}.parquet", options))
     if data.rig is not None and friction.exists():
         rig = data.rig
-        makers.append(lambda: rig_curves(source, rig, friction, folder / f"{RIG}.parquet", options))
-    for maker in makers:
+        builders.append(
+            lambda: rig_curves(source, rig, friction, folder / f"{RIG}.parquet", options)
+        )
+    for build in builders:
         try:
-            maker()
+            build()
         except BeltidError as error:
             for problem in error.problems:
                 options.reporter.warn(f"no curves for the report: {problem}")
 
 
 def reported_in(folder: Path) -> list[Path]:
-    """Folders of belts below a folder that have a report of ours, of this call or an earlier one.
+    """Return the subfolders that hold the report of a belt, from this call or an earlier one.
 
-    So the page that compares belts keeps those of earlier calls.
+    The page that compares belts thus keeps those of earlier calls.
     """
     return [
         page.parent
@@ -122,12 +124,12 @@ def reported_in(folder: Path) -> list[Path]:
 def of_chain(
     source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
 ) -> Summary:
-    """Write the report of a belt whose chain has ended, from what stands in the folder of `out`.
+    """Write the report of a belt after its chain of stages, from the folder of `out`.
 
     Raises
     ------
     Stale
-        If it would have to be drawn and the options say only to look.
+        If it has to be drawn but `options.peek` is set.
     """
     keep_curves(source, out.parent, options)
     return of_belt(out.parent, out, options)
@@ -136,11 +138,11 @@ def of_chain(
 def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     """Write the report of one belt, unless it is up to date."""
     config = config_of(folder)
-    told = (*belt_facts(config), (config and config.data.date) or "")
-    made_from = hash_of(_files(folder), folder.resolve().name, *told)
-    standing = up_to_date(out, made_from, options)
-    results = gather(folder, with_profiles=not standing)
-    if standing:
+    facts = (*belt_facts(config), (config and config.data.date) or "")
+    made_from = hash_of(_files(folder), folder.resolve().name, *facts)
+    is_current = up_to_date(out, made_from, options)
+    results = gather(folder, with_profiles=not is_current)
+    if is_current:
         return _summary([results], out, {}, up_to_date=True)
     if options.peek:
         raise Stale
@@ -156,9 +158,9 @@ def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
     ]
     files = [pair for folder in folders for pair in _files(folder)]
     made_from = hash_of(files, *links)
-    standing = up_to_date(out, made_from, options)
+    is_current = up_to_date(out, made_from, options)
     results = [gather(folder, with_profiles=False) for folder in folders]
-    if standing:
+    if is_current:
         return _summary(results, out, {}, up_to_date=True)
     page = belts_page(results, links, made_from)
     size = write(out, page)
@@ -166,15 +168,15 @@ def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
 
 
 def _files(folder: Path) -> list[tuple[str, Path]]:
-    """Artifacts that stand in the folder of a belt."""
+    """Return the names and paths of the artifacts in the folder of a belt."""
     paths = [(name, folder / f"{name}.parquet") for name in ARTIFACTS]
     return [(f"{folder.resolve().name}/{name}", path) for name, path in paths if path.is_file()]
 
 
 def _counts(page: Page) -> dict[str, Any]:
     pictures = [picture for section in page.sections for picture in section.pictures]
-    drawn = sum(picture.figure is not None for picture in pictures)
-    return {"figures": drawn, "figures_missing": len(pictures) - drawn}
+    n_drawn = sum(picture.figure is not None for picture in pictures)
+    return {"figures": n_drawn, "figures_missing": len(pictures) - n_drawn}
 
 
 def _summary(
@@ -212,14 +214,14 @@ def _row(results: BeltResults) -> dict[str, Any]:
 
 
 def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
-    """Hash of everything that a page is made from.
+    """Return the hash of everything that a page is made from.
 
     Parameters
     ----------
     files : sequence of (str, Path)
-        Name of each file within the page, and where it stands.
+        Name of each file within the page, and its path.
     *words : str
-        What else the page says.
+        Further text on the page.
     """
     contents = [(name, sha256(read_bytes(path, ArtifactError))) for name, path in files]
     record = [__version__, page_source_sha256(), list(words), contents]
@@ -227,19 +229,19 @@ def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
 
 
 def mark_of(page: Path) -> str | None:
-    """Hash of what a page of ours was made from; None for any other file."""
+    """Return the hash of the inputs of a report page; None for any other file."""
     with page.open("rb") as file:
-        found = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
-    return found and found[1]
+        match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
+    return match and match[1]
 
 
 def up_to_date(out: Path, made_from: str, options: Options) -> bool:
-    """Whether the page that stands at `out` may stay.
+    """Return whether the page at `out` is up to date.
 
     Raises
     ------
     InputError
-        If what stands there is no page of ours; with force, one that is no page at all.
+        If the file there is not a report page; with force, if it is not an HTML file at all.
     """
     if str(out) == "-":
         raise InputError("--out = -, must be a file: a page of several MB is not for stdout")
@@ -247,16 +249,16 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     if not out.exists():
         return False
-    found, is_page = mark_of(out), out.suffix.lower() in SUFFIXES
-    if found is None and not (options.force and is_page):
+    mark, is_page = mark_of(out), out.suffix.lower() in SUFFIXES
+    if mark is None and not (options.force and is_page):
         how = ", or replace it with --force" if is_page else ""
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
         raise InputError(text, code="not-replaced")
-    return found == made_from and not options.force
+    return mark == made_from and not options.force
 
 
 def write(out: Path, page: Page) -> int:
-    """Write a page, whole or not at all; its size in bytes."""
+    """Write a page atomically; return its size in bytes."""
     text = rendered(page)
     write_text(out, text)
     return len(text.encode())

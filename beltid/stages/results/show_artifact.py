@@ -1,4 +1,4 @@
-"""beltid show: any artifact as a table and a drawing, or as a CSV table or figure in a file."""
+"""beltid show: show any artifact as a table and a figure, or write it as CSV or as a figure."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ SHOWN: Final = {
     "press_curves": ("line_force_N_m", "penetration_m", "test", "branch", "temperature_degC"),
     "rig_curves": ("mu", "time_s", "run"),
 }
-"""Columns that a person sees, by kind; what was identified first."""
+"""Columns shown in the terminal, by kind; the identified quantities come first."""
 
 
 def run(path: Path, out: Path | None, name: str | None, options: Options) -> Summary:
@@ -70,16 +70,16 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     out : Path or None
         Table (.csv) or figure (.svg, .png, .pdf) to write; None shows both in the terminal.
     name : str or None
-        Which of its figures; None for the first.
+        Name of the figure; None for the first.
     options : Options
         Force and reporter.
 
     Raises
     ------
     ArtifactError
-        If it is missing or damaged, or the file cannot be written.
+        If the artifact is missing or damaged, or the file cannot be written.
     InputError
-        If there is no such figure, or `out` is of another kind or already exists.
+        If there is no such figure, or `out` has another ending or already exists.
     """
     artifact = read_artifact(path)
     if out is not None:
@@ -89,38 +89,38 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
             raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
         write_bytes(out, csv_bytes(artifact.columns, artifact.metadata.origin))
         return _summary(artifact, None, [], out)
-    found = pictures(sheet_of(artifact))
-    chosen = _chosen(found, name, path)
+    available = pictures(sheet_of(artifact))
+    chosen = _chosen(available, name, path)
     if out is not None and chosen is not None and chosen.figure is not None:
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
-        raise InputError(f"{path}: there is nothing to draw in it")
-    return _summary(artifact, chosen, [picture.key for picture in found], out)
+        raise InputError(f"{path}: contains nothing to draw")
+    return _summary(artifact, chosen, [picture.key for picture in available], out)
 
 
 def _check_place(out: Path, options: Options) -> None:
-    kinds = (TABLE, *FIGURES)
-    if out.suffix.lower() not in kinds:
-        found = out.suffix or "nothing"
-        raise InputError(f"{out}: ends in {found}, must be one of {', '.join(kinds)}")
+    endings = (TABLE, *FIGURES)
+    if out.suffix.lower() not in endings:
+        ending = out.suffix or "nothing"
+        raise InputError(f"{out}: ends in {ending}, must be one of {', '.join(endings)}")
     if out.exists() and not options.force:
         raise InputError(already_exists(out))
 
 
-def _chosen(found: list[Picture], name: str | None, path: Path) -> Picture | None:
+def _chosen(available: list[Picture], name: str | None, path: Path) -> Picture | None:
     if name is None:
-        return found[0] if found else None
-    for picture in found:
+        return available[0] if available else None
+    for picture in available:
         if picture.key == name:
             return picture
-    known = ", ".join(picture.key for picture in found) or "none"
-    raise InputError(f"{path}: --figure = {name}, must be one of: {known}")
+    names = ", ".join(picture.key for picture in available) or "none"
+    raise InputError(f"{path}: --figure = {name}, must be one of: {names}")
 
 
 def _summary(
     artifact: Artifact, chosen: Picture | None, names: list[str], out: Path | None
 ) -> Summary:
-    """What a person sees of it; of a figure that was written its path alone."""
+    """Summarise the artifact for the terminal; if a file was written, give its path only."""
     if out is not None:
         return Summary(stage=STAGE, title="", out=out, origin=artifact.metadata.origin)
     columns = flat(artifact.columns)
@@ -138,7 +138,7 @@ def _summary(
         facts["further figures"] = ", ".join(further)
     notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
     few = [{name: row[name] for name in shown} for row in rows[:FEW_ROWS]]
-    rest = len(rows) - len(few)
+    n_hidden = len(rows) - len(few)
     return Summary(
         stage=STAGE,
         title=str(artifact.path),
@@ -146,7 +146,7 @@ def _summary(
         table=rows,
         overview=few,
         shown=tuple(columns),
-        notes=(*notes, *([f"{rest} more rows, see --verbose"] if rest > 0 else [])),
+        notes=(*notes, *([f"{n_hidden} more rows, see --verbose"] if n_hidden > 0 else [])),
         origin=artifact.metadata.origin,
         drawing=None if chosen is None else chosen.figure,
     )

@@ -1,11 +1,11 @@
-"""Before anything is computed: what files hold, a config for a new belt, what runs here.
+"""Commands that compute nothing: inspect files, write a config, show version and settings.
 
 ==================== ===========================================================================
 Module               Responsibility
 ==================== ===========================================================================
-``inspect_file``     what is understood of a bench's files
-``new_config``       a commented config for a new belt
-``named_recordings`` the recordings that a config names, judged before a run
-``about``            what runs here, what a file is, which values hold
+``inspect_file``     show how the files of a bench are read
+``new_config``       write a commented config for a new belt
+``named_recordings`` check the recordings that a config names before a run
+``about``            show version, file metadata and effective settings
 ==================== ===========================================================================
 """

@@ -1,4 +1,4 @@
-"""beltid info and beltid config: what runs here, what a file is, which values hold."""
+"""beltid info and beltid config: show version, file metadata and effective settings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ VARIABLES: Final = (ENVIRONMENT_VARIABLE, "NO_COLOR", "COLUMNS", "NUMBA_CACHE_DI
 
 
 def program() -> Summary:
-    """What runs here: program, Python, libraries, environment."""
+    """Summarise the installation: program, Python, libraries, environment."""
     rows = [{"library": name, "version": _version(name)} for name in LIBRARIES]
     return Summary(
         stage="info",
@@ -54,7 +54,7 @@ def program() -> Summary:
 
 
 def file_info(path: Path) -> Summary:
-    """What an artifact or a law file says about itself.
+    """Summarise the metadata of an artifact or a law file.
 
     Raises
     ------
@@ -139,12 +139,12 @@ def _version(name: str) -> str:
 
 
 def shown_config(source: ConfigSource) -> str:
-    """YAML text of the values that hold, every key with its range."""
+    """Return the effective values as YAML text, every key with its range."""
     return config_text(source.config)
 
 
 def config_origins(source: ConfigSource) -> Summary:
-    """Every value that holds, and the file and line that state it."""
+    """Summarise every effective value with the file and line that state it."""
     rows = [
         {"key": entry.key, "value": plain(entry.value), "from": entry.origin}
         for entry in effective_values(source)
@@ -164,12 +164,12 @@ def config_origins(source: ConfigSource) -> Summary:
 
 
 def check_configs(paths: Sequence[Path]) -> Summary:
-    """Check configs, and whether the recordings they name are there and can be read with them.
+    """Check configs, and whether the recordings they name exist and can be read.
 
     Raises
     ------
     ConfigError
-        With everything that is wrong in all of them.
+        With all problems of all configs.
     """
     problems: list[str] = []
     warnings: list[str] = []
@@ -184,7 +184,7 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         wrong = wrong_recordings(ConfigSource(config, str(path), path))
         problems += wrong
         unread = () if wrong else unread_recordings(config)
-        warnings += [f"{path}: not readable as it states: {line}" for line in unread]
+        warnings += [f"{path}: cannot be read with these settings: {line}" for line in unread]
         warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
         rows.append(
             {
@@ -198,7 +198,7 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         raise ConfigError(problems)
     return Summary(
         stage="config check",
-        title="every key known, every value allowed, every recording there",
+        title="all keys known, all values allowed, all recordings found",
         table=rows,
         warnings=tuple(warnings),
     )

@@ -1,4 +1,4 @@
-"""beltid inspect: what is understood of a bench's files, and the config section that says so."""
+"""beltid inspect: show how the files of a bench are read, and the matching config section."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
-    """Say what is understood of files, folders, patterns or zip files.
+    """Summarise how files, folders, patterns or zip files are read.
 
     Parameters
     ----------
     source : ConfigSource
-        What is known about the files already.
+        What is already known about the files.
     paths : sequence of Path
-        The recordings, each by itself.
+        The recordings, inspected one by one.
     kind : str or None
-        What they are recordings of; None: found out from the channels.
+        Kind of the recordings; None derives it from the channels.
 
     Raises
     ------
@@ -77,30 +77,30 @@ def _unreadable(path: Path, error: InputError) -> Summary:
 
 
 def _summary(config: Config, path: Path, stated: str | None) -> Summary:
-    """What is understood of one recording."""
-    found = inspect_recording(path, config, stated)
-    kind, runs, problems = found.kind, found.runs, found.problems
+    """Summarise how one recording is read."""
+    inspection = inspect_recording(path, config, stated)
+    kind, runs, problems = inspection.kind, inspection.runs, inspection.problems
     if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
     else:
-        verdict = "not yet understood: see what is still to be told"
-    rows = _channel_rows(found)
-    of_what = f"recording of the {_bench(kind)}" if kind else "recording of a bench not told"
+        verdict = "not yet understood: see what is still missing"
+    rows = _channel_rows(inspection)
+    bench = f"recording of the {_bench(kind)}" if kind else "recording of an unknown bench"
     return Summary(
         stage="inspect",
-        title=f"{path}, {of_what}{'' if stated or not kind else ' (guessed)'}",
-        facts=_facts(found.files, kind, runs),
+        title=f"{path}, {bench}{'' if stated or not kind else ' (guessed)'}",
+        facts=_facts(inspection.files, kind, runs),
         table=rows,
         shown=tuple(
             name for name in next(iter(rows), {}) if name != "first"
         ),  # a terminal has 80 columns
         beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
-        notes=found.notes,
+        notes=inspection.notes,
         warnings=problems,
         verdict=verdict,
         exit_status=EXIT_INPUT if problems else EXIT_DONE,
-        snippet=_snippet(path, config, found),
+        snippet=_snippet(path, config, inspection),
     )
 
 
@@ -124,9 +124,9 @@ def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dic
     return facts
 
 
-def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
-    """A row per channel of the first file; groups of equal channels once."""
-    channels, mappings = found.files[0].channels, found.mappings.values()
+def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
+    """Return a row per channel of the first file; groups of equal channels appear once."""
+    channels, mappings = inspection.files[0].channels, inspection.mappings.values()
     roles = {m.candidate.qualified: m.role for m in mappings}
     roles |= {m.date.qualified: "date of time_s" for m in mappings if m.date is not None}
     by_name = {qualified.partition("/")[2]: role for qualified, role in roles.items()}
@@ -148,7 +148,7 @@ def _channel_rows(found: Inspection) -> list[dict[str, Any]]:
                 "min": finite_or_none(channel.low),
                 "max": finite_or_none(channel.high),
                 "first": finite_or_none(channel.first),
-                "can_be": ", ".join(found.can_be.get(candidate.qualified, ())) or None,
+                "can_be": ", ".join(inspection.can_be.get(candidate.qualified, ())) or None,
             }
         )
     for name in ("rate_Hz", "can_be", "read_as"):
@@ -172,64 +172,64 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
     ]
 
 
-def _snippet(path: Path, config: Config, found: Inspection) -> str:
-    """A section of a config that says what was understood, with what is still to be told."""
-    kind, mappings, lines = found.kind, found.mappings, []
-    if kind and kind != "points":  # a table is named to the command
+def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
+    """Return the config section for what was recognised, with comments for what is missing."""
+    kind, mappings, lines = inspection.kind, inspection.mappings, []
+    if kind and kind != "points":  # a table of plateaus is an argument of the command
         lines += ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
-    if found.rig:
-        lines += ["rig:", *(f"  {name}: {word}" for name, word in found.rig.items())]
-    own = {role: r for role, r in mappings.items() if r.how != "own name"}
-    if own:
+    if inspection.rig:
+        lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]
+    mapped = {role: r for role, r in mappings.items() if r.how != "own name"}
+    if mapped:
         lines += ["columns:", f"  {kind}:"]
         lines += [
             f"    {role}: {_quoted(('-' if r.negated else '') + r.candidate.name)}"
-            for role, r in own.items()
+            for role, r in mapped.items()
         ]
-    lines += _open_columns(found, inside=bool(own))
+    lines += _open_columns(inspection, inside=bool(mapped))
     if kind:
         units = _units(kind, config, mappings)
         if units:
             lines += ["units:", f"  {kind}:"]
             lines += [f"    {role}: {unit}" for role, unit in units.items()]
         lines += _open_units(kind, mappings, inside=bool(units))
-        untold = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
-        settings_lack = bool(found.problems) and bool(untold & {*schemas.SETTINGS})
-        lines += _runs_lines(kind, config, found.files, settings_lack)
-    for problem in dict.fromkeys(found.problems):
-        lines += [f"# still to be told: {problem}"]
+        unknown = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
+        lacks_settings = bool(inspection.problems) and bool(unknown & {*schemas.SETTINGS})
+        lines += _runs_lines(kind, config, inspection.files, lacks_settings)
+    for problem in dict.fromkeys(inspection.problems):
+        lines += [f"# still missing: {problem}"]
     return "\n".join(lines) + "\n"
 
 
-def _open_columns(found: Inspection, *, inside: bool) -> list[str]:
-    """Columns that no channel is read as yet, with those that can be: lines to be uncommented."""
-    names = {c.qualified: c.name for c in found.files[0].candidates}
-    of_column: dict[str, list[str]] = {}
-    for qualified, roles in found.can_be.items():
+def _open_columns(inspection: Inspection, *, inside: bool) -> list[str]:
+    """Return commented lines for columns without a channel, with the channels that would fit."""
+    names = {c.qualified: c.name for c in inspection.files[0].candidates}
+    channels_by_role: dict[str, list[str]] = {}
+    for qualified, roles in inspection.can_be.items():
         for role in roles:
-            of_column.setdefault(role, []).append(names[qualified])
+            channels_by_role.setdefault(role, []).append(names[qualified])
     lines: list[str] = []
-    taken: set[str] = set()
-    for kind in [found.kind] if found.kind else schemas.RECORDINGS:
-        taken.clear()
+    used: set[str] = set()
+    for kind in [inspection.kind] if inspection.kind else schemas.RECORDINGS:
+        used.clear()
         sensors = set(sensors_of(schemas.table(kind)))
-        if not found.kind and not (sensors and sensors <= set(of_column)):
+        if not inspection.kind and not (sensors and sensors <= set(channels_by_role)):
             continue
-        known = [c.name for c in schemas.table(kind).columns if c.name in of_column]
-        if known and not inside:
+        candidates = [c.name for c in schemas.table(kind).columns if c.name in channels_by_role]
+        if candidates and not inside:
             lines += ["# columns:", f"#   {kind}:"]
-        for role in known:
-            channels = list(dict.fromkeys(of_column[role]))
-            first = next((name for name in channels if name not in taken), channels[0])
-            taken.add(first)
+        for role in candidates:
+            channels = list(dict.fromkeys(channels_by_role[role]))
+            first = next((name for name in channels if name not in used), channels[0])
+            used.add(first)
             others = [name for name in channels if name != first]
-            more = f"  # or {', '.join(map(_quoted, others[:5]))}" if others else ""
-            lines.append(f"#     {role}: {_quoted(first)}{more}")
+            alternatives = f"  # or {', '.join(map(_quoted, others[:5]))}" if others else ""
+            lines.append(f"#     {role}: {_quoted(first)}{alternatives}")
     return lines
 
 
 def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
-    """Units as stated by the config, else as the file writes them."""
+    """Return the units stated in the config, else those written in the file."""
     stated = config.units.of(kind)
     units: dict[str, str] = {}
     for role, mapping in mappings.items():
@@ -244,9 +244,9 @@ def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> di
 
 
 def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool) -> list[str]:
-    """Units that nobody has told yet, as lines to be uncommented: those of the columns."""
+    """Return commented lines with the default units of columns whose units are not stated."""
     lines = [
-        f"#     {role}: {_quoted(unit)}  # if it is so"
+        f"#     {role}: {_quoted(unit)}  # if correct"
         for role, mapping in mappings.items()
         if mapping.how == "recognised" and not mapping.unit_stated
         if (unit := schemas.table(kind).column(role).unit)
@@ -255,30 +255,34 @@ def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool)
     return lines if inside or not lines else ["# units:", f"#   {kind}:", *lines]
 
 
-def _runs_lines(kind: str, config: Config, views: Sequence[FileView], untold: bool) -> list[str]:
-    """What the config says about the runs; a pattern for settings untold, as a comment."""
+def _runs_lines(
+    kind: str, config: Config, views: Sequence[FileView], lacks_settings: bool
+) -> list[str]:
+    """Return the config lines about the runs; a commented pattern if settings are missing."""
     runs = config.runs.of(kind)
-    said = []
+    entries = []
     if runs.pattern:
-        said.append(f"    pattern: {_quoted(runs.pattern)}")
+        entries.append(f"    pattern: {_quoted(runs.pattern)}")
     if runs.table is not None:
-        said.append(f"    table: {_quoted(str(runs.table.absolute()))}")
+        entries.append(f"    table: {_quoted(str(runs.table.absolute()))}")
     for part in ("fields", "values"):
         stated = getattr(runs, part).model_dump(exclude_none=True)
         if stated:
             inside = ", ".join(f"{k}: {_quoted(v)}" for k, v in stated.items())
-            said.append(f"    {part}: {{{inside}}}")
-    if said:
-        return ["runs:", f"  {kind}:", *said]
-    if untold:
+            entries.append(f"    {part}: {{{inside}}}")
+    if entries:
+        return ["runs:", f"  {kind}:", *entries]
+    if lacks_settings:
         pattern = _proposed_pattern([PurePath(view.name).name for view in views], kind)
         if pattern:
-            return [f"# runs: {{{kind}: {{pattern: {_quoted(pattern)}}}}}  # if the names say so"]
+            return [
+                f"# runs: {{{kind}: {{pattern: {_quoted(pattern)}}}}}  # if this fits the names"
+            ]
     return []
 
 
 def _proposed_pattern(names: Sequence[str], kind: str) -> str:
-    """A pattern that the names of all files follow; "" if none is plain to see."""
+    """Return a pattern that the names of all files follow; "" if none is obvious."""
     label = schemas.table(kind).label
     pattern = names[0].rsplit(".", 1)[0]
     ending = names[0][len(pattern) :]
@@ -296,12 +300,12 @@ def _proposed_pattern(names: Sequence[str], kind: str) -> str:
             )
     if "{" not in pattern:
         return ""
-    first, mark, rest = pattern.partition("_")
-    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", rest)
-    if mark and "{" not in first:
-        pattern = f"{{{label}}}_{rest}"
-        if numbered and all(name.startswith(first + mark) for name in names):
-            pattern = f"{first}_{{{label}}}{rest[numbered.end() :]}"
+    first, separator, remainder = pattern.partition("_")
+    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
+    if separator and "{" not in first:
+        pattern = f"{{{label}}}_{remainder}"
+        if numbered and all(name.startswith(first + separator) for name in names):
+            pattern = f"{first}_{{{label}}}{remainder[numbered.end() :]}"
     pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + ending
     compiled = name_pattern(pattern)
     return pattern if all(compiled.values(name) is not None for name in names) else ""

@@ -1,4 +1,4 @@
-"""The recordings that a config names: are they there, and what cannot be had without one."""
+"""Check the recordings that a config names: do they exist, and what does a missing one prevent."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ WITHOUT: Final = {
     "rig": "no recording of the friction rig (data.rig): no friction; the contact law of the press "
     "and the sliding speeds in service are all that is found",
 }
-"""Kind of recording that the chain is made for -> what a belt lacks without one."""
+"""Kind of recording needed by the full chain -> warning if it is missing."""
 
 
 def lacking(config: Config) -> list[str]:
-    """Kinds of recordings that the chain is made for and that a config does not name."""
+    """Return the kinds of recordings that the full chain needs and a config does not name."""
     return [kind for kind in WITHOUT if kind not in config.data.files]
 
 
 def wrong_recordings(source: ConfigSource) -> list[str]:
-    """What is wrong with the recordings that a config names, each with its place in the file.
+    """Return problems of the recordings that a config names, each with its line in the config.
 
-    Folders, patterns and zip files are looked into as the stage does that reads them.
+    Folders, patterns and zip files are opened in the same way as by the stage that reads them.
     """
     path = source.path
     assert path is not None
@@ -49,14 +49,14 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        at = places.at(places.place(keys), format_path(keys))
-        for what in _wrong(file, list(tables.values())):
-            problems.append(Problem(f"{at} = {what}", "missing-file"))
-    return problems or _of_other_benches(source.config, places)
+        place = places.at(places.place(keys), format_path(keys))
+        for problem in _file_problems(file, list(tables.values())):
+            problems.append(Problem(f"{place} = {problem}", "missing-file"))
+    return problems or _mismatched_kinds(source.config, places)
 
 
 def unread_recordings(config: Config) -> list[str]:
-    """Why recordings that a config names cannot be read as it states; of a big rig by its head."""
+    """Return why named recordings cannot be read; of a big rig recording, only the head is read."""
     problems: list[str] = []
     for kind, file in config.data.files.items():
         try:
@@ -66,16 +66,16 @@ def unread_recordings(config: Config) -> list[str]:
     return problems
 
 
-def _of_other_benches(config: Config, places: Source) -> list[str]:
-    """Text files whose columns are those of another kind of recording than the config says."""
+def _mismatched_kinds(config: Config, places: Source) -> list[str]:
+    """Return problems of text files whose columns are those of another kind of recording."""
     data = config.data.files
-    held = {kind: _kind_held(file, config, kind) for kind, file in data.items()}
-    other = {kind: found for kind, found in held.items() if found not in ("", kind)}
+    found_kinds = {kind: _header_kind(file, config, kind) for kind, file in data.items()}
+    mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
     problems: list[str] = []
-    for kind, found in other.items():
-        if other.get(found) != kind:
+    for kind, found in mismatched.items():
+        if mismatched.get(found) != kind:
             text = f"data.{kind} = {data[kind]}, holds the columns of a {found} recording"
-        elif list(other).index(kind) < list(other).index(found):
+        elif list(mismatched).index(kind) < list(mismatched).index(found):
             text = (
                 f"data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
                 f"a {found} recording, {data[found]} those of a {kind} recording"
@@ -87,8 +87,8 @@ def _of_other_benches(config: Config, places: Source) -> list[str]:
     return problems
 
 
-def _kind_held(file: Path, config: Config, kind: str) -> str:
-    """Kind of recording that the header of a text file names; "" where the file has to be read."""
+def _header_kind(file: Path, config: Config, kind: str) -> str:
+    """Return the kind of recording from the header of a text file; "" if undetermined."""
     if is_many(file) or config.columns.of(kind):
         return ""
     with opened(file) as stream:
@@ -96,27 +96,27 @@ def _kind_held(file: Path, config: Config, kind: str) -> str:
             return ""
     try:
         head = read_head(file, ReadOptions.of(config, kind), schemas.table(kind))
-    except InputError:  # the stage that reads it says what is wrong
+    except InputError:  # the stage that reads the file reports the problem
         return ""
     return kind_of_columns(head.layout.header)
 
 
-def _wrong(file: Path, besides: list[Path]) -> Iterator[str]:
-    """What is wrong with the files that a path stands for, after its name."""
+def _file_problems(file: Path, tables: list[Path]) -> Iterator[str]:
+    """Yield the problems of the files of a path, as the text after its key."""
     if not exists(file):
         yield f"{file}, there is no such file"
         return
     try:
         if is_many(file):
-            sources_of(file, besides)
+            sources_of(file, tables)
         else:
-            _look_into(file)
+            _check_readable(file)
     except InputError as error:
         yield from error.problems
 
 
-def _look_into(file: Path) -> None:
-    """Refuse a file that may not be read, and a zip file without a recording in it."""
+def _check_readable(file: Path) -> None:
+    """Raise an error for an unreadable file, or for a zip file that holds no recording."""
     with opened(file) as stream:
         head = stream.read(4)
     if head[:2] == b"PK" and sniff(data := read_bytes(file)) == ZIP:

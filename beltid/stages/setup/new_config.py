@@ -1,4 +1,4 @@
-"""beltid init: a commented config for a new belt."""
+"""beltid init: write a commented config for a new belt."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ SETTINGS: Final = {
     ),
     "rig.pulley_speeds_rad_s": (("pulley_speed_rad_s",), SAME_SETTING["pulley_speed_rad_s"]),
 }
-"""Lists of the config -> the columns of a recording that tell them, and what is one setting."""
+"""List of the config -> columns of a recording that contain it, relative gap of one setting."""
 MOST_SETTINGS: Final = 30
-"""Values of a list beyond which every run has its own."""
+"""Number of values above which every run is assumed to have its own setting."""
 
 
 def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summary:
@@ -57,89 +57,91 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     InputError
         If a value is not allowed, or the file already exists.
     """
-    values = _with_type_of_name(dict(stated))
+    values = _with_derived_type(dict(stated))
     path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
     config = load_config(_sections(_relative(values, path.parent)))
-    found = _rig_found(stated.get("data.rig"), config, options)
-    found = {key: value for key, value in found.items() if key not in values}
-    if found:
-        values |= found
+    recorded = _rig_values(stated.get("data.rig"), config, options)
+    recorded = {key: value for key, value in recorded.items() if key not in values}
+    if recorded:
+        values |= recorded
         config = load_config(_sections(values))
     if path.exists() and not options.force:
         raise InputError(already_exists(path))
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
     write_text(path, template_text(config, frozenset(values)))
-    for kind, file in load_config(path).data.files.items():  # what was written is what is read
+    for kind, file in load_config(path).data.files.items():  # checks that the config can be read
         if not exists(file):
             options.reporter.warn(f"data.{kind}: there is no {file} yet")
-    summary = _summary(path, config, frozenset(values), frozenset(found))
-    if not found:
+    summary = _summary(path, config, frozenset(values), frozenset(recorded))
+    if not recorded:
         return summary
-    words = "; ".join(f"{key}: {plain(value)}" for key, value in found.items())
-    return replace(summary, notes=(f"the recording of the rig says {words}",))
+    listing = "; ".join(f"{key}: {plain(value)}" for key, value in recorded.items())
+    return replace(summary, notes=(f"read from the recording of the rig: {listing}",))
 
 
 def default_of(key: str, answers: Mapping[str, Any]) -> Any:
-    """What a key is if nothing more is said; None for a file and where nothing is built in."""
+    """Return the default of a key after the given answers; None if it has none, as for a file."""
     section, _, name = key.partition(".")
-    given = _with_type_of_name(dict(answers)).get(key)
-    return getattr(getattr(Config(), section), name) if given is None else given
+    answered = _with_derived_type(dict(answers)).get(key)
+    return getattr(getattr(Config(), section), name) if answered is None else answered
 
 
 def problems_of_answer(key: str, value: Any) -> tuple[str, ...]:
-    """What is wrong with a value by itself: not allowed, or no file of that name is there."""
+    """Return the problems of a single value: not allowed, or no such file."""
     try:
         load_config(_sections({key: value}))
     except ConfigError as error:
         return error.problems
     if key in RECORDED and not exists(Path(value)):
-        return (f"{key} = {value}: there is no such file; the same answer again keeps it",)
+        return (f"{key} = {value}: there is no such file; repeat the answer to keep it",)
     return ()
 
 
-def _rig_found(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
-    """What a recording of the rig tells, by the keys of the config: its kind and its settings."""
+def _rig_values(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
+    """Return what a recording of the rig contains, by config key: its kind and its settings."""
     if recording is None or not exists(Path(recording)):
         return {}
     try:
-        seen = inspect_recording(Path(recording), config, "rig")
+        inspection = inspect_recording(Path(recording), config, "rig")
     except InputError as error:  # a config can be written before its recording can be read
         options.reporter.warn(f"data.rig: {error.problems[0]}")
         return {}
-    for line in seen.problems[:1]:
+    for line in inspection.problems[:1]:
         options.reporter.warn(
             f"data.rig: arcs, tensions and speeds are not read from it: {line}; "
-            f"`beltid inspect {recording}` tells all that is to be stated"
+            f"`beltid inspect {recording}` lists everything that must be stated"
         )
-    found: dict[str, Any] = {f"rig.{name}": word for name, word in seen.rig.items()}
+    values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
     for key, (columns, gap) in SETTINGS.items():
-        told = [run.settings[c] for run in seen.runs for c in columns if c in run.settings]
-        snapped = snap_to_settings(np.array(told), gap)
+        recorded = [
+            run.settings[c] for run in inspection.runs for c in columns if c in run.settings
+        ]
+        snapped = snap_to_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:
             options.reporter.report(
-                f"{key} is left open: the recording has {len(settings)} values, which hold as long "
-                "as the config states none"
+                f"{key} is left open: the recording has {len(settings)} values, which are used "
+                "unless the config states others"
             )
         elif settings:
-            found[key] = settings
-    return found
+            values[key] = settings
+    return values
 
 
-def _with_type_of_name(values: dict[str, Any]) -> dict[str, Any]:
-    """A belt that is called 6pk is of the type 6PK and has six ribs, if nothing else is said."""
+def _with_derived_type(values: dict[str, Any]) -> dict[str, Any]:
+    """Derive type and ribs from the name or type, unless stated: 6pk is type 6PK with six ribs."""
     match = re.fullmatch(r"(\d{1,2})(p[hjklm])", str(values.get("belt.name", "")), re.IGNORECASE)
     if match:
         values.setdefault("belt.type", match[0].upper())
-    of_type = re.match(r"(\d{1,2})\s*P[HJKLM]", str(values.get("belt.type", "")), re.IGNORECASE)
-    if of_type:
-        values.setdefault("belt.ribs", int(of_type[1]))
+    rib_match = re.match(r"(\d{1,2})\s*P[HJKLM]", str(values.get("belt.type", "")), re.IGNORECASE)
+    if rib_match:
+        values.setdefault("belt.ribs", int(rib_match[1]))
     return values
 
 
 def _relative(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Recordings as paths from the folder of the config."""
+    """Make the paths of the recordings relative to the folder of the config."""
     for kind in RECORDINGS:
         key = f"data.{kind}"
         if values.get(key) is not None:
@@ -158,7 +160,7 @@ def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def _summary(
     path: Path, config: Config, stated: frozenset[str], recorded: frozenset[str]
 ) -> Summary:
-    """Every key with its value and where that is from; a person sees those that are no defaults."""
+    """Summarise every key with its value and origin; the overview omits defaults."""
 
     def origin(key: str) -> str:
         return "recording" if key in recorded else "stated" if key in stated else DEFAULT

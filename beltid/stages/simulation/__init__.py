@@ -1,18 +1,18 @@
-"""The rig on the computer: the parameters proven, refined, and the next runs planned.
+"""The simulated rig: validate the parameters, refine the surface, plan the next runs.
 
 ==================== =========================================================== ===============
 Module               Responsibility                                              Equation
 ==================== =========================================================== ===============
-``simulate_rig``     the runs of the rig, simulated                              (9) to (12)
-``compare``          measured against simulated                                  section 7
-``refine_surface``   the surface without the bias of the mean force              beyond section 7
-``plan``             the next runs of the rig, or stop                           (P1) to (P6)
-``plan_inputs``      what a plan starts from: settings, the known surface, noise
-``plan_tables``      what a plan writes and shows
-``planned_runs``     which runs are simulated
-``campaign``         a simulated campaign: its runs, their results and recording
-``simulated_runs``   one run, or a campaign, simulated from Python
-``refinement``       the runs a surface is refined from; its Monte Carlo draws
-``hold_out``         the runs of an arc, or speed, predicted from the others
+``simulate_rig``     simulate the runs of the rig                                (9) to (12)
+``compare``          compare measured with simulated friction                    section 7
+``refine_surface``   remove the bias of the mean force from the surface          beyond section 7
+``plan``             plan the next runs of the rig, or stop                      (P1) to (P6)
+``plan_inputs``      inputs of a plan: settings, the known surface, noise
+``plan_tables``      output tables of a plan
+``planned_runs``     select the runs to simulate
+``campaign``         a simulated campaign: runs, results and recording
+``simulated_runs``   simulate one run or a campaign from Python
+``refinement``       runs that a surface is refined from; its Monte Carlo draws
+``hold_out``         predict the runs of an arc or speed from the others
 ==================== =========================================================== ===============
 """

@@ -1,4 +1,4 @@
-"""The runs of a simulated campaign: their results, their recording as one table."""
+"""Simulated campaigns: the results of their runs, and their recording as one table."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def simulation_settings(
     elements: int | None = None,
     profile_times_s: tuple[float, ...] = (),
 ) -> SimulationSettings:
-    """Settings of the simulation: those of the call, else those of the config.
+    """Return the settings of the simulation from the call, else from the config.
 
     Raises
     ------
     InputError
-        If there is no such method or number of elements, or a time of a profile is none.
+        If the method, the number of elements or a profile time is not allowed.
     """
     section = config.simulation
     chosen = method or section.method
@@ -56,7 +56,7 @@ def simulation_settings(
     ]
     if profile_times_s and chosen == "steady":
         problems.append(
-            "--profile-time: the steady method knows no times, must be --method transient"
+            "--profile-time: the steady method has no times, must be --method transient"
         )
     if elements is not None and not (is_number(elements) and float(elements).is_integer()):
         found = f"{elements:g}" if is_number(elements) else repr(elements)
@@ -77,19 +77,19 @@ def simulation_settings(
 
 
 def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:
-    """What the simulated rig assumes of a dead weight, with what it is worth; empty without one."""
+    """Return a note on the assumed guidance of a dead weight and its effect; empty without one."""
     if config.rig.kind != "dead_weight":
         return []
     belt, rig = config.belt_params(), config.rig_params()
     share = max(swinging_share(belt, rig, point) for point in points)
     return [
-        "the dead weight is guided in the line of its span; one that swings freely makes mu lower, "
+        "the dead weight is guided along its span; one that swings freely makes mu lower, "
         f"by up to {percent(100 * share)} in these runs"
     ]
 
 
 def bench_of(config: Config, surface: FrictionSurface | float, law: NormalLaw) -> Bench:
-    """The rig of a config with identified laws; a number for a surface is a constant mu."""
+    """Build the rig of a config with identified laws; a number for a surface is a constant mu."""
     return Bench(
         belt=config.belt_params(),
         rig=config.rig_params(),
@@ -112,7 +112,7 @@ class Campaign:
     runs : tuple of PlannedRun
         The runs.
     results : tuple of RunResult or BeltidError
-        What became of each.
+        Result or failure of each run.
     """
 
     config: Config
@@ -133,7 +133,7 @@ class Campaign:
         return [(run, result) for run, result in pairs if not isinstance(result, BeltidError)]
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row per run: settings, sliding state, status."""
+        """Return a row per run: settings, sliding state, status."""
         return [result_row(*pair) for pair in zip(self.runs, self.results, strict=True)]
 
 
@@ -145,7 +145,7 @@ def simulate(
     jobs: int | Workers,
     reporter: Reporter,
 ) -> Campaign:
-    """Simulate runs, whose progress the reporter hears; else as `simulated_results`."""
+    """Simulate runs like `simulated_results`, with progress sent to the reporter."""
     results: dict[int, RunResult | BeltidError] = {}
     with reporter.progress("simulated runs", len(runs)) as advance:
         for index, result in simulated_results(config, bench, runs, settings, jobs):
@@ -161,12 +161,12 @@ def simulated_results(
     settings: SimulationSettings,
     jobs: int | Workers,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Results of runs as they finish, each with the index of its run.
+    """Yield the results of runs as they finish, each with the index of its run.
 
     Parameters
     ----------
     config : Config
-        Tells what a running rig shows.
+        Kind of the rig; speed and mass of a running belt.
     bench : Bench
         The rig and its laws.
     runs : sequence of PlannedRun
@@ -174,21 +174,21 @@ def simulated_results(
     settings : SimulationSettings
         Method and resolution.
     jobs : int or Workers
-        Runs at the same time in this process, or the workers that simulate them. The results do
+        Number of parallel runs in this process, or the workers that simulate them. The results do
         not depend on it.
     """
     points = [run.point for run in as_resting(config, runs)]
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs)
         return
-    groups = _laid_on_together(points)
+    groups = _group_by_tension(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]
     for number, results in jobs.as_ended(simulated_group, calls):
         yield from zip(groups[number], results, strict=True)
 
 
-def _laid_on_together(points: Sequence[OperatingPoint]) -> list[list[int]]:
-    """Indices of the runs that share the belt laid on and tightened: they differ in speed only."""
+def _group_by_tension(points: Sequence[OperatingPoint]) -> list[list[int]]:
+    """Group the indices of runs that differ in speed only, and share the tightened belt."""
     groups: dict[tuple[float, float], list[int]] = {}
     for index, point in enumerate(points):
         groups.setdefault((point.beta, point.T_0), []).append(index)
@@ -198,12 +198,12 @@ def _laid_on_together(points: Sequence[OperatingPoint]) -> list[list[int]]:
 def simulated_group(
     bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
 ) -> list[RunResult | BeltidError]:
-    """Results of a few runs in their order: what a worker is given at a time."""
+    """Return the results of a few runs in their order; a single call of a worker."""
     return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
 
 
 def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, Any]:
-    """Row of a run: settings, sliding state, status."""
+    """Return the row of a run: settings, sliding state, status."""
     row: dict[str, Any] = {
         "run": run.label,
         "arc_deg": run.arc_deg,
@@ -219,10 +219,10 @@ def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, An
 def recording_columns(
     runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
-    """Recordings of runs as one table with the columns of rig.csv.
+    """Return the recordings of runs as one table with the columns of rig.csv.
 
-    Those of a running rig are what it shows: whole tensions, and the speed of a pulley that goes
-    with the belt before it slides.
+    A running rig records the full tensions, and the speed of a pulley that runs with the belt
+    before it slides.
     """
     resting = as_resting(config, runs)
     parts = [_one_recording(*pair, config) for pair in zip(resting, results, strict=True)]
@@ -237,14 +237,14 @@ def recording_columns(
 def _running(
     run: PlannedRun, resting: dict[str, np.ndarray], config: Config
 ) -> dict[str, np.ndarray]:
-    """The recording of a running rig from that of the belt at rest."""
-    with_belt = belt_speed(config) / config.rig.pulley_radius_m
-    sign = math.copysign(1.0, run.pulley_speed_rad_s - with_belt)
+    """Convert the recording of a belt at rest to that of a running rig."""
+    belt_omega = belt_speed(config) / config.rig.pulley_radius_m
+    sign = math.copysign(1.0, run.pulley_speed_rad_s - belt_omega)
     tensions = ("tension_tight_N", "tension_slack_N", "initial_tension_N")
     return {
         **resting,
         **{name: resting[name] + momentum_N(config) for name in tensions},
-        "pulley_speed_rad_s": with_belt + sign * resting["pulley_speed_rad_s"],
+        "pulley_speed_rad_s": belt_omega + sign * resting["pulley_speed_rad_s"],
     }
 
 
@@ -263,19 +263,19 @@ def _one_recording(run: PlannedRun, result: RunResult, config: Config) -> dict[s
 
 
 def sliding_samples(config: Config) -> int:
-    """Samples of the level at which a run slides, if only the limit is known."""
+    """Return the number of sliding samples for a run of which only the limit is known."""
     wanted = max(SLIDING_SAMPLES, 2 * config.friction.min_plateau_samples)
     return min(wanted, MOST_SAMPLES)
 
 
 def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
-    """Recording of a run of which only the sliding limit is known: a level at rest, one sliding.
+    """Return a recording with two levels, at rest and sliding, for a known sliding limit.
 
-    So the sliding limit goes through the same reduction as any recording; there is no build-up in
-    it, and hence no sticking peak.
+    The sliding limit thus passes the same reduction as any recording. It has no build-up, and
+    therefore no sticking peak.
     """
     omega = run.pulley_speed_rad_s
-    # enough for the reduction that the config asks for
+    # enough samples for the reduction settings of the config
     n = REST_SAMPLES + sliding_samples(config)
     turning = np.arange(n) >= REST_SAMPLES
     T_0 = run.initial_tension_N

@@ -1,11 +1,11 @@
-"""beltid compare: measured against simulated friction coefficients (paper section 7).
+"""beltid compare: compare measured with simulated friction coefficients (paper section 7).
 
-The simulated recording goes through the very function that reduced the measured one, with the
-settings that the friction artifact says it was reduced with. Only the load cells are its own: those
-of the simulated rig are perfect, those of a second bench are as the config states them.
+The simulated recording passes the same function that reduced the measured one, with the settings
+stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
+those of a second bench are as the config states.
 
-With runs held out there is no recording: the surface is refined from the other runs, and those left
-out are predicted (:mod:`beltid.stages.simulation.hold_out`).
+With runs held out there is no recording: the surface is refined from the other runs, and the runs
+left out are predicted (:mod:`beltid.stages.simulation.hold_out`).
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ NEEDED: Final = (
 ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
-"""Share below which it says nothing about the campaign: out of tolerance."""
+"""Share of compared runs below which the campaign fails: too few to judge it."""
 ROW: Final = (
     "run",
     "arc_deg",
@@ -112,7 +112,7 @@ ROW: Final = (
     "within_tolerance",
 )
 HIDDEN: Final = ROW[7:13]
-"""Columns of a row that a person finds in the file."""
+"""Columns that are in the file but not shown."""
 TITLES: Final = {
     "none": "simulated less measured friction coefficient, relative to measured",
     "arc": "friction of each arc predicted from the other arcs, less measured, relative to it",
@@ -135,13 +135,13 @@ def run(
     *,
     hold_out: str | None = None,
 ) -> Summary:
-    """Compare ``friction`` with the ``simulated`` recording, write it, sum it up.
+    """Compare ``friction`` with the ``simulated`` recording, write the result, summarise it.
 
-    With ``stiffness`` in the place of ``simulated`` the runs of each arc or speed are predicted
-    from the others: `hold_out` says of which, or else the config.
+    With ``stiffness`` instead of ``simulated`` the runs of each arc or speed are predicted from the
+    others; `hold_out`, or else the config, selects arc or speed.
     """
     if "stiffness" in inputs:
-        by = _checked(hold_out or config.config.compare.hold_out)
+        by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
@@ -149,18 +149,18 @@ def run(
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
-        radius, settings = _reduced_with(friction, config.config)
+        radius, settings = _reduction_settings(friction, config.config)
         notes: tuple[str, ...] = ()
         uncertainty = None
         if recording.is_artifact:
             reduced = reduce_simulated(recording.columns, radius, settings, config.config)
-            with suppress(ArtifactError):  # it was packed
+            with suppress(ArtifactError):  # a compressed recording is not readable as an artifact
                 metadata = read_artifact(recording.path, "simulated").metadata
                 uncertainty = runs_uncertainty_of(metadata.figures)
-        else:  # a second bench, whose kind and cells the config knows
+        else:  # a second bench, whose kind and load cells the config states
             kind = rig_kind(config.config)
             reduced = reduce_runs(recording.columns, radius, settings, kind)
-            # its name without the folder: the same input gives the same bytes anywhere
+            # name without folder, so that the same input gives the same bytes anywhere
             notes = (f"{recording.path.name}: {kind.cells.note}",) if kind.cells.note else ()
         simulated = reduction_columns(reduced)
         built = build.write(
@@ -172,7 +172,7 @@ def run(
 def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
-    """Predict the runs of ``friction`` with ``stiffness`` and compare them with the measured."""
+    """Predict the runs of ``friction`` with ``stiffness``, and compare them with measured ones."""
     build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
@@ -191,23 +191,23 @@ def predict_held_out(
     *,
     hold_out: HoldOut = "arc",
 ) -> Outcome[AgreementResult]:
-    """Predict the runs of every arc, or speed, from the others, and compare with the measured.
+    """Predict the runs of every arc or speed from the others, and compare with the measured ones.
 
     Parameters
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         The reduced runs of the bench.
     law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; the result brings its scatter along.
+        Normal contact law of the belt; a result also provides its scatter.
     config : Config, dict, path or None
         Belt, rig and tolerances.
     hold_out : {"arc", "speed"}
-        What is left out in turn. Speeds: all but the lowest and the highest.
+        Setting that is left out in turn. The lowest and the highest speed are never left out.
 
     Returns
     -------
     Outcome
-        As of `compare`: a row per predicted run.
+        Like that of `compare`, with a row per predicted run.
 
     Raises
     ------
@@ -216,14 +216,14 @@ def predict_held_out(
     ConvergenceError
         If a surface does not converge, or a run cannot be simulated.
     """
-    by = _checked(hold_out)
+    by = _checked_hold_out(hold_out)
     model = load_config(config)
     columns = table_columns(friction, "friction", HELD_OUT)
     press = press_law(law, model)
     return _held_out(columns, press, model, by, Workers()).with_origin(model, friction, law)
 
 
-def _checked(hold_out: str) -> HoldOut:
+def _checked_hold_out(hold_out: str) -> HoldOut:
     if hold_out not in FEWEST:
         raise InputError(f"hold_out = {hold_out}, must be {' or '.join(FEWEST)}")
     return hold_out
@@ -237,31 +237,31 @@ def _held_out(
     workers: Workers,
 ) -> Outcome[AgreementResult]:
     columns = with_tensions(columns, config)
-    found = predictions(columns, press, config, by, workers)
-    rows = np.concatenate([one.fold.left_out for one in found])
+    predicted_folds = predictions(columns, press, config, by, workers)
+    rows = np.concatenate([prediction.fold.left_out for prediction in predicted_folds])
     measured = {name: values[rows] for name, values in columns.items()}
-    predicted, uncertainty = as_simulated(columns, found)
-    beyond = beyond_range(columns, found)
+    predicted, uncertainty = as_simulated(columns, predicted_folds)
+    beyond = beyond_range(columns, predicted_folds)
     notes = [
         f"each {by} was left out once: its runs were predicted by a surface refined from the rest"
     ]
     if by == "speed":
-        notes.append("predicted between speeds: the lowest and the highest one were never left out")
+        notes.append("predicted between speeds: the lowest and the highest were never left out")
     if beyond:
         notes.append(
-            f"{beyond} of {rows.size} predicted runs lie at a mean force that no other run "
-            "reached: the nearest value was taken there"
+            f"{beyond} of {rows.size} predicted runs have a mean force that no other run reached: "
+            "the nearest value was used there"
         )
-    if by == "arc" and not knows_arcs(found):
+    if by == "arc" and not knows_arcs(predicted_folds):
         notes.append(
-            "a single arc was left, which does not show how far arcs differ: such a difference is "
-            "not in the uncertainty of the prediction"
+            "a single arc was left, which does not show how much arcs differ: such a difference is "
+            "not included in the uncertainty of the prediction"
         )
     outcome = _outcome(measured, predicted, config, uncertainty, tuple(notes))
     relative, force = outcome.result.relative_difference, outcome.result.normal_force_N_m
-    sizes = np.cumsum([one.fold.left_out.size for one in found])[:-1]
-    parts = zip(found, np.split(relative, sizes), np.split(force, sizes), strict=True)
-    groups = [Statistics.of(one.fold.name, *of_fold).as_row() for one, *of_fold in parts]
+    ends = np.cumsum([prediction.fold.left_out.size for prediction in predicted_folds])[:-1]
+    parts = zip(predicted_folds, np.split(relative, ends), np.split(force, ends), strict=True)
+    groups = [Statistics.of(part.fold.name, *values).as_row() for part, *values in parts]
     statistics = [*outcome.extra["statistics"], *(groups if by == "speed" else [])]
     return replace(outcome, extra={**outcome.extra, "statistics": statistics, "hold_out": by})
 
@@ -278,18 +278,18 @@ def compare(
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         The reduced runs of the bench.
     simulated : DataFrame, pyarrow Table or mapping
-        A simulated recording with the columns of rig.csv, of perfect load cells; or reduced runs,
-        like `friction` (those of a second bench: reduce its recording by `fit_friction`); or the
-        table of `simulate_campaign`.
+        A simulated recording with the columns of rig.csv from perfect load cells; or reduced runs
+        like `friction` (for a second bench, reduce its recording with `fit_friction`); or the table
+        of `simulate_campaign`.
     config : Config, dict, path or None
         Tolerances, and for a recording the settings of its reduction.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per matched point; ``.result`` tells ``passed`` and the
-        statistics per arc, averaged, and for low, middle and high force. It is not passed,
-        either, if fewer than half of the usable measured runs have a partner.
+        ``.to_frame()`` has a row per matched point; ``.result`` has ``passed`` and the statistics
+        per arc, averaged, and for low, middle and high force. The comparison also fails if fewer
+        than half of the usable measured runs have a partner.
 
     Raises
     ------
@@ -298,10 +298,10 @@ def compare(
     """
     model = load_config(config)
     measured = table_columns(friction, "friction", NEEDED, "friction")
-    found = _outcome(measured, _simulated_columns(simulated, model), model)
-    # a simulation without a result around it has the origin of what it is compared with
-    other = simulated if isinstance(simulated, Outcome) else None
-    return found.with_origin(model, friction, other)
+    outcome = _outcome(measured, _simulated_columns(simulated, model), model)
+    # a simulation given as a plain table takes the origin of the measured runs
+    origin_source = simulated if isinstance(simulated, Outcome) else None
+    return outcome.with_origin(model, friction, origin_source)
 
 
 def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
@@ -324,19 +324,19 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     return table_columns(frame, "friction", NEEDED, "simulated")
 
 
-def _reduced_with(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
-    """Radius and settings with which the measured runs were reduced, but for their load cells."""
+def _reduction_settings(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
+    """Return radius and settings of the reduction of the measured runs, without the load cells."""
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
-    known = type(config.friction).model_fields
-    section = {key: v for key, v in stored.get("friction", {}).items() if key in known}
+    field_names = type(config.friction).model_fields
+    section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
     bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
     try:
-        found = load_config({"friction": section, "rig": bins}) if section else config
+        reduction_config = load_config({"friction": section, "rig": bins}) if section else config
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), friction_settings(found)
+    return float(radius), friction_settings(reduction_config)
 
 
 def _outcome(
@@ -370,7 +370,7 @@ def _outcome(
         warnings.insert(
             0,
             f"only {len(columns['run'])} of {result.n_usable} measured runs were compared: "
-            "the verdict holds for these alone",
+            "the verdict holds for these only",
         )
     return Outcome(
         kind=KIND,
@@ -394,7 +394,7 @@ def _outcome(
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a compare artifact; its exit status is the verdict."""
+    """Summarise a compare artifact; its exit status is the verdict."""
     metadata: CompareMetadata = built.artifact.metadata
     passed = bool(metadata.passed)
     statistics = [
@@ -436,14 +436,14 @@ def summarise(built: Built) -> Summary:
 def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
     def in_words(row: Mapping[str, Any]) -> str:
         name = row["tolerance"]
-        words = TOLERANCES.get(name, name)
+        label = TOLERANCES.get(name, name)
         found = float("nan") if row["found"] is None else 100.0 * row["found"]
         if name == "min_share_compared":
-            return f"{words} {found:.0f} % < {100.0 * row['allowed']:g} %"
+            return f"{label} {found:.0f} % < {100.0 * row['allowed']:g} %"
         sign = "<=" if row["holds"] else ">"
         if name == "max_rms_error_over_uncertainty":
-            return f"{words} {found / 100.0:.2f} {sign} {row['allowed']:g}"
-        return f"{words} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
+            return f"{label} {found / 100.0:.2f} {sign} {row['allowed']:g}"
+        return f"{label} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
     return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

@@ -1,7 +1,7 @@
-"""Hold-out: the runs of each arc, or speed, predicted by a surface refined from the others.
+"""Hold-out: predict the runs of each arc or speed with a surface refined from the others.
 
-A left-out run is simulated at the tension and the speed that it was measured at, in the sliding
-limit; what is not known of the prediction comes from the surface of the rest, as in `simulate-rig`.
+A left-out run is simulated at its measured tension and speed, in the sliding limit. The uncertainty
+of the prediction comes from the surface of the remaining runs, as in `simulate-rig`.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class Predicted:
     Attributes
     ----------
     fold : Fold
-        What was left out.
+        The runs that were left out.
     part : SimulatedUncertainty
-        The predicted coefficients and what is not known of them, by source.
+        The predicted coefficients and their uncertainty by source.
     sources : tuple of Source
         The sources.
     force_range : tuple of float
@@ -78,15 +78,15 @@ def predictions(
     Parameters
     ----------
     columns : mapping of str to ndarray (n,)
-        The reduced runs, `HELD_OUT` among them.
+        The reduced runs, with at least the columns `HELD_OUT`.
     press : PressLaw
-        The contact law and its making.
+        The contact law with its scatter.
     config : Config
         Belt and rig.
     by : {"arc", "speed"}
-        What is left out in turn.
+        Setting that is left out in turn.
     workers : Workers
-        Who computes the folds; the result does not depend on it.
+        Compute the folds; the result does not depend on them.
 
     Raises
     ------
@@ -98,33 +98,33 @@ def predictions(
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     plain = flat(columns)
     calls = [(plain, press, config, fold) for fold in folds(columns, usable, by)]
-    found = dict(workers.as_ended(predict, calls))
-    return [found[k] for k in range(len(calls))]
+    results = dict(workers.as_ended(predict, calls))
+    return [results[k] for k in range(len(calls))]
 
 
 def predict(
     columns: Mapping[str, np.ndarray], press: PressLaw, config: Config, fold: Fold
 ) -> Predicted:
-    """Refine the surface from the rest of the runs and simulate those left out."""
-    rest = {name: values[fold.rest] for name, values in columns.items()}
-    campaign, speeds, _, _ = prepared_campaign(rest, press, config, f"without {fold.name}")
+    """Refine the surface from the remaining runs and simulate the runs left out."""
+    remaining = {name: values[fold.rest] for name, values in columns.items()}
+    campaign, speeds, _, _ = prepared_campaign(remaining, press, config, f"without {fold.name}")
     reference = reference_temperature(config, campaign)
-    found = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
-    of_rest = refined_uncertainty(found)
-    names = [source.name for source in found.sources]
-    surface = UncertainSurface(found.refined.surface, of_rest.factor, names)
+    solution = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
+    rest_uncertainty = refined_uncertainty(solution)
+    names = [source.name for source in solution.sources]
+    surface = UncertainSurface(solution.refined.surface, rest_uncertainty.factor, names)
 
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
     arcs, _ = numbered_arcs(columns["arc_deg"][fold.left_out], campaign.measured.arcs_deg)
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
-    # an arc not seen has an effect of its own, as large as those of the others
-    of_arcs = [source for source in found.sources if source.error == ARC][:1]
-    given = (
+    # an unseen arc has its own effect, with the same variance as the others
+    arc_sources = [source for source in solution.sources if source.error == ARC][:1]
+    rig_sources = (
         *all_sources(standard_uncertainties(config), n_arcs, press.has_scatter),
-        *(replace(source, place=k) for source in of_arcs for k in range(n_arcs)),
+        *(replace(source, place=k) for source in arc_sources for k in range(n_arcs)),
     )
-    sources = with_rig_sources(found.sources, given)
+    sources = with_rig_sources(solution.sources, rig_sources)
     points = [run.point for run in replace(campaign, measured=measured).runs]
     bench = replace(campaign.bench, surface=surface)
     largest = float(max(measured.tight.max(), campaign.measured.tight.max()))
@@ -136,56 +136,62 @@ def predict(
 
 
 def as_simulated(
-    columns: Mapping[str, np.ndarray], found: Sequence[Predicted]
+    columns: Mapping[str, np.ndarray], predicted: Sequence[Predicted]
 ) -> tuple[dict[str, np.ndarray], RunsUncertainty]:
-    """Predicted runs as a table of reduced ones, and what is not known of them.
+    """Return predicted runs as a table of reduced runs, and their uncertainty.
 
-    The settings are those of the measured runs, as they were measured: none was missed.
+    The settings are those of the measured runs, exactly as measured.
     """
-    rows = np.concatenate([one.fold.left_out for one in found])
-    mu = np.concatenate([one.part.mu for one in found])
+    rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
+    mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
-    sources, aligned = _on_common_sources(found)
+    sources, aligned = _on_common_sources(predicted)
     labels = [str(label) for label in table["run"]]
     return {**table, "mu_sliding": mu}, RunsUncertainty.of(labels, mu, sources, aligned)
 
 
 def _on_common_sources(
-    found: Sequence[Predicted],
+    predicted: Sequence[Predicted],
 ) -> tuple[tuple[Source, ...], list[SimulatedUncertainty]]:
-    """The parts with the columns of all sources that a fold has: not all folds have the same."""
-    places: dict[tuple[str, int], int] = {}
+    """Align the folds on the union of their sources, which may differ between folds."""
+    column_of: dict[tuple[str, int], int] = {}
     sources: list[Source] = []
-    for one in found:
-        for source in one.sources:
-            if places.setdefault((source.error, source.place), len(sources)) == len(sources):
+    for prediction in predicted:
+        for source in prediction.sources:
+            if column_of.setdefault((source.error, source.place), len(sources)) == len(sources):
                 sources.append(source)
     aligned = []
-    for one in found:
-        here = [places[source.error, source.place] for source in one.sources]
-        simulated, difference = np.zeros((2, one.part.mu.size, len(sources)))
-        simulated[:, here], difference[:, here] = one.part.simulated, one.part.difference
+    for prediction in predicted:
+        columns = [column_of[source.error, source.place] for source in prediction.sources]
+        simulated, difference = np.zeros((2, prediction.part.mu.size, len(sources)))
+        simulated[:, columns], difference[:, columns] = (
+            prediction.part.simulated,
+            prediction.part.difference,
+        )
         aligned.append(
             replace(
-                one.part,
+                prediction.part,
                 simulated=simulated,
                 difference=difference,
-                by_setting=np.zeros((one.part.mu.size, 2)),
+                by_setting=np.zeros((prediction.part.mu.size, 2)),
             )
         )
     return tuple(sources), aligned
 
 
-def beyond_range(columns: Mapping[str, np.ndarray], found: Sequence[Predicted]) -> int:
-    """Number of predicted runs whose mean force no other run reached: the nearest value held."""
+def beyond_range(columns: Mapping[str, np.ndarray], predicted: Sequence[Predicted]) -> int:
+    """Count predicted runs whose mean force no other run reached; they use the nearest value."""
     force = columns["normal_force_N_m"]
-    return sum(
-        int(np.count_nonzero((force[one.fold.left_out] < low) | (force[one.fold.left_out] > high)))
-        for one in found
-        for low, high in [one.force_range]
+    count = 0
+    for prediction in predicted:
+        low, high = prediction.force_range
+        left_out = force[prediction.fold.left_out]
+        count += int(np.count_nonzero((left_out < low) | (left_out > high)))
+    return count
+
+
+def knows_arcs(predicted: Sequence[Predicted]) -> bool:
+    """Return whether the remaining runs show how much arcs differ; a single arc does not."""
+    return all(
+        any(source.error == ARC for source in prediction.sources) for prediction in predicted
     )
-
-
-def knows_arcs(found: Sequence[Predicted]) -> bool:
-    """Whether the runs that were left show how far arcs differ: of a single arc nothing does."""
-    return all(any(source.error == ARC for source in one.sources) for one in found)

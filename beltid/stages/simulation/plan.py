@@ -1,4 +1,4 @@
-"""beltid plan: the next runs of the friction rig, or the word stop."""
+"""beltid plan: plan the next runs of the friction rig, or advise to stop."""
 
 from __future__ import annotations
 
@@ -62,16 +62,16 @@ MOST_BELOW: Final = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What a plan is to reach.
+    """Goal of a plan.
 
     Attributes
     ----------
     runs : int
-        Runs to plan at most.
+        Maximum number of runs to plan.
     target : {"surface", "drive"}
         Where the surface has to be known.
     goal_u : float
-        Standard uncertainty of mu that is good enough, as a share.
+        Sufficient relative standard uncertainty of mu [-].
     """
 
     runs: int
@@ -97,15 +97,15 @@ class PlannedRuns:
     Attributes
     ----------
     plan : Plan
-        What the runs bring, what remains after them, and whether to stop.
+        Gain of the runs, remaining uncertainty, and whether to stop.
     target : Target
-        Where the surface is to be known.
+        Where the surface has to be known.
     candidates : Candidates
         The settings that the runs were chosen from.
     rows : list of dict
         A row per run: settings, repetition, minutes, gain.
     notes, warnings : tuple of str
-        What was assumed, and what the user should look into.
+        Assumptions, and what the user should look into.
     """
 
     plan: Plan
@@ -116,7 +116,7 @@ class PlannedRuns:
     warnings: tuple[str, ...]
 
     def to_frame(self) -> pd.DataFrame:
-        """The runs as a table, a row per run, with the columns of plan.csv."""
+        """Return the runs as a table with the columns of plan.csv, a row per run."""
         import pandas as pd
 
         return pd.DataFrame(self.rows, columns=list(COLUMNS))
@@ -132,71 +132,71 @@ def run(
     target: str = "surface",
     goal_u: float = 0.01,
 ) -> Summary:
-    """Plan the next runs, write table and figure, sum up.
+    """Plan the next runs, write table and figure, summarise.
 
-    With ``surface`` and ``stiffness`` among the inputs it goes on from them, with ``friction`` by
-    the noise of those runs; without any it starts from what is usual for such a belt.
+    The plan starts from ``surface`` and ``stiffness`` if they are among the inputs, and takes the
+    noise from ``friction``; without inputs it starts from usual values for such a belt.
 
     Parameters
     ----------
     config, inputs, out, options
-        As of every stage.
+        As for every stage.
     runs : int
-        Runs to plan at most.
+        Maximum number of runs to plan.
     target : {"surface", "drive"}
         Where the surface has to be known.
     goal_u : float
-        Standard uncertainty of mu that is good enough, as a share [-].
+        Sufficient relative standard uncertainty of mu [-].
     """
     wanted, model, figure = Wanted(runs, target, goal_u), config.config, out.with_suffix(FIGURE)
     _check_files(out, figure, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
     other_bench = [line for a in artifacts.values() for line in of_other_bench(a, config)]
-    press = known = made_from = None
-    noise_of = artifacts.get("friction")
+    press = known = surface_runs = None
+    noise_runs = artifacts.get("friction")
     if "stiffness" in artifacts:
         stiffness = artifacts["stiffness"]
         press = press_law(stiffness, model)
     if "surface" in artifacts:
         known = known_of_artifact(artifacts["surface"])
-        made_from = friction_of(artifacts["surface"], inputs["surface"].parent)
-    made_at = noise_of or made_from
-    friction = None if noise_of is None else noise_of.columns
-    settings, notes = rig_settings(model, None if made_at is None else made_at.columns)
+        surface_runs = friction_of(artifacts["surface"], inputs["surface"].parent)
+    setting_runs = noise_runs or surface_runs
+    friction = None if noise_runs is None else noise_runs.columns
+    settings, notes = rig_settings(model, None if setting_runs is None else setting_runs.columns)
     present = present_knowledge(known, press, friction, settings, model)
     based_on = (origin or "unknown") if artifacts else "usual values"
     options.reporter.report(CANDIDATES.format(len(settings.points())))
-    found = _planned(present, settings, model, wanted, based_on)
-    write_bytes(out, csv_bytes(found.rows))
+    planned = _planned(present, settings, model, wanted, based_on)
+    write_bytes(out, csv_bytes(planned.rows))
     picture = runs_and_uncertainty(
-        found.candidates.measured, found.target, found.plan, origin == "synthetic"
+        planned.candidates.measured, planned.target, planned.plan, origin == "synthetic"
     )
     write_bytes(figure, saved(picture, "png"))
     return Summary(
         stage="plan",
         title="the next runs of the friction rig",
         out=out,
-        facts={**_facts(found, wanted, model), "figure": str(figure)},
-        table=found.rows,
+        facts={**_facts(planned, wanted, model), "figure": str(figure)},
+        table=planned.rows,
         shown=SHOWN,
         beside={
-            "standard uncertainty by region, in percent of mu": region_rows(found.plan),
-            "if it were known twice as well": statement_rows(found.plan),
+            "standard uncertainty by region, in percent of mu": region_rows(planned.plan),
+            "if it were known twice as well": statement_rows(planned.plan),
         },
-        notes=(*notes, *found.notes),
-        warnings=(*other_bench, *_of_other_runs(artifacts), *found.warnings),
-        verdict=verdict(found.plan, goal_u),
+        notes=(*notes, *planned.notes),
+        warnings=(*other_bench, *_provenance_warnings(artifacts), *planned.warnings),
+        verdict=verdict(planned.plan, goal_u),
         origin=origin,
     )
 
 
-def _facts(found: PlannedRuns, wanted: Wanted, config: Config) -> dict[str, Any]:
-    """A plan in figures; the session ends with its last run."""
-    plan, rows = found.plan, found.rows
+def _facts(planned: PlannedRuns, wanted: Wanted, config: Config) -> dict[str, Any]:
+    """Return the key figures of a plan; the session ends with its last run."""
+    plan, rows = planned.plan, planned.rows
     minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
     return {
-        "candidates": found.candidates.measured.mu.size,
+        "candidates": planned.candidates.measured.mu.size,
         "target": wanted.target,
         "runs": len(rows),
         "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
@@ -224,25 +224,25 @@ def plan_runs(
     Parameters
     ----------
     surface : Outcome of refine_surface or build_surface, optional
-        What is known; without it the plan starts from what is usual for such a belt.
+        The known surface; without it the plan starts from usual values for such a belt.
     law : NormalLaw or Outcome of fit_stiffness, optional
-        Normal contact law; without it that of the paper's 5PK belt.
+        Normal contact law; by default that of the paper's 5PK belt.
     config : Config, dict, path or None
-        Belt, rig, and under ``plan:`` what the rig can be set to.
+        Belt, rig, and under ``plan:`` the possible settings of the rig.
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
-        Reduced runs: new ones have their noise.
+        Reduced runs, whose noise the planned runs are assumed to have.
     runs : int
-        Runs to plan at most; fewer where they reach the goal, none where they do not help.
+        Maximum number of runs to plan; fewer if they reach the goal, none if they do not help.
     target : {"surface", "drive"}
         Where the surface has to be known.
     goal_u : float
-        Standard uncertainty of mu that is good enough, as a share [-].
+        Sufficient relative standard uncertainty of mu [-].
 
     Returns
     -------
     PlannedRuns
-        ``.to_frame()`` has a row per run in the order of the session; ``.plan`` says what they
-        bring and whether to stop.
+        ``.to_frame()`` has a row per run in the order of the session; ``.plan`` has their gain and
+        whether to stop.
 
     Raises
     ------
@@ -260,28 +260,28 @@ def plan_runs(
     based_on = "unknown" if surface is not None else "usual values"
     settings, notes = rig_settings(model, columns)
     present = present_knowledge(known, press, columns, settings, model)
-    found = _planned(present, settings, model, wanted, based_on)
-    return replace(found, notes=(*notes, *found.notes))
+    planned = _planned(present, settings, model, wanted, based_on)
+    return replace(planned, notes=(*notes, *planned.notes))
 
 
-def _of_other_runs(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
-    """A warning for each artifact beside the surface that it was not made from."""
+def _provenance_warnings(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
+    """Warn of each artifact that is not the one the surface was made from."""
     surface = artifacts.get("surface")
     if surface is None:
         return ()
-    made_from = surface.metadata.inputs
+    surface_inputs = surface.metadata.inputs
     return tuple(
         f"{artifact.path}: not the {role} artifact that {surface.path} was made from; the plan "
-        "takes it for one of the same belt and bench"
+        "assumes that it is of the same belt and bench"
         for role, artifact in artifacts.items()
-        if role in made_from and made_from[role] != artifact.sha256
+        if role in surface_inputs and surface_inputs[role] != artifact.sha256
     )
 
 
 def _planned(
     present: Present, settings: Settings, config: Config, wanted: Wanted, based_on: str
 ) -> PlannedRuns:
-    """The plan from what is known, and what is assumed in place of the rest."""
+    """Make the plan from the present knowledge and its assumptions."""
     points = settings.points()
     try:
         candidates = simulate_candidates(
@@ -310,18 +310,18 @@ def _planned(
 
 
 def _check_files(out: Path, figure: Path, *, force: bool) -> None:
-    """Refuse a name that is not that of a table, and files that would be replaced unasked."""
+    """Refuse an output name that is not a table, and existing files without --force."""
     if out.suffix.lower() != TABLE:
-        text = f"{out}: the table of a plan ends in {TABLE}, its figure goes beside it as {FIGURE}"
-        raise InputError(f"{text}; name such a file by --out")
+        text = f"{out}: the table of a plan ends in {TABLE}; its figure is written as {FIGURE}"
+        raise InputError(f"{text}; name such a file with --out")
     if out.exists() and not is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
         raise InputError(text, code="not-replaced")
-    standing = [path for path in (out, figure) if path.exists()]
-    if standing and not force:
-        raise InputError([already_exists(path) for path in standing])
+    existing = [path for path in (out, figure) if path.exists()]
+    if existing and not force:
+        raise InputError([already_exists(path) for path in existing])
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:
@@ -332,7 +332,7 @@ def _bench(config: Config, law: NormalLaw) -> Bench:
 def _target(
     config: Config, candidates: Candidates, present: Present, name: str
 ) -> tuple[Target, tuple[str, ...]]:
-    """Where the surface has to be known, with what the user should look into."""
+    """Return where the surface has to be known, with warnings for the user."""
     curves, runs = candidates.curves, candidates.measured
     force, speed = runs.normal_force, runs.slip_speed
     if name == "surface":
@@ -345,7 +345,7 @@ def _target(
     )
     try:
         simulator = Simulator(drive_of(config, surface, present.press.law))
-        results = [simulator.solve(asked.point) for asked in points_of_config(config)]
+        results = [simulator.solve(labelled.point) for labelled in points_of_config(config)]
         target = drive_target(curves, results)
     except InputError as error:
         raise InputError(error.at("--target drive")) from error
@@ -354,5 +354,6 @@ def _target(
         return target, ()
     return target, (
         f"{100.0 * below:.0f} % of the friction of the drive acts at speeds below the slowest "
-        f"candidate, {speed.min():.3g} m/s; it counts there: add slower ones to plan.speed_rad_s",
+        f"candidate, {speed.min():.3g} m/s, and is counted there: add slower speeds to "
+        "plan.speed_rad_s",
     )

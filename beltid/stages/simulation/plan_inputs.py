@@ -1,4 +1,4 @@
-"""What a plan starts from: settings of the rig, the surface that is known, noise of a run."""
+"""Inputs of a plan: possible settings of the rig, the known surface, noise of a run."""
 
 from __future__ import annotations
 
@@ -34,48 +34,48 @@ from beltid.uncertainty.simulated import sources_of
 from beltid.uncertainty.sources import Source
 
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
-"""Contact law of the paper's 5PK belt, Eq. (3): for a plan before any measurement."""
-MOST_SETTINGS: Final = 12  # of arc, tension or speed, that candidates of a plan are made of
+"""Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""
+MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
 
 
 def rig_settings(
     config: Config, friction: Mapping[str, np.ndarray] | None
 ) -> tuple[Settings, tuple[str, ...]]:
-    """What the rig can be set to, and a note where nobody said it.
+    """Return the possible settings of the rig, and a note on those that are assumed.
 
-    Each list is that of the section plan, else that stated under rig, else what runs were made at,
-    else the built-in one.
+    Each list is that of the section plan, else that stated under rig, else that of the runs, else
+    the built-in one.
     """
     plan = config.plan
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
-        found = measured_settings(friction, config)
-        measured = found if found.size else None
+        run_settings = measured_settings(friction, config)
+        measured = run_settings if run_settings.size else None
     stated = plan.arcs_deg, plan.tension_N, plan.speed_rad_s
-    others = [_thinned(values) for values in setting_lists(config, measured)]
-    unsaid = [
+    fallbacks = [_thinned(values) for values in setting_lists(config, measured)]
+    assumed = [
         f"{key}: {', '.join(f'{value:g}' for value in values)}"
-        for (key, _), of_plan, values in zip(KEYS.values(), stated, others, strict=True)
-        if not of_plan and measured is None and key not in config.rig.model_fields_set
+        for (key, _), planned, values in zip(KEYS.values(), stated, fallbacks, strict=True)
+        if not planned and measured is None and key not in config.rig.model_fields_set
     ]
-    notes = (f"nobody stated what the rig can be set to, assumed: {'; '.join(unsaid)}",)
+    notes = (f"the possible settings of the rig are not stated, assumed: {'; '.join(assumed)}",)
     arcs, tensions, speeds = (
-        tuple(of_plan or values) for of_plan, values in zip(stated, others, strict=True)
+        tuple(planned or values) for planned, values in zip(stated, fallbacks, strict=True)
     )
-    return Settings(arcs, tensions, speeds), notes if unsaid else ()
+    return Settings(arcs, tensions, speeds), notes if assumed else ()
 
 
 def _thinned(values: Sequence[float]) -> list[float]:
-    """A few of many settings, the ends among them: where each run has a value of its own."""
+    """Thin a long list of settings, as when each run has its own value; keep both ends."""
     ordered = sorted(values)
-    at = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
-    return [ordered[k] for k in at]
+    indices = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
+    return [ordered[k] for k in indices]
 
 
 def at_rest(settings: Settings, config: Config) -> Settings:
-    """The settings of a running rig as those of a belt at rest; of another rig they themselves."""
+    """Convert the settings of a running rig to those of a belt at rest; others are unchanged."""
     runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
-    resting = as_resting(config, runs)  # the speed runs fastest, the arc slowest
+    resting = as_resting(config, runs)  # the speed varies fastest, the arc slowest
     n_speeds = len(settings.omegas)
     of_first_arc = resting[: n_speeds * len(settings.tensions)]
     return Settings(
@@ -87,7 +87,7 @@ def at_rest(settings: Settings, config: Config) -> Settings:
 
 @dataclass(frozen=True, slots=True)
 class Present:
-    """What is known before the next runs.
+    """Knowledge before the next runs.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ class Present:
     noise : NoiseLaw
         Noise of a run.
     columns : dict of str to float
-        What the errors of the reduction change in ln mu of a run.
+        Change of ln mu of a run by each error of the reduction.
     notes : tuple of str
-        What was assumed.
+        Assumptions.
     """
 
     surface: KnownSurface | None
@@ -123,7 +123,7 @@ def present_knowledge(
     settings: Settings,
     config: Config,
 ) -> Present:
-    """What is known, None before any measurement, and what is assumed in its place."""
+    """Combine what is known, None before any measurement, with usual values for the rest."""
     notes: list[str] = []
     if press is None:
         press = press_law(USUAL_LAW, config)
@@ -134,8 +134,8 @@ def present_knowledge(
         notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
     elif other := known.stated_otherwise(stated, press.has_scatter):
         notes.append(
-            f"stated otherwise when the surface was made: {', '.join(other)}; what was stated then "
-            "is taken"
+            f"stated differently when the surface was made: {', '.join(other)}; the earlier values "
+            "are used"
         )
     scale = 1.0 if known is None else known.noise_scale
     noise, columns = NoiseLaw(scale=scale), {}
@@ -148,14 +148,14 @@ def present_knowledge(
     else:
         notes.append(
             f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
-            "tensions; --from friction.parquet takes that of its runs"
+            "tensions; --from friction.parquet uses that of its runs"
         )
     arcs = () if known is None else tuple(known.arcs_deg)
     return Present(known, arcs, sources, press, noise, columns, tuple(notes))
 
 
 def known_of_artifact(artifact: Artifact) -> KnownSurface:
-    """The surface of an artifact."""
+    """Return the known surface of an artifact."""
     metadata: SurfaceMetadata = artifact.metadata
     surface = surface_of(artifact)
     if metadata.uncertainty is None:
@@ -164,11 +164,11 @@ def known_of_artifact(artifact: Artifact) -> KnownSurface:
 
 
 def known_of_result(surface: Any) -> KnownSurface:
-    """The surface of a result."""
+    """Return the known surface of a result."""
     if not isinstance(surface, Outcome) or surface.kind != "surface":
         raise ArgumentTypeError(
             f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
-            "the plan needs its covariance by its causes"
+            "the plan needs its covariance by source"
         )
     extra = surface.extra
     return _known(surface_from(surface), extra["uncertainty"], extra.get("noise_scale"), "surface")

@@ -1,4 +1,4 @@
-"""What a plan writes and shows: the table for the operator of the bench, regions, statements."""
+"""Output tables of a plan: the runs for the operator of the bench, regions, statements."""
 
 from __future__ import annotations
 
@@ -40,32 +40,32 @@ def session_rows(
     runs: Measured,
     based_on: str,
 ) -> list[dict[str, Any]]:
-    """A row per run in the order of the session.
+    """Return a row per run in the order of the session.
 
-    A run that the plan has to have, for its arc or as a repetition, may gain nothing by itself.
+    A run that the plan requires, for its arc or as a repetition, may have no gain of its own.
     """
     gains = dict(zip(plan.chosen, plan.gains, strict=True))
     return [
         {
-            "order": place,
-            "arc_deg": round(float(np.degrees(points[one.run].beta)), 9),
-            "initial_tension_N": points[one.run].T_0,
-            "pulley_speed_rad_s": points[one.run].omega,
-            "repeat": one.repeat,
-            "repeats": one.repeats,
-            "start_minutes": one.start_minutes,
-            "slip_speed_m_s": float(runs.slip_speed[one.run]),
-            "normal_force_N_m": float(runs.normal_force[one.run]),
-            "gain_percent": 100.0 * max(gains[one.run], 0.0),
+            "order": order,
+            "arc_deg": round(float(np.degrees(points[scheduled.run].beta)), 9),
+            "initial_tension_N": points[scheduled.run].T_0,
+            "pulley_speed_rad_s": points[scheduled.run].omega,
+            "repeat": scheduled.repeat,
+            "repeats": scheduled.repeats,
+            "start_minutes": scheduled.start_minutes,
+            "slip_speed_m_s": float(runs.slip_speed[scheduled.run]),
+            "normal_force_N_m": float(runs.normal_force[scheduled.run]),
+            "gain_percent": 100.0 * max(gains[scheduled.run], 0.0),
             "based_on": based_on,
-            "needed_for": plan.needed.get(one.run, ""),
+            "needed_for": plan.needed.get(scheduled.run, ""),
         }
-        for place, one in enumerate(session, start=1)
+        for order, scheduled in enumerate(session, start=1)
     ]
 
 
 def is_plan(path: Path) -> bool:
-    """Whether a file is a table of runs that this command wrote."""
+    """Return whether a file is a table of runs written by this command."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -73,7 +73,7 @@ def is_plan(path: Path) -> bool:
 
 
 def csv_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """The table for the operator of the bench."""
+    """Return the table for the operator of the bench as CSV."""
     text = io.StringIO()
     for row in rows:
         cells = [f"{v:.6g}" if isinstance(v := row[name], float) else str(v) for name in COLUMNS]
@@ -82,7 +82,7 @@ def csv_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
 
 
 def region_rows(plan: Plan) -> list[dict[str, Any]]:
-    """Regions of the target, and the uncertainty of the surface there before and after."""
+    """Return a row per region of the target: uncertainty of the surface before and after."""
     return [
         {
             "force_range_N_m": region.force,
@@ -95,24 +95,24 @@ def region_rows(plan: Plan) -> list[dict[str, Any]]:
 
 
 def statement_rows(plan: Plan) -> list[dict[str, Any]]:
-    """Shared errors that would help most, and the uncertainty of the surface with each halved."""
+    """Return the most influential shared errors, and the uncertainty with each of them halved."""
     return [
         {
-            "source": one.source.name,
-            "known": one.source.basis,
-            "uncertainty": _size(one.source),
-            "contribution_percent": 100.0 * one.contribution,
-            "surface_then_percent": 100.0 * one.halved,
+            "source": statement.source.name,
+            "known": statement.source.basis,
+            "uncertainty": _size(statement.source),
+            "contribution_percent": 100.0 * statement.contribution,
+            "surface_then_percent": 100.0 * statement.halved,
         }
-        for one in plan.statements[:MOST_STATEMENTS]
+        for statement in plan.statements[:MOST_STATEMENTS]
     ]
 
 
 def _size(source: Source) -> str:
-    """Standard uncertainty of a source in words; what the data alone say has no figure of its own.
+    """Format the standard uncertainty of a source; one known only from the data has no figure.
 
-    Scatter of the press and what the reduction shares are known by their contribution: they are
-    directions of a covariance, not errors of a quantity that has a unit.
+    The scatter of the press and the shared errors of the reduction are known by their contribution
+    only: they are directions of a covariance, not errors of a quantity with a unit.
     """
     if source.basis == FITTED and source.error not in EFFECT_SOURCES:
         return "by the data"
@@ -120,7 +120,7 @@ def _size(source: Source) -> str:
 
 
 def verdict(plan: Plan, goal_u: float) -> str:
-    """Go on or stop, and why."""
+    """State whether to continue or to stop, and why."""
     before, after = 100.0 * plan.before, 100.0 * plan.after
     goal = 100.0 * goal_u
     if plan.stop is None:
@@ -141,6 +141,6 @@ def verdict(plan: Plan, goal_u: float) -> str:
     if best is None:
         return text
     return (
-        f"{text}; most would help: {best.source.name}, known twice as well it is "
+        f"{text}; halving the uncertainty of {best.source.name} would help most and give "
         f"{100.0 * best.halved:.2g} %"
     )

@@ -1,9 +1,9 @@
-"""Which runs the simulated rig makes, and what they are for a belt that runs.
+"""Select the runs to simulate, and convert those of a running belt.
 
-Simulated are the runs that were measured, each combination of settings once: where every run has
-a tension and a speed of its own, that is every run. What the config states of the settings holds
-above that: measured runs at other settings are left out, and a stated setting that nobody measured
-is combined with all the others. Without measured runs all combinations of the config are simulated.
+The measured runs are simulated, each combination of settings once; if every run has its own tension
+and speed, that is every run. Settings stated in the config take precedence: measured runs at other
+settings are left out, and a stated setting that was not measured is combined with all the others.
+Without measured runs all combinations of the config are simulated.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ KEYS: Final = {
 }
 """Column of a setting in the friction table -> its list in the section `rig`, and its unit."""
 MOST_COMBINED: Final = 10_000
-"""Combinations of stated with measured settings beyond which a key was meant otherwise."""
+"""Number of combinations of stated and measured settings above which a key must be a mistake."""
 SHOWN_VALUES: Final = 12
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
@@ -47,7 +47,7 @@ class PlannedRun:
     Attributes
     ----------
     label : str
-        Its label, that of its place in the whole campaign: the same however runs are picked.
+        Label by its position in the whole campaign, independent of the runs picked.
     arc_deg, initial_tension_N, pulley_speed_rad_s : float
         Settings.
     """
@@ -59,7 +59,7 @@ class PlannedRun:
 
     @property
     def point(self) -> OperatingPoint:
-        """The settings for the science."""
+        """The settings in SI units."""
         return OperatingPoint(
             beta=math.radians(self.arc_deg),
             T_0=self.initial_tension_N,
@@ -69,7 +69,7 @@ class PlannedRun:
 
 @dataclass(frozen=True, slots=True)
 class Picked:
-    """Runs that the user picked, by their settings; an empty tuple leaves one open."""
+    """Settings of the runs that the user picked; an empty tuple means all values."""
 
     arcs_deg: tuple[float, ...] = ()
     tensions_N: tuple[float, ...] = ()
@@ -79,39 +79,39 @@ class Picked:
 def planned_runs(
     config: Config, picked: Picked, measured: np.ndarray | None = None
 ) -> tuple[PlannedRun, ...]:
-    """Runs to simulate, those that were picked, in the order of the lists of the settings.
+    """Return the picked runs to simulate, in the order of the setting lists.
 
     Parameters
     ----------
     config : Config
-        Its section `rig` states settings, or leaves them open.
+        Its section `rig` may state settings.
     picked : Picked
-        What the user picked.
+        Selection of the user.
     measured : ndarray (n, 3), optional
         Settings of the measured runs, as `measured_settings` returns them.
 
     Raises
     ------
     InputError
-        If a value was picked that no run has, with the allowed ones; or if stated and measured
-        settings make too many combinations.
+        If a picked value does not occur, with the allowed ones; or if stated and measured settings
+        give too many combinations.
     """
     lists = setting_lists(config, measured)
     if measured is None:
         settings = list(product(*lists))
     else:
-        settings = [*_as_stated(lists, measured), *_not_measured(config, lists, measured)]
-        places = [{value: i for i, value in enumerate(values)} for values in lists]
-        settings.sort(key=lambda run: [of[value] for of, value in zip(places, run, strict=True)])
+        settings = [*_measured_at(lists, measured), *_unmeasured(config, lists, measured)]
+        ranks = [{value: i for i, value in enumerate(values)} for values in lists]
+        settings.sort(key=lambda run: [rank[value] for rank, value in zip(ranks, run, strict=True)])
     if not settings:
         keys = ", ".join(f"rig.{key}" for key, _ in KEYS.values())
         raise InputError(
-            f"no usable run has an arc, a tension at rest and a speed; state {keys}, the settings "
-            "to be simulated"
+            f"no usable run has an arc, a tension at rest and a speed; state the settings to "
+            f"simulate: {keys}"
         )
     problems: list[str] = []
     wanted = [
-        _chosen(values, allowed, gap, option, problems)
+        _matching(values, allowed, gap, option, problems)
         for values, allowed, gap, option in zip(
             (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
             lists,
@@ -133,10 +133,10 @@ def planned_runs(
 
 
 def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[str, np.ndarray]:
-    """The runs of a bench, each with a tension as its setting where nobody wrote one down.
+    """Fill in the nominal tension of runs that do not state one.
 
-    It is that at rest, or if that is not known the mean of both tensions while sliding, which comes
-    first where a force on the axis keeps it; of a running belt with the part that turns it.
+    It is the tension at rest, or if unknown the mean of both tensions while sliding. On a rig with
+    a constant hub force the mean takes precedence. For a running belt the momentum part is added.
 
     Parameters
     ----------
@@ -151,24 +151,24 @@ def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[st
         np.asarray(friction.get(name, unknown), dtype=float)
         for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
     )
-    turning = np.nan_to_num(np.asarray(friction.get("momentum_N", 0.0), dtype=float))
-    known = (rest, 0.5 * (tight + slack))
-    for tension in known[::-1] if config.rig_params().given_force == "hub" else known:
-        setting = np.where(np.isfinite(setting), setting, tension + turning)
+    momentum = np.nan_to_num(np.asarray(friction.get("momentum_N", 0.0), dtype=float))
+    candidates = (rest, 0.5 * (tight + slack))
+    for tension in candidates[::-1] if config.rig_params().given_force == "hub" else candidates:
+        setting = np.where(np.isfinite(setting), setting, tension + momentum)
     return {**friction, "nominal_tension_N": setting}
 
 
 def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
-    """Settings of the runs of a bench that can be compared, each combination once.
+    """Return the settings of the usable runs of a bench, each combination once.
 
-    Repeated settings are told from the errors of motors and weights by their medians; where most
-    values of a campaign are their own, each run keeps what it was measured at.
+    The scatter of motors and weights is removed from repeated settings by their medians. If most
+    values of a campaign are distinct, each run keeps its measured value.
 
     Parameters
     ----------
     friction : mapping of str to ndarray (n,)
         The reduced runs: arc_deg, nominal_tension_N (see `with_tensions`), pulley_speed_rad_s, and
-        status if there.
+        status if present.
     config : Config
         Kind of the rig.
 
@@ -185,12 +185,12 @@ def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.
 
 
 def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
-    """Values brought to the settings that they repeat; as they are where they repeat none.
+    """Snap values to their repeated settings; return them unchanged if they repeat none.
 
     Parameters
     ----------
     values : ndarray (n,)
-        What was measured, > 0.
+        Measured values, > 0.
     gap : float
         Relative distance within which two values are one setting [-].
     """
@@ -204,7 +204,7 @@ def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
 
 
 def _setting(values: np.ndarray) -> float:
-    """What some values were set to: their median, as round as it can be if they scatter."""
+    """Return the setting behind scattered values: the median, rounded as the scatter allows."""
     middle, scatter = float(np.median(values)), float(np.std(values))
     if scatter <= ROUNDING * middle:  # stated, not measured
         return middle
@@ -214,20 +214,24 @@ def _setting(values: np.ndarray) -> float:
 
 
 def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
-    """Settings that the config states and that are not those measured, with both lists."""
+    """Report settings of the config that differ from the measured ones, with both lists."""
     if measured is None or measured.size == 0:
         return []
     lines = []
     for k, (name, (key, unit)) in enumerate(KEYS.items()):
         if key not in config.rig.model_fields_set:
             continue
-        stated, there = getattr(config.rig, key), np.unique(measured[:, k])
+        stated, occurring = getattr(config.rig, key), np.unique(measured[:, k])
         gap = SAME_SETTING[name]
-        if _near(there, stated, gap).all() and _near(np.array(stated), there, gap).all():
+        if (
+            _is_same_setting(occurring, stated, gap).all()
+            and _is_same_setting(np.array(stated), occurring, gap).all()
+        ):
             continue
         lines.append(
             f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
-            f"{_listed(there)} {unit}; simulated are those stated (without the key, those measured)"
+            f"{_listed(occurring)} {unit}; the stated ones are simulated (without the key, the "
+            "measured ones)"
         )
     return lines
 
@@ -236,44 +240,46 @@ def _listed(values: Sequence[float] | np.ndarray) -> str:
     return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
 
 
-def _near(values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float) -> np.ndarray:
-    """Whether each value is the same setting as one of the others."""
+def _is_same_setting(
+    values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float
+) -> np.ndarray:
+    """Return whether each value is the same setting as one of the others."""
     known = np.asarray(others)
     return np.any(np.abs(values[:, None] - known) <= gap * values[:, None], axis=1)
 
 
 def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
-    """Arcs, tensions and speeds: those stated, else those measured, else those built in.
+    """Return arcs, tensions and speeds: those stated, else those measured, else the defaults.
 
-    In the place of a stated setting stands what was measured at it.
+    A stated setting is replaced by the values measured at it.
     """
     if measured is None:
         return [list(getattr(config.rig, key)) for key, _ in KEYS.values()]
     lists = []
     for k, (name, (key, _)) in enumerate(KEYS.items()):
-        there = np.unique(measured[:, k])
-        found = there.tolist()
+        occurring = np.unique(measured[:, k])
+        values = occurring.tolist()
         if key in config.rig.model_fields_set:
-            found = []
+            values = []
             for value in getattr(config.rig, key):
-                near = there[np.abs(there - value) <= SAME_SETTING[name] * there]
-                found += near.tolist() or [value]
-        lists.append(list(dict.fromkeys(found)))
+                near = occurring[np.abs(occurring - value) <= SAME_SETTING[name] * occurring]
+                values += near.tolist() or [value]
+        lists.append(list(dict.fromkeys(values)))
     return lists
 
 
-def _as_stated(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
-    """The measured runs at settings of the lists."""
+def _measured_at(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
+    """Return the measured runs whose settings are in the lists."""
     kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
     return list(map(tuple, measured[kept].tolist()))
 
 
-def _not_measured(
+def _unmeasured(
     config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
 ) -> list[tuple[float, ...]]:
-    """Combinations with a setting that is stated and that nobody measured."""
-    fresh = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
-    if not any(fresh):
+    """Return the combinations that contain a stated setting without a measured run."""
+    unmeasured = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
+    if not any(unmeasured):
         return []
     count = math.prod(len(values) for values in lists)
     if count > MOST_COMBINED:
@@ -281,25 +287,25 @@ def _not_measured(
             [
                 *differing_settings(config, measured),
                 f"stated and measured settings make {count:,} combinations, must be at most "
-                f"{MOST_COMBINED:,}: leave the keys of rig out that are not those measured",
+                f"{MOST_COMBINED:,}: remove the keys of rig that differ from the measured settings",
             ]
         )
     return [
         run
         for run in product(*lists)
-        if any(value in new for value, new in zip(run, fresh, strict=True))
+        if any(value in new for value, new in zip(run, unmeasured, strict=True))
     ]
 
 
 def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
-    """The runs of a running rig as those of a belt at rest; of another rig the runs themselves.
+    """Convert the runs of a running rig to those of a belt at rest; others are unchanged.
 
-    A belt of the mass m per length that runs with v_b through its shape needs the force m v_b² of
-    its tensions to be turned: what presses, rubs and bends is left to the effective tensions
-    T - m v_b², and friction acts at the sliding speed abs(omega R - v_b). With these the balance of
-    the running belt is that of the belt at rest, but for its strain: it runs faster where it is
-    longer, so that the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the
-    arc. The coefficient is taken at one speed (docs/theory.md gives the size of the error).
+    A belt with mass m per length and speed v_b needs the part m v_b² of its tensions to follow its
+    curved path. Contact, friction and bending depend on the effective tensions T - m v_b², and
+    friction acts at the sliding speed abs(omega R - v_b). With these the balance of the running
+    belt is that of the belt at rest, except for its strain: a stretched belt runs faster, so that
+    the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the arc. The
+    coefficient is taken at a single speed (docs/theory.md gives the size of the error).
 
     Raises
     ------
@@ -317,7 +323,7 @@ def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, 
         if T_0 <= 0.0:
             problems.append(
                 f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
-                f"{momentum:.4g} N, which turn the running belt"
+                f"{momentum:.4g} N, the momentum part of the running belt"
             )
         if omega == 0.0:
             problems.append(
@@ -331,7 +337,7 @@ def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, 
 
 
 def belt_speed(config: Config) -> float:
-    """Speed of the belt of a running rig [m/s]."""
+    """Return the speed of the belt of a running rig [m/s]."""
     if config.rig.belt_speed_m_s is None:
         text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
         raise InputError(f"{text} a running rig [m/s]")
@@ -339,32 +345,34 @@ def belt_speed(config: Config) -> float:
 
 
 def momentum_N(config: Config) -> float:
-    """Part of the tensions of a running belt that turns it [N]."""
+    """Return the momentum part m v_b² of the tensions of a running belt [N]."""
     return config.belt.mass_per_length_kg_m * belt_speed(config) ** 2
 
 
-def _chosen(
+def _matching(
     picked: Sequence[float],
     allowed: Sequence[float],
     gap: float,
     option: str,
     problems: list[str],
 ) -> set[float]:
-    """The allowed values that are picked, each by a value that is the same setting."""
+    """Return the allowed values that match a picked value within the gap of one setting."""
     if not picked:
         return set(allowed)
-    found = set()
+    matches = set()
     for value in picked:
         near = [a for a in allowed if abs(a - value) <= gap * a]
         if not near:
-            known = _listed(allowed)
-            problems.append(f"{option} = {value:g}, must be one of those of the campaign: {known}")
-        found.update(near)
-    return found
+            listing = _listed(allowed)
+            problems.append(
+                f"{option} = {value:g}, must be one of those of the campaign: {listing}"
+            )
+        matches.update(near)
+    return matches
 
 
 def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
-    """A run with the settings of a call, or an error with all that is wrong with them."""
+    """Return a run with the settings of a call; raise an error that lists all wrong settings."""
     settings = (
         ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
         ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),

@@ -1,4 +1,4 @@
-"""beltid refine-surface: the surface with which the simulated rig gives the measured tensions."""
+"""beltid refine-surface: find the surface that gives the measured tensions on the simulated rig."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what
 EFFECT_WORDS: Final = {
     ARC: "difference between arcs",
     ORDER: "steady change over the campaign",
-    COURSE: "course beside it, root mean square",
+    COURSE: "other change over the campaign, root mean square",
     TEMPERATURE: "temperature, per 10 K",
     TOGETHER: "order or temperature, over the campaign",
     SCATTER: "scatter from run to run",
@@ -84,16 +84,16 @@ MISFIT_COLUMNS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What a call says of a refinement.
+    """Options of a refinement.
 
     Attributes
     ----------
     draws : Draws
-        Of the Monte Carlo check; who computes.
+        Draws of the Monte Carlo check, and the workers.
     bending : {"stated", "fit", "use"}
-        Whether the bending stiffness is looked for in the runs too, and used.
+        Whether the bending stiffness is also fitted to the runs, and used.
     condition, side : str or None
-        Which runs are taken, where they were made under several.
+        Selection of the runs if they were made under several conditions or sides.
     """
 
     draws: Draws
@@ -103,17 +103,17 @@ class Choices:
 
     def __post_init__(self) -> None:
         if self.bending not in get_args(Bending):
-            known = ", ".join(get_args(Bending))
-            raise InputError(f"bending = {self.bending}, must be one of {known}")
+            allowed = ", ".join(get_args(Bending))
+            raise InputError(f"bending = {self.bending}, must be one of {allowed}")
 
     @property
     def runs(self) -> dict[str, str | None]:
-        """Column of the friction table -> the word that the runs taken have in it."""
+        """Column of the friction table -> its value for the selected runs."""
         return {"condition": self.condition, "side": self.side}
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What of it a result was made from."""
+        """The settings that a result depends on."""
         bending = {} if self.bending == "stated" else {"bending": self.bending}
         chosen = {name: word for name, word in self.runs.items() if word}
         return {**self.draws.choices, **bending, **chosen}
@@ -121,7 +121,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """A refined surface with the runs it was made from.
+    """A refined surface with the runs that it was made from.
 
     Attributes
     ----------
@@ -132,15 +132,15 @@ class Refinement:
     arcs_deg : ndarray
         Their arcs [deg].
     uncertainty : SurfaceUncertainty
-        What is not known of the surface, by its causes.
+        Uncertainty of the surface by source.
     effects : tuple of ShownEffect
-        What the runs show beside the surface.
+        Effects in the runs that the surface does not describe.
     contradictions : mapping of str to float
-        Errors that the runs put beyond what is known of them: name -> standard uncertainties.
+        Errors that the runs contradict: name -> size in standard uncertainties.
     bending : FittedBending, optional
-        Bending stiffness that the runs ask for, where it was looked for.
+        Bending stiffness fitted to the runs, if requested.
     check : MonteCarlo, optional
-        The Monte Carlo check of that.
+        The Monte Carlo check of the uncertainty.
     """
 
     refined: RefinedSurface
@@ -163,22 +163,22 @@ class Refinement:
         return UncertainSurface(self.refined.surface, self.uncertainty.factor, names, members)
 
     def outliers(self) -> tuple[str, ...]:
-        """Runs that lost their weight, each with a sentence."""
+        """Return a sentence for each run that lost its weight."""
         weight = self.refined.weight
         return tuple(
-            f"run {self.runs[k]}: far from what the others say, weight {weight[k]:.2g}"
+            f"run {self.runs[k]}: far from the other runs, weight {weight[k]:.2g}"
             for k in np.flatnonzero(weight < 0.5)
         )
 
     def disagreement(self) -> tuple[str, ...]:
-        """What of the runs no surface explains, each with a sentence."""
+        """Return a sentence for each effect in the runs that no surface explains."""
         lines = [sentence(effect) for effect in self.effects if effect.is_clear]
         scale = self.refined.noise_scale
         if scale > MOST_NOISE:
             lines.append(
                 f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-                f"{MOST_NOISE:g} is usual: something changed from run to run that is neither their "
-                "order nor their temperature; the uncertainty of the surface takes it for scatter"
+                f"{MOST_NOISE:g} is usual: something other than order and temperature changed from "
+                "run to run; the uncertainty of the surface includes it as scatter"
             )
         lines += [
             f"{EFFECT_WORDS[found.effect.key]}: larger than such an effect can be expected to be "
@@ -188,14 +188,14 @@ class Refinement:
             if found.is_unusual
         ]
         lines += [
-            f"{name}: the runs ask for an error of {size:.2g} standard uncertainties; what is "
-            "known of it is wrong, or the simulated rig does not describe this bench"
+            f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
+            "uncertainty is wrong, or the simulated rig does not describe this bench"
             for name, size in self.contradictions.items()
         ]
         return tuple(lines)
 
     def misfit_table(self) -> list[dict[str, Any]]:
-        """Misfit of the simulated coefficients before and after, per arc and in all [%]."""
+        """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
         before, after = self.refined.misfit_before, self.refined.misfit_after
         groups = [(f"arc {arc:g}°", self.arcs_deg == arc) for arc in np.unique(self.arcs_deg)]
         return [
@@ -211,7 +211,7 @@ class Refinement:
         ]
 
     def arc_spread(self, misfit: np.ndarray) -> float | None:
-        """Standard deviation of the arcs' mean misfits [-]; None for a single arc."""
+        """Return the standard deviation of the arcs' mean misfits [-]; None for a single arc."""
         means = [float(np.mean(misfit[self.arcs_deg == arc])) for arc in np.unique(self.arcs_deg)]
         return float(np.std(means, ddof=1)) if len(means) > 1 else None
 
@@ -221,7 +221,7 @@ def _rms_percent(values: np.ndarray) -> float:
 
 
 def sentence(effect: ShownEffect) -> str:
-    """A clear effect in words."""
+    """Describe a clear effect in a sentence."""
     digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
     size = f"{100 * effect.size:+.{digits}f} ± {100 * effect.uncertainty:.{digits}f} %"
     if effect.key == ARC:
@@ -229,16 +229,16 @@ def sentence(effect: ShownEffect) -> str:
         return (
             f"arcs differ: the runs at {higher:.4g}° lie {100 * effect.size:.2g} % above those at "
             f"{lower:.4g}° on one surface, where scatter and stated uncertainties explain "
-            f"{100 * effect.uncertainty:.2g} %: a wear track, an arc or a load cell that is wrong; "
-            "the difference is in the uncertainty of the surface"
+            f"{100 * effect.uncertainty:.2g} %: a wear track, or a wrong arc or load cell; the "
+            "difference is included in the uncertainty of the surface"
         )
     return {
         ORDER: f"the friction changes over the campaign by {size} from the first run to the last "
-        "(run-in, wear); the surface is that of its middle",
-        COURSE: f"the friction changes over the campaign by {size} (root mean square) beside a "
-        "steady change; the surface is that of its mean",
+        "(run-in, wear); the surface holds for its middle",
+        COURSE: f"the friction changes over the campaign by {size} (root mean square) in addition "
+        "to a steady change; the surface holds for its mean",
         TEMPERATURE: f"the friction changes with the temperature of the runs, {size} per 10 K; the "
-        "surface is that of their mean, or of friction.reference_temperature_degC with "
+        "surface holds for their mean, or for friction.reference_temperature_degC with "
         "friction.correct_temperature: true",
         TOGETHER: f"the friction changes over the campaign by {size} from the first run to the "
         "last, with the order of the runs or with their temperature, which rises together with it",
@@ -256,11 +256,11 @@ def run(
     condition: str | None = None,
     side: str | None = None,
 ) -> Summary:
-    """Refine the surface of a friction table with a stiffness, write it, sum it up.
+    """Refine the surface of a friction table with a stiffness, write it, summarise it.
 
-    `bootstrap` draws check the uncertainty; 0 leaves the check out. `bending` says whether the
-    bending stiffness is looked for in the runs too ("fit"), and used ("use"). Only the runs of a
-    chosen `condition` and `side` of the belt are taken.
+    `bootstrap` draws check the uncertainty; 0 skips the check. `bending` selects whether the
+    bending stiffness is also fitted to the runs ("fit"), and used ("use"). `condition` and `side`
+    select the runs that are used.
     """
     draws = Draws(bootstrap, seed, options.reporter, options.workers)
     choices = Choices(draws, bending, condition, side)
@@ -291,25 +291,25 @@ def refine_surface(
     condition: str | None = None,
     side: str | None = None,
 ) -> Outcome[Refinement]:
-    """Find the friction surface with which the simulated rig gives the measured tension ratios.
+    """Find the friction surface for which the simulated rig gives the measured tension ratios.
 
     Parameters
     ----------
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
         A row per reduced run.
     law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; the result brings its scatter along.
+        Normal contact law of the belt; a result also provides its scatter.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
     bootstrap : int
-        Draws of the Monte Carlo check of the uncertainty; 0 leaves it out.
+        Draws of the Monte Carlo check of the uncertainty; 0 skips it.
     seed : int
-        Of the draws.
+        Seed of the draws.
     bending : str
-        "stated": EI of the config; "fit": that and the EI that the runs ask for; "use": the surface
-        with the latter.
+        "stated": use EI of the config; "fit": also fit EI to the runs; "use": use the fitted EI for
+        the surface.
     condition, side : str, optional
-        Only runs on this surface (dry, wet, dusty), of this side of the belt (rib, back).
+        Use only runs on this surface (dry, wet, dusty), or of this side of the belt (rib, back).
 
     Returns
     -------
@@ -320,15 +320,15 @@ def refine_surface(
     Raises
     ------
     InputError
-        If the runs do not suffice.
+        If there are too few runs.
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
     choices, model = Choices(Draws(bootstrap, seed), bending, condition, side), load_config(config)
     press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
-    found = _outcome(columns, press, model, "friction table", choices)
-    return found.with_origin(model, friction, law)
+    outcome = _outcome(columns, press, model, "friction table", choices)
+    return outcome.with_origin(model, friction, law)
 
 
 def _outcome(
@@ -359,19 +359,19 @@ def _outcome(
         },
         notes=(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
-            "that of the forces that acted within their contact, peaks included",
+            "that of the forces within their contact, including peaks",
             *([check.note()] if check else []),
             *confounded_note(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
                 "force and speed",
             ),
-            *_explained_otherwise(result.effects),
+            *_unclear_effects(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
             *formulas.notes,
         ),
         warnings=(
             *result.disagreement(),
-            *_bending_lines(result.bending, config),
+            *_bending_warnings(result.bending, config),
             *result.outliers(),
             *(check.warnings() if check else ()),
         ),
@@ -386,7 +386,7 @@ def _refined(
     labels: tuple[str, ...],
     arcs_deg: np.ndarray,
 ) -> Refinement:
-    """Refine the surface of a campaign as a call asks for it."""
+    """Refine the surface of a campaign with the options of a call."""
     draws, sources = choices.draws, shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
     fitted = None
@@ -394,22 +394,22 @@ def _refined(
         fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
         if choices.bending == "use":
             campaign, sources = fitted.used(campaign, sources)
-    found = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
-    uncertainty, check = refined_uncertainty(found), None
+    solution = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
+    uncertainty, check = refined_uncertainty(solution), None
     if draws.count:
         settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-        linear = (found.sources, found.slopes)
-        nominal = prepare(found.campaign, found.refined, speeds, settings, linear)
-        drawings = drawn(nominal, draws)
-        check = check_of(nominal, drawings, uncertainty.factor, uncertainty.sources)
-    effects, contradictions = shown_effects(found), found.contradictions()
+        linear = (solution.sources, solution.slopes)
+        nominal = prepare(solution.campaign, solution.refined, speeds, settings, linear)
+        replicates = drawn(nominal, draws)
+        check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)
+    effects, contradictions = shown_effects(solution), solution.contradictions()
     return Refinement(
-        found.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted, check
+        solution.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted, check
     )
 
 
 def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str, Any]:
-    """Figures of a refinement for its artifact."""
+    """Return the metadata of a refinement for its artifact."""
     refined, measured = result.refined, campaign.measured
     force, slip = measured.normal_force, measured.slip_speed
     return {
@@ -432,33 +432,35 @@ def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str
 
 
 def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
-    """The effects as they are shown and stored, in percent of mu."""
+    """Return the effects as they are shown and stored, in percent of mu."""
     return [
         {
-            "effect": EFFECT_WORDS[one.key],
-            "size_percent": 100.0 * one.size,
-            "standard_uncertainty_percent": finite_or_none(100.0 * one.uncertainty),
-            "clear": one.is_clear,
-            "explained_percent": finite_or_none(100.0 * one.explained),
+            "effect": EFFECT_WORDS[effect.key],
+            "size_percent": 100.0 * effect.size,
+            "standard_uncertainty_percent": finite_or_none(100.0 * effect.uncertainty),
+            "clear": effect.is_clear,
+            "explained_percent": finite_or_none(100.0 * effect.explained),
         }
-        for one in effects
+        for effect in effects
     ]
 
 
-def _explained_otherwise(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
-    """A sentence where the runs show more than one effect, and not which."""
-    large = [EFFECT_WORDS[one.key] for one in effects if one.is_large and not one.is_clear]
+def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
+    """Return a note on large effects that the runs do not identify clearly."""
+    large = [
+        EFFECT_WORDS[effect.key] for effect in effects if effect.is_large and not effect.is_clear
+    ]
     if not large:
         return ()
     return (
-        f"{', '.join(large)}: large, but the runs are nearly as probable without, other effects or "
-        "stated errors in its place: they do not show which it is, and it is not claimed; make the "
-        "runs in random order",
+        f"{', '.join(large)}: large, but other effects or stated errors explain the runs nearly as "
+        "well: the runs do not show which it is, and it is not claimed; make the runs in random "
+        "order",
     )
 
 
 def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
-    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+    """Return the fitted and the stated bending stiffness [N m²]."""
     if fitted is None:
         return None
     stated = config.belt.bending_stiffness_N_m2
@@ -470,29 +472,30 @@ def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, 
     }
 
 
-def _bending_lines(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
-    """A sentence where the runs and the statement disagree."""
+def _bending_warnings(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
+    """Return a warning if the fitted and the stated bending stiffness disagree."""
     if fitted is None:
         return ()
-    stated, own = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    away = fitted.away_from(stated, own)
-    if away > CLEAR:
+    stated, u_stated = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
+    distance = fitted.away_from(stated, u_stated)
+    if distance > CLEAR:
         return (
-            f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * own:.2g} %, the "
-            f"runs ask for {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: {away:.2g} "
-            "standard uncertainties apart; one of them is wrong, or the runs are",
+            f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * u_stated:.2g} %, "
+            f"but the runs give {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: "
+            f"{distance:.2g} standard uncertainties apart; one of the values, or the runs, must be "
+            "wrong",
         )
     if fitted.is_told:
         return ()
     return (
-        "bending stiffness: the runs hardly tell it (standard uncertainty of its logarithm "
-        f"{fitted.relative:.2g}); take the stated one, or quieter runs at low tension and "
+        "bending stiffness: the runs hardly determine it (standard uncertainty of its logarithm "
+        f"{fitted.relative:.2g}); use the stated value, or quieter runs at low tension and "
         "short arcs",
     )
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Rows of the surface table: the surface that all arcs have in common."""
+    """Return the rows of the surface table: the common surface of all arcs."""
     surface = result.refined.surface
     forces, speeds = surface.normal_force_N_m, surface.slip_speed_m_s
     arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
@@ -513,7 +516,7 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def summarise(built: Built) -> Summary:
-    """Sum up a refined surface."""
+    """Summarise a refined surface."""
     metadata: SurfaceMetadata = built.artifact.metadata
     validity = metadata.validity
     surface = surface_of(built.artifact)

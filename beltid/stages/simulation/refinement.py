@@ -1,4 +1,4 @@
-"""What a surface is refined from, its uncertainty, and the draws of its Monte Carlo check."""
+"""Runs that a surface is refined from, its uncertainty, and the draws of its Monte Carlo check."""
 
 from __future__ import annotations
 
@@ -72,25 +72,25 @@ NEEDED: Final = (
     "mu_sliding_se",
 )
 PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
-REASONS: Final = 3  # why runs cannot be used that are told, the most frequent ones
-SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed has one of its own
-SETTING_GAP: Final = 0.03  # relative gap that parts two settings of the speed
+REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
+SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
+SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
 
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """How many replicates, and who carries them out.
+    """Number of Monte Carlo replicates, and the workers that compute them.
 
     Attributes
     ----------
     count : int
-        Number of replicates; 0 leaves the check out.
+        Number of replicates; 0 skips the check.
     seed : int
-        Of the draws.
+        Seed of the draws.
     reporter : Reporter
-        Hears what is going on.
+        Receives the progress messages.
     workers : Workers
-        Who carries them out; the result does not depend on it.
+        Compute the replicates; the result does not depend on them.
     """
 
     count: int = 0
@@ -102,8 +102,8 @@ class Draws:
         problems = []
         if self.count != 0 and self.count < FEWEST:
             problems.append(
-                f"--bootstrap = {self.count}, must be at least {FEWEST} draws: fewer say nothing "
-                "about a standard uncertainty"
+                f"--bootstrap = {self.count}, must be at least {FEWEST} draws: fewer do not give a "
+                "standard uncertainty"
             )
         if self.seed < 0:
             problems.append(f"--seed = {self.seed}, must be >= 0")
@@ -112,13 +112,13 @@ class Draws:
 
     @property
     def choices(self) -> dict[str, int]:
-        """What of it a result was made from."""
+        """The settings that a result depends on."""
         return {"bootstrap": self.count, "seed": self.seed} if self.count else {}
 
 
 def drawn(nominal: Nominal, draws: Draws) -> Replicates:
-    """Replicates in their order, however many workers there are."""
-    # as a worker gets it: sums over an array round otherwise where it lies otherwise in memory
+    """Return the replicates in order, the same for any number of workers."""
+    # pickled as for a worker: the memory layout of an array changes the rounding of its sums
     nominal = pickle.loads(pickle.dumps(nominal))
     groups: Sequence[range] = [
         range(first, min(first + PER_CALL, draws.count))
@@ -134,7 +134,7 @@ def drawn(nominal: Nominal, draws: Draws) -> Replicates:
 
 
 def check_table(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of the check as they are shown."""
+    """Return the rows of the check for display."""
     return [{name: row.get(name) for name in COLUMNS} for row in rows]
 
 
@@ -145,21 +145,21 @@ def prepared_campaign(
     name: str,
     chosen: Mapping[str, str | None] | None = None,
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-    """Campaign with the surface to start from, its speeds, its rows, and what was set aside.
+    """Return the campaign with its initial surface, its speeds, its rows, and the runs set aside.
 
-    `chosen` are condition and side of the belt, where the runs were made under several.
+    `chosen` selects condition and side of the belt if the runs were made under several.
     """
     rig = rig_of_runs(columns, config)
     good, set_aside = usable_runs(columns, rig)
     good = rows_of_one(columns, good, chosen or {}, name)
     if good.size < 4:
-        reasons = Counter(one["why"] for one in set_aside)
+        reasons = Counter(row["why"] for row in set_aside)
         why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
         text = f"{name}: {counted(good.size, 'run')} can be used, at least 4 are needed{why}"
         raise InputError(text, code="no-run")
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
-    own = own_errors(columns)
-    mu_se = None if own is None else own[good]
+    standard_errors = own_errors(columns)
+    mu_se = None if standard_errors is None else standard_errors[good]
     settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     start = publish(arc_deg, f, v, mu, mu_se, settings).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
@@ -169,17 +169,16 @@ def prepared_campaign(
 
 
 def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
-    """The rig that the runs are simulated on.
+    """Return the rig that the runs are simulated on.
 
-    The kind is that of the runs: a table that says it was made with a torque is refused otherwise.
-    While the whole arc slides one tension settles the other, however they came about. Where nobody
-    wrote down the tension at rest the sum of both while sliding takes its place, as under a hub
-    force.
+    Its kind must match the runs: a table measured with a torque is refused for another kind. While
+    the whole arc slides, one tension determines the other, whatever the history. If no tension at
+    rest is known, the sum of both tensions while sliding replaces it, as under a hub force.
     """
     if "torque_with" in columns and config.rig.measures != "torque":
         raise InputError(
             f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
-            "beside a torque; must be rig.kind: torque"
+            "together with a torque; must be rig.kind: torque"
         )
     rig = config.rig_params()
     initial = np.asarray(columns["initial_tension_N"], dtype=float)
@@ -191,9 +190,9 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
 def usable_runs(
     columns: Mapping[str, np.ndarray], rig: Rig
 ) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Rows that can be used, and those that cannot, with the reason.
+    """Return the usable rows, and the others with the reason.
 
-    The tension at rest is needed where no force is given that stays while the pulley turns.
+    The tension at rest is required unless a given force stays constant while the pulley turns.
     """
     needed = ("initial_tension_N",) if rig.given_force == "none" else ()
     n = len(columns["mu_sliding"])
@@ -215,10 +214,10 @@ def usable_runs(
 
 
 def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Speeds of the refined surface [m/s]: of the published one, and settings that it left out.
+    """Return the speeds of the refined surface [m/s]: the published ones and those left out there.
 
-    A speed of few runs has no range of forces in common with the others, which the published
-    surface asks for; here it has its level by its runs and its shape by its neighbours.
+    The published surface requires a common range of forces, which a speed with few runs may not
+    share. Here the runs of such a speed define its level, and the neighbouring speeds its shape.
     """
     far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
     if far.size == 0:
@@ -230,34 +229,34 @@ def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
 def speed_labels(
     columns: Mapping[str, np.ndarray], used: np.ndarray, speeds: np.ndarray
 ) -> np.ndarray:
-    """Index of the speed setting of each used run."""
+    """Return the index of the speed setting of each used run."""
     v = columns["slip_speed_m_s"][used]
     return np.asarray(np.argmin(np.abs(np.log(v[:, None] / speeds)), axis=1))
 
 
 def reference_temperature(config: Config, campaign: Campaign) -> float | None:
-    """Temperature to which the surface is corrected [°C]; None if that was not asked for."""
+    """Return the temperature to which the surface is corrected [°C]; None without correction."""
     if not config.friction.correct_temperature:
         return None
-    warm = campaign.measured.temperature_degC
-    if warm is None or not np.isfinite(warm).any():
+    temperature = campaign.measured.temperature_degC
+    if temperature is None or not np.isfinite(temperature).any():
         raise InputError(
             "friction.correct_temperature: true, but no run has a temperature; found no values in "
             "the column temperature_degC"
         )
     stated = config.friction.reference_temperature_degC
-    return float(np.nanmean(warm)) if stated is None else stated
+    return float(np.nanmean(temperature)) if stated is None else stated
 
 
 def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
-    """Errors that runs share, as they are stated."""
+    """Return the stated errors that the runs share."""
     n_arcs = int(campaign.measured.arc.max()) + 1
     stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
     return (*stated, *reduction_sources(campaign.measured.columns))
 
 
 def refined_uncertainty(found: Refined) -> SurfaceUncertainty:
-    """What the causes of error do to the refined surface."""
+    """Return the uncertainty of the refined surface by source."""
     changes, scatter = changes_and_scatter(found)
     measured = found.campaign.measured
     return SurfaceUncertainty(

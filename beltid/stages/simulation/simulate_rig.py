@@ -1,4 +1,4 @@
-"""beltid simulate-rig: the friction rig on the computer (paper Eqs. 9 to 12)."""
+"""beltid simulate-rig: simulate the friction rig (paper Eqs. 9 to 12)."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ KEYS: Final = (
 )
 SHOWN_FAILURES: Final = 20
 PROFILES: Final = "profiles"
-"""Kind of the table of the contact along the arc at chosen times."""
+"""Kind of the table with the contact along the arc at chosen times."""
 PER_CALL: Final = 24
-"""Runs whose uncertainty a worker computes at a time."""
+"""Number of runs whose uncertainty a worker computes in one call."""
 ROW: Final = (
     "run",
     "arc_deg",
@@ -113,26 +113,26 @@ def run(
     jobs: int = 1,
     profile_times_s: Sequence[float] = (),
 ) -> Summary:
-    """Simulate the runs with ``surface`` and ``stiffness``, write the recording, sum it up.
+    """Simulate the runs with ``surface`` and ``stiffness``, write the recording, summarise it.
 
-    The runs are those of ``friction``, where it is given or stands beside the surface that was made
+    The runs are those of ``friction`` if it is given or found next to the surface that was made
     from it; otherwise those of the config.
 
     Parameters
     ----------
     config, inputs, out, options
-        As of every stage.
+        As for every stage.
     picked : Picked, optional
-        Only these runs; by default all of them.
+        Simulate these runs only; by default all.
     method : {"transient", "steady"}, optional
         By default that of the config.
     elements : int, optional
         Beam elements of the belt; by default those of the config.
     jobs : int
-        Runs at the same time in this process, where no workers are given.
+        Number of parallel runs in this process if no workers are given.
     profile_times_s : sequence of float
-        Times after the start of rotation at which the contact along the arc is kept [s]; its
-        profiles go beside the recording.
+        Times after the start of rotation at which the contact along the arc is stored [s]; the
+        profiles are written next to the recording.
     """
     model, times = config.config, tuple(sorted(set(profile_times_s)))
     settings = simulation_settings(model, method, elements, times)
@@ -146,9 +146,11 @@ def run(
         options.reporter.warn(line)
     choices = _choices(model, settings, runs)
     build = Build(KIND, config, KEYS, inputs, out, options, choices)
-    of_times = {**choices, "profile_times_s": list(times)}
-    of_profiles = Build(PROFILES, config, KEYS, inputs, _path_beside(out), options, of_times)
-    profiles = of_profiles.up_to_date() if times else None
+    profile_choices = {**choices, "profile_times_s": list(times)}
+    profile_build = Build(
+        PROFILES, config, KEYS, inputs, _profiles_path(out), options, profile_choices
+    )
+    profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
     if built is None or (times and profiles is None):
         surface = read_artifact(inputs["surface"], "surface")
@@ -157,26 +159,28 @@ def run(
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(stiffness, model)
         stated = differing or measured is None or not measured.size
-        whose = "as the config states" if stated else "at the settings measured"
-        options.reporter.report(f"{counted(len(runs), 'run')}, {settings.method}, {whose}")
+        settings_source = "as the config states" if stated else "at the settings measured"
+        options.reporter.report(
+            f"{counted(len(runs), 'run')}, {settings.method}, {settings_source}"
+        )
         if compile_ahead(["rigsim"]):
             options.reporter.report(COMPILING)
         bench, workers = bench_of(model, surface_of(surface), press.law), options.workers
-        by = workers if workers.jobs > 1 else jobs
-        campaign = simulate(model, bench, runs, settings, by, options.reporter)
-        _refuse_nothing(campaign)
+        parallel = workers if workers.jobs > 1 else jobs
+        campaign = simulate(model, bench, runs, settings, parallel, options.reporter)
+        _require_results(campaign)
         if built is None:
-            known = _uncertainty(campaign, press, surface, settings.elements, workers)
-            built = build.write(_outcome(campaign, settings, known))
+            uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
+            built = build.write(_outcome(campaign, settings, uncertainty))
         if times and profiles is None:
-            profiles = of_profiles.write(_profiles_outcome(campaign, times))
+            profiles = profile_build.write(_profiles_outcome(campaign, times))
     return summarise(built, profiles)
 
 
 def _choices(
     config: Config, settings: SimulationSettings, runs: Sequence[PlannedRun]
 ) -> dict[str, Any]:
-    """What of a call and of the measured runs a recording is made from."""
+    """Return the settings of a call and the measured runs that a recording depends on."""
     choices: dict[str, Any] = {
         "method": settings.method,
         "elements": settings.elements,
@@ -188,7 +192,7 @@ def _choices(
 
 
 def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
-    """The inputs, with the reduced runs beside the surface that was made from them."""
+    """Add the reduced runs to the inputs if they are next to the surface made from them."""
     if "friction" in inputs:
         return inputs
     path = inputs["surface"]
@@ -196,53 +200,55 @@ def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
     return inputs if friction is None else {**inputs, "friction": friction.path}
 
 
-def _failures(done: Campaign) -> list[str]:
-    return [f"run {run.label}: {line}" for run, e in done.failures for line in e.problems]
+def _failures(campaign: Campaign) -> list[str]:
+    return [f"run {run.label}: {line}" for run, e in campaign.failures for line in e.problems]
 
 
-def _refuse_nothing(done: Campaign) -> None:
-    """A campaign without a single result is a failure."""
-    if not done.finished:
-        failures = _failures(done)
-        more = len(failures) - SHOWN_FAILURES
+def _require_results(campaign: Campaign) -> None:
+    """Raise an error if a campaign has no result at all."""
+    if not campaign.finished:
+        failures = _failures(campaign)
+        n_hidden = len(failures) - SHOWN_FAILURES
         raise NumericsError(
-            [*failures[:SHOWN_FAILURES], *([f"and {more} more"] if more > 0 else [])]
+            [*failures[:SHOWN_FAILURES], *([f"and {n_hidden} more"] if n_hidden > 0 else [])]
         )
 
 
 def _outcome(
-    done: Campaign,
+    campaign: Campaign,
     settings: SimulationSettings,
     uncertainty: tuple[RunsUncertainty | None, tuple[str, ...]],
 ) -> Outcome[Campaign]:
-    config = done.config
-    runs, results = zip(*done.finished, strict=True)
-    records = {run.label: asdict(result.record) for run, result in done.finished}
-    rows = [{**row, "solver": records.get(row["run"])} for row in done.rows()]
+    config = campaign.config
+    runs, results = zip(*campaign.finished, strict=True)
+    records = {run.label: asdict(result.record) for run, result in campaign.finished}
+    rows = [{**row, "solver": records.get(row["run"])} for row in campaign.rows()]
     outside = sum(int(record["clamped_lookups"]) for record in records.values())
     points = sum(int(record["lookups"]) for record in records.values())
     notes = []
     if outside:
         notes.append(
             f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
-            "measured range of the surface: the nearest measured value was taken"
+            "measured range of the surface: the nearest measured value was used"
         )
     notes += guided_weight(config, [run.point for run in runs])
     if config.rig.kind == "running":
         notes.append(
-            "a running belt is simulated at rest: the tensions of the table are those that press "
-            "it onto the pulley; the recording holds the whole ones"
+            "a running belt is simulated at rest: the table shows the effective tensions, which "
+            "press it onto the pulley; the recording holds the full tensions"
         )
     return Outcome(
         kind=KIND,
         columns=recording_columns(runs, results, config),
-        result=done,
+        result=campaign,
         validity={
             name: (min(values), max(values))
             for name in ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
             for values in ([getattr(run, name) for run in runs],)
         },
-        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in done.failures],
+        set_aside=[
+            {"run": run.label, "why": "; ".join(e.problems)} for run, e in campaign.failures
+        ],
         extra={
             "method": settings.method,
             "runs": rows,
@@ -251,29 +257,29 @@ def _outcome(
             **({"uncertainty": uncertainty[0].extra()} if uncertainty[0] else {}),
         },
         notes=(*notes, *uncertainty[1]),
-        warnings=tuple(_failures(done)),
+        warnings=tuple(_failures(campaign)),
     )
 
 
 def _uncertainty(
-    done: Campaign,
+    campaign: Campaign,
     press: PressLaw,
     surface: Artifact[SurfaceMetadata],
     elements: int | None,
     workers: Workers,
 ) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
-    """Uncertainty of the runs of a campaign that were simulated; a note if it stays unknown."""
+    """Return the uncertainty of the simulated runs of a campaign; a note if it stays unknown."""
     stored: Mapping[str, Any] = surface.metadata.uncertainty or {}
-    runs, results = zip(*done.finished, strict=True)
+    runs, results = zip(*campaign.finished, strict=True)
     numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
-    given = all_sources(standard_uncertainties(done.config), len(arcs), press.has_scatter)
-    sources = with_rig_sources(sources_of(stored.get("sources", ())), given)
-    points = [run.point for run in as_resting(done.config, runs)]
+    rig_sources = all_sources(standard_uncertainties(campaign.config), len(arcs), press.has_scatter)
+    sources = with_rig_sources(sources_of(stored.get("sources", ())), rig_sources)
+    points = [run.point for run in as_resting(campaign.config, runs)]
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
     largest = max(float(result.tension_tight_N) for result in results)
-    kind = rig_kind(done.config)
+    kind = rig_kind(campaign.config)
     calls = [
-        (done.bench, press, points[piece], numbers[piece], sources, elements, largest, kind)
+        (campaign.bench, press, points[piece], numbers[piece], sources, elements, largest, kind)
         for piece in pieces
     ]
     try:
@@ -286,14 +292,14 @@ def _uncertainty(
     return RunsUncertainty.of(labels, mu, sources, ordered), ()
 
 
-def _path_beside(recording: Path) -> Path:
-    """Where the profiles of a simulated recording stand."""
+def _profiles_path(recording: Path) -> Path:
+    """Return the path of the profiles of a simulated recording."""
     return recording.parent / f"{recording.stem}_{PROFILES}.parquet"
 
 
-def _profiles_outcome(done: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:
-    """Table of the profiles of transient runs at times after the start of rotation [s]."""
-    parts = [part for run, result in done.finished for part in _profiles(run, result)]
+def _profiles_outcome(campaign: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:
+    """Return the profiles of transient runs at times after the start of rotation [s]."""
+    parts = [part for run, result in campaign.finished for part in _profiles(run, result)]
     columns = {
         name: np.concatenate([part[name] for part in parts])
         for name in schemas.table(PROFILES).names
@@ -301,16 +307,18 @@ def _profiles_outcome(done: Campaign, times_s: Sequence[float]) -> Outcome[Campa
     return Outcome(
         kind=PROFILES,
         columns=columns,
-        result=done,
+        result=campaign,
         validity={"arc_position_m": (0.0, float(np.max(columns["arc_position_m"])))},
-        set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in done.failures],
+        set_aside=[
+            {"run": run.label, "why": "; ".join(e.problems)} for run, e in campaign.failures
+        ],
         extra={"profile_times_s": list(times_s)},
-        notes=_too_late(done, times_s),
+        notes=_ended_early(campaign, times_s),
     )
 
 
 def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]:
-    """Profiles of a run, one per step: two times may lie in one step."""
+    """Return the profiles of a run, one per step; two times in the same step share one."""
     states = dict(result.snapshots)
     parts = []
     for time, state in states.items():
@@ -322,27 +330,27 @@ def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]
     return parts
 
 
-def _too_late(done: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
+def _ended_early(campaign: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
     notes = []
     for time in times_s:
-        short = [run.label for run, result in done.finished if time > _turned(result)]
+        short = [run.label for run, result in campaign.finished if time > _rotation_time(result)]
         if short:
             which = short[0] if len(short) == 1 else f"{len(short)} runs"
             notes.append(
-                f"profile at {time:g} s: {which} had ended before, the state at the end was taken"
+                f"profile at {time:g} s: {which} had ended before, the state at the end was used"
             )
     return tuple(notes)
 
 
-def _turned(result: RunResult) -> float:
-    """How long the pulley turned in a transient run [s]."""
+def _rotation_time(result: RunResult) -> float:
+    """Return how long the pulley turned in a transient run [s]."""
     assert result.recording is not None
     time, omega = result.recording["time_s"], result.recording["pulley_speed_rad_s"]
     return float(time[-1] - time[np.flatnonzero(omega > 0.0)[0] - 1]) * (1.0 + 1e-12)
 
 
 def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
-    """Sum up a simulated recording, and the profiles beside it."""
+    """Summarise a simulated recording, and its profiles."""
     metadata: SimulatedMetadata = built.artifact.metadata
     runs = metadata.runs or ()
     rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
@@ -350,7 +358,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     failed = len(rows) - len(good)
     names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
     settings = (np.array([row[name] for row in good], dtype=float) for name in names)
-    beside = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
+    profiles = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
     return built.summary(
         "simulate-rig",
         "friction coefficient of every simulated run, sliding",
@@ -360,7 +368,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
             "runs_failed": failed,
             "samples": len(built.artifact.columns["time_s"]),
             "mu_range": span(np.array([row["mu"] for row in good], dtype=float)),
-            **beside,
+            **profiles,
         },
         table=rows,
         overview=rows_per_setting(*settings) if len(rows) > 20 else [],
@@ -373,7 +381,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
 
 
 def _solver_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """What the solver did in a run; look-ups beyond the measured range as a share of all."""
+    """Return the solver statistics of a run; look-ups outside the measured range in percent."""
     record = row["solver"]
     share = record["clamped_lookups"] / max(record["lookups"], 1)
     return {

@@ -1,4 +1,4 @@
-"""The simulated rig from Python: one run, or a campaign."""
+"""Simulate one run or a campaign of the friction rig from Python."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SimulatedRun:
     Attributes
     ----------
     tension_tight_N, tension_slack_N : float
-        Forces in the supports, sliding [N]; of a running rig less what turns the belt.
+        Support forces while sliding [N]; on a running rig without the momentum part.
     mu : float
         Friction coefficient by Eq. (6) from these tensions [-].
     normal_force_N_m : float
@@ -50,7 +50,7 @@ class SimulatedRun:
     settings : PlannedRun
         Arc, initial tension, pulley speed.
     result : RunResult
-        Everything that the simulation tells, as plain arrays.
+        All results of the simulation as plain arrays.
     config : Config
         The config of the rig.
     """
@@ -98,11 +98,11 @@ def simulate_rig(
     config : Config, dict, path or None
         Belt, rig and contact; None is the built-in 5PK rig.
     surface : FrictionSurface or float
-        Friction coefficient; a number is a constant one.
+        Friction coefficient; a number is a constant coefficient.
     law : NormalLaw
         Normal contact law.
     arc_deg : float
-        Contact arc [°], in (0, 360); it need not be one of the config.
+        Contact arc [°], in (0, 360); it need not be in the config.
     initial_tension_N : float
         Tension before the pulley turns [N].
     pulley_speed_rad_s : float
@@ -157,12 +157,12 @@ def simulate_campaign(
     Parameters
     ----------
     config, surface, law, method, elements
-        As of `simulate_rig`.
+        As for `simulate_rig`.
     jobs : int or None
-        Runs at the same time; None is one per core. The result does not depend on it.
+        Number of parallel runs; None is one per core. The result does not depend on it.
     friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
-        The reduced runs of the bench, to be simulated where the config does not state the settings
-        of the rig; without them all combinations of the config are.
+        The reduced runs of the bench, which are simulated unless the config states the settings of
+        the rig; without them all combinations of the config are simulated.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def simulate_campaign(
     runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
     bench, threads = bench_of(model, surface, law), jobs or available_cores()
-    done = simulate(model, bench, runs, settings, threads, Reporter())
-    return pd.DataFrame(done.rows()).astype(
+    campaign = simulate(model, bench, runs, settings, threads, Reporter())
+    return pd.DataFrame(campaign.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )
