@@ -155,10 +155,7 @@ def _surface(log_f: Array, log_v: Array, tension: Array) -> Array:
 
 
 def explained_share(columns: Array, cause: Array) -> float:
-    """Return the squared multiple correlation of a cause (n,) with columns (n, m) and a constant.
-
-    The result is a share from 0 to 1.
-    """
+    """Return squared multiple correlation of a cause (n,) with columns (n, m) and a constant."""
     X, y = columns - columns.mean(axis=0), cause - cause.mean()
     residual = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
     return float(1.0 - residual @ residual / (y @ y))

@@ -111,7 +111,7 @@ class KnownCells:
         """Note to the user on the corrections; empty if there are none."""
         cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
         corrections = "; ".join(filter(None, cells))
-        return f"known errors of the load cells taken off: {corrections}" if corrections else ""
+        return f"known errors of the load cells corrected: {corrections}" if corrections else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,8 +341,8 @@ class RigKind:
         """
         if self.weight is not None:
             return (
-                f"the cell shows the weight to hang on the {other(self.weight)} span while the "
-                f"pulley turns, rig.weight_on: {self.weight}"
+                f"the cell shows that the weight hangs on the {other(self.weight)} span while the "
+                f"pulley turns, but the config states rig.weight_on: {self.weight}"
             )
         if self.has_torque:
             return (

@@ -101,7 +101,7 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         plateaus = binned_plateaus(record, R, settings)
         return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
     kind = record.kind
-    found = RunReduction(
+    result = RunReduction(
         run=record.run,
         arc_deg=record.arc_deg,
         nominal_tension_N=record.nominal_tension_N,
@@ -115,13 +115,13 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
             raise RunRejected(record.defect)
         # step by step, so that a rejected run keeps the values determined before
         channels = condensed(read_channels(record, settings))
-        found = replace(found, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
+        result = replace(result, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         rotation = find_rotation(channels.speed)
-        found = _with_rotation(found, channels, rotation, record.belt_speed_m_s, R)
-        found = replace(found, notes=_rotation_notes(rotation, channels))
+        result = _with_rotation(result, channels, rotation, record.belt_speed_m_s, R)
+        result = replace(result, notes=_rotation_notes(rotation, channels))
         rest = _rest(channels, rotation)
-        found = replace(
-            found,
+        result = replace(
+            result,
             initial_tension_N=rest.tension_N,
             imbalance_N=rest.imbalance_N,
             imbalance_se_N=rest.imbalance_se_N,
@@ -130,14 +130,14 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         channels, swapped = unswapped(channels, rotation)
         if swapped:
             note = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
-            found = replace(found, swapped=True, notes=(*found.notes, note))
+            result = replace(result, swapped=True, notes=(*result.notes, note))
             slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
             rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
         fixed_ends = channels if kind.weight is None else as_if_held(channels, rotation)
         phase = sliding_phase(fixed_ends, rotation)
         _check_length(phase, settings.min_plateau_samples)
         sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-        found = _with_sliding(found, sliding, max(channels.steps))
+        result = _with_sliding(result, sliding, max(channels.steps))
         noise_N = rest.noise_N
         if kind.is_derived:
             # with a dead weight, the noise may be in the cell or in the ratio of the tensions
@@ -145,17 +145,17 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         _check_stick_slip(sliding, noise_N, max(channels.steps))
     except RunRejected as reason:
         hint = f"; {BY_BINS}" if course(record) else ""
-        return PreparedRun(replace(found, status=f"{reason}{hint}"))
-    return PreparedRun(found, sliding)
+        return PreparedRun(replace(result, status=f"{reason}{hint}"))
+    return PreparedRun(result, sliding)
 
 
 def _with_rotation(
-    found: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
+    result: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
 ) -> RunReduction:
     """Add the speeds and the start time of a run."""
     sign = -1.0 if rotation.reversed else 1.0
     return replace(
-        found,
+        result,
         # valid for a running belt, too
         pulley_speed_rad_s=abs(belt_speed_m_s / R + sign * rotation.speed_rad_s),
         slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
@@ -187,17 +187,17 @@ def _check_length(phase: SlidingPhase, least: int) -> None:
         raise RunRejected(f"too short: {usable} usable samples of sliding, must be >= {least}")
 
 
-def _with_sliding(found: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
+def _with_sliding(result: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
     """Add the ripple, the end of the plateau and the outliers of a run."""
-    notes = found.notes
+    notes = result.notes
     if sliding.rounding > ROUNDING_NOTED:
-        notes = (*notes, f"the converters of the cells resolve only {step_N:.3g} N")
+        notes = (*notes, f"the A/D converters of the cells resolve only {step_N:.3g} N")
     return replace(
-        found,
+        result,
         ripple_amplitude_N=sliding.ripple_N,
         ripple_period_s=sliding.ripple_s,
         plateau_end_s=float(sliding.last_s[-1]),
-        n_spikes=found.n_spikes + sliding.n_outliers,
+        n_spikes=result.n_spikes + sliding.n_outliers,
         notes=notes,
     )
 

@@ -278,7 +278,7 @@ def cell_errors(
     if mode != "auto":
         clear = np.maximum(D**2 - se**2, 0.0)
         variance = q**2 * (se**2 if mode else clear)
-        treatment = "taken off" if mode else "not corrected: the standard error allows for it"
+        treatment = "corrected" if mode else "not corrected: the standard error allows for it"
         notes = tuple(
             f"{_differ(d, t)}, {treatment}" if abs(d) > max(NOTED * t, 5.0 * s) else ""
             for d, s, t in zip(D, se, T, strict=True)
@@ -366,10 +366,10 @@ def _note(
         wandering = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
         parts.append(
             f"the zero points of the cells differ by {zeta:+.3g} N over all runs{wandering}: "
-            "taken off"
+            "corrected"
         )
     if abs(gamma) > 0.001:
-        parts.append(f"the gains of the cells differ by {100 * gamma:+.3g} %: taken off")
+        parts.append(f"the gains of the cells differ by {100 * gamma:+.3g} %: corrected")
     left = difference_N - gamma * tension_N - (taken_N - gamma * tension_N if parts else taken_N)
     if not parts and abs(left) > NOTED * tension_N:
         parts.append(f"{_differ(difference_N, tension_N)}: the standard error allows for it")
