@@ -478,8 +478,8 @@ def _most_probable(
 class Gathered:
     """Information of all runs on their common effects, for any size of the ripple once per turn.
 
-    A ripple of which each run covers only a part can only be determined from all runs. It adds two
-    columns F to a run; the likelihood for any size of the ripple follows from their squares F'PF.
+    A ripple that is hardly visible in a single run can only be determined from all runs. It adds
+    two columns F to a run; the likelihood for any ripple size follows from their squares F'PF.
 
     Attributes
     ----------
