@@ -111,7 +111,7 @@ def test_runs_without_partner_and_set_aside_are_counted_with_reasons() -> None:
     measured["status"][3] = "never slides"
     measured["mu_sliding"][5], measured["mu_sliding"][6] = np.nan, np.inf
     simulated["mu_sliding"][11] = -1.0
-    simulated["status"][7] = "never settles: its level is known to 5.6 % only, allowed is 5 %"
+    simulated["status"][7] = "never settles: the standard error of its level is 6 %, allowed is 5 %"
     keep = np.arange(36) != 9
     simulated = {k: a[keep] for k, a in simulated.items()}
     extra = {k: np.concatenate([a, a[:1]]) for k, a in simulated.items()}

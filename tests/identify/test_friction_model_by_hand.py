@@ -378,5 +378,5 @@ def test_a_difference_of_the_cells_of_each_run_by_itself():
     left = rest.cell_errors(*at_rest, sliding, False)
     assert left.mean[0] == 0.0
     assert left.variance[0] == pytest.approx(half_sum**2 * clear + common, rel=1e-12)
-    assert "taken off" in taken.notes[0]
+    assert taken.notes[0].endswith(", corrected")
     assert "not corrected" in left.notes[0]

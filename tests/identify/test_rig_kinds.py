@@ -273,7 +273,7 @@ def test_a_weight_on_the_other_span_is_told(rig):
     wrong = by_weight(one_of(rig), "tight")
     wrong["tension_tight_N"] = wrong.pop("tension_slack_N")
     (status,) = statuses(wrong, RigKind("dead_weight", weight_on="slack"))
-    assert "weight to hang on the tight span" in status
+    assert "weight hangs on the tight span" in status
 
 
 def test_a_torque_of_the_other_sign_is_told(rig):

@@ -99,7 +99,7 @@ def test_a_force_on_the_axis_that_cannot_be_says_so() -> None:
 def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_told() -> None:
     weights = table("dead_weight")
     weights["weight_N"], weights["tension_slack_N"] = SLACK, TIGHT
-    with pytest.raises(InputError, match="weight to hang on the slack span"):
+    with pytest.raises(InputError, match="weight hangs on the slack span"):
         fit(weights, "dead_weight", weight_on="tight")
     torques = table("torque")
     torques["torque_N_m"] *= -1.0

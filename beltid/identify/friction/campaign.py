@@ -1,19 +1,19 @@
-"""Second pass over the runs: variances of a bench, and the level of each run.
+"""Reduce all runs together (second pass): variances of a bench, and the level of each run.
 
-One Gaussian model holds for the block means z of every run (:mod:`prepare`):
+One Gaussian model describes the block means z of every run (:mod:`prepare`):
 
     z = y [1 + a g(x)] + y a (height g + length dg/d ln l) + ripple + turn
         + c (white noise + zeros that wander) + common drift of the zeros,                   (S3)
 
-with the level y = mu beta that is sought (flat prior) and c the sensitivity of z to an error of a
-cell. The tail a g(x) (:mod:`shared`) belongs to the bench, its deviations in height and length
-to the run. Their variances, and those of the noise, are found by the marginal likelihood of all
-runs, with weak log-normal priors. What a run does not know it borrows from its bench. What the
-bench does not know of its tail and its drift has one sign in all runs, and is kept apart.
+with the unknown level y = mu beta (flat prior) and the sensitivity c of z to an error of a cell.
+The tail a g(x) (:mod:`shared`) belongs to the bench, its deviations in height and length to the
+run. Their variances, and those of the noise, maximise the marginal likelihood of all runs with
+weak log-normal priors. A run takes from its bench what its own record does not determine. Errors
+of tail and drift of the bench have the same sign in all runs and are reported separately.
 
-Noise is white, and zeros that wander with a memory: an Ornstein-Uhlenbeck process of unit variance
-and memory tau has the covariance exp(-|t-t'|/tau). Its means over blocks of evenly spaced samples
-have a covariance in closed form (geometric sums).
+The noise is white plus wandering zeros: an Ornstein-Uhlenbeck process of unit variance and
+correlation time tau has the covariance exp(-|t-t'|/tau). Its means over blocks of evenly spaced
+samples have a covariance in closed form (geometric sums).
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ Array = NDArray[np.float64]
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: float | Array) -> Array:
-    """Covariance of means over blocks of an Ornstein-Uhlenbeck process of unit variance.
+    """Compute the covariance of block means of an Ornstein-Uhlenbeck process of unit variance.
 
     Parameters
     ----------
     first, last : ndarray
-        Times of the first and last sample of each block [s], in their order, shape (m,).
+        Times of the first and last sample of each block [s], in order, shape (m,).
     count : ndarray
-        Evenly spaced samples of each block, shape (m,).
+        Number of evenly spaced samples of each block, shape (m,).
     tau : float or ndarray
-        Memory of the process, or of several processes [s], shape (...).
+        Correlation time of the process, or of several processes [s], shape (...).
 
     Returns
     -------
@@ -71,29 +71,29 @@ def block_covariance(first: Array, last: Array, count: Array, tau: float | Array
     gap = np.maximum(first[None, :] - last[:, None], 0.0)
     across = share[..., :, None] * share[..., None, :] * np.exp(-gap / memory[..., None])
     upper = np.triu(across, 1)
-    whole = upper + np.swapaxes(upper, -1, -2)
+    covariance = upper + np.swapaxes(upper, -1, -2)
     within = (count * (1.0 + rho) / left - 2.0 * rho * total / left) / count**2
     diagonal = np.arange(count.size)
-    whole[..., diagonal, diagonal] = np.where(count > 1.0, within, 1.0)
-    return np.asarray(whole)
+    covariance[..., diagonal, diagonal] = np.where(count > 1.0, within, 1.0)
+    return np.asarray(covariance)
 
 
 def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: float) -> Array:
-    """The same for what the process has moved since its mean at rest, shape (m, m)."""
-    whole = block_covariance(
+    """Compute the same for the change of the process since its mean at rest, shape (m, m)."""
+    covariance = block_covariance(
         np.append(rest.first_s, first),
         np.append(rest.last_s, last),
         np.append(rest.n_samples, count),
         tau,
     )
-    at_rest = whole[0, 1:]
-    return whole[1:, 1:] - at_rest[:, None] - at_rest[None, :] + whole[0, 0]
+    with_rest = covariance[0, 1:]
+    return covariance[1:, 1:] - with_rest[:, None] - with_rest[None, :] + covariance[0, 0]
 
 
 def early_misfit(travel: Array) -> Array:
-    """Covariance of what a model may leave unexplained where the sliding begins, shape (m, m).
+    """Return the covariance of the model error at the start of the sliding, shape (m, m).
 
-    It fades over a fifth of the record and is smooth over a tenth.
+    It decays over a fifth of the record and is smooth over a tenth.
 
     Parameters
     ----------
@@ -106,39 +106,40 @@ def early_misfit(travel: Array) -> Array:
 
 
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
-"""Memories of the wandering zeros [s]; the last one is a walk over the time of a run, and counts
-from the rest, where the zeros show."""
+"""Correlation times of the wandering zeros [s]; the last one is a walk over the time of a run,
+measured from the rest phase, where the zeros are visible."""
 N_VARIANCES = len(MEMORIES_S) + 5
-"""Variances of a bench."""
+"""Number of variances of a bench."""
 WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
 OWN_PARTS = slice(TURN_PART + 1, TURN_PART + 3)
-"""Where the walk, the ripple once per turn and the run's own tail are among the variances."""
+"""Positions of the walk, of the ripple once per turn and of the tail of a run in the variances."""
 RUNS_FOR_VARIANCES = 32
-"""Runs, evenly chosen, that the variances are found from; more would tell nothing new."""
+"""Number of evenly chosen runs that determine the variances; more would add nothing."""
 SCALE_FREEDOM = 20.0
-"""Degrees of freedom with which the noise of a run keeps to that of its bench."""
+"""Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
 FREE = 0.1
-"""Standard deviation of the amplitude of a ripple that was found and of what is left of the
-build-up, in z: as good as free."""
+"""Standard deviation of the amplitudes of detected ripples and of the rest of the build-up, in z:
+practically free."""
 
 # priors: median and width (standard deviation of the logarithm)
 WANDER = (0.4, 1.5)
-"""Of the wandering zeros, in units of the error that white noise leaves in the mean of a run."""
+"""Prior of the wandering zeros, in units of the error of the mean of a run by white noise."""
 WALK = (10.0, 1.0)
-"""The same of the walk with the longest memory, which a short sliding hardly shows."""
+"""The same for the walk with the longest correlation time, hardly visible in a short sliding."""
 NEIGHBOURS = 0.5
-"""Correlation of the priors of neighbouring memories: the spectrum of real noise is smooth."""
+"""Prior correlation of neighbouring correlation times: the spectrum of real noise is smooth."""
 TURN = (1.0, 1.5)
-"""Of the ripple once per turn, in the same unit: about where it begins to matter."""
+"""Prior of the ripple once per turn, in the same unit: about where it begins to matter."""
 HEIGHT_SPREAD = (0.15, 1.0)
 LENGTH_SPREAD = (0.10, 1.0)
-"""Of the deviations of a run's tail from that of its bench, relative."""
+"""Priors of the relative deviations of the tail of a run from that of its bench."""
 DECAY_SPREAD = (3e-3, 1.5)
-"""Of slow decays of the build-up about those of all runs, relative to the level."""
+"""Prior of the deviation of slow decays of the build-up from those of all runs, relative to the
+level."""
 
 
 def log_settings(records: Sequence[SlidingRecord]) -> Array:
-    """Logarithms of what the length of the tail may go with (R, SETTINGS)."""
+    """Return ln of the settings that may affect the length of the tail (R, SETTINGS)."""
     tension = [np.sqrt(np.prod(r.tensions_N)) for r in records]
     return np.log(
         np.column_stack([[r.speed_m_s for r in records], tension, [r.level for r in records]])
@@ -146,9 +147,9 @@ def log_settings(records: Sequence[SlidingRecord]) -> Array:
 
 
 class Stack:
-    """Records of several runs side by side, padded to one length by blocks without weight.
+    """Records of several runs as arrays, padded to equal length with blocks of zero weight.
 
-    All is in units of the sensitivity of z: newtons at a cell.
+    All quantities are divided by the sensitivity of z: newtons at a cell.
     """
 
     def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
@@ -164,25 +165,25 @@ class Stack:
         self.settings = log_settings(records) - centre
         self.basis = np.zeros((n, m, RANK))
         self.shared = np.zeros((n, m, SHARED))
-        """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of all of mu,
-        the changes of the tail with the powers, and slow decays of the build-up."""
+        """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of 100 % of
+        mu, the changes of the tail with the powers, and slow decays of the build-up."""
         self.turn = np.zeros((n, m, 2))
-        """Cosine and sine of the angle of the pulley. Whether a ripple once per turn goes with the
-        friction, so with the level, or with the tensions is not known: half its variance each."""
-        middle = np.median(self.level)
+        """Cosine and sine of the angle of the pulley. It is unknown whether a ripple once per turn
+        scales with the friction, thus the level, or with the tensions: half its variance each."""
+        median_level = np.median(self.level)
         self.fixed = np.zeros((n, m, m))
-        """Covariance of what is known of a run beside its variances (n, m, m)."""
+        """Covariance of a run that does not depend on the variances (n, m, m)."""
         self.parts = np.zeros((N_VARIANCES, n, m, m))
-        """What each variance adds to it, as in :class:`Bench`."""
+        """Covariance added per unit of each variance, as in :class:`Bench`."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
-            since = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
+            since_rest = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
             self.count[k, :b] = r.count
             self.z[k, :b] = r.z / c
             self.one[k, :b] = 1.0 / c
             self.basis[k, :b] = r.basis * (r.level / c)
-            self.shared[k, :b, RANK : RANK + 2] = np.outer(since, r.zero_shifts / c)
-            # mu_sliding of a run in which friction drifts is that of the middle of its second half
+            self.shared[k, :b, RANK : RANK + 2] = np.outer(since_rest, r.zero_shifts / c)
+            # if the friction drifts, mu_sliding refers to the middle of the second half of the run
             elapsed = (0.5 * (r.first_s + r.last_s) - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
             self.shared[k, :b, RANK + 2] = (r.level / c) * (elapsed - 0.75)
             self.shared[k, :b, DECAYS] = r.slow_take_up * (r.level / c)
@@ -193,7 +194,7 @@ class Stack:
             self.parts[: short.size, k, :b, :b] = block_covariance(*blocks, short)
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
             self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
-            self.turn[k, :b] = r.turn * (np.sqrt(0.5 * (r.level**2 + middle**2)) / c)
+            self.turn[k, :b] = r.turn * (np.sqrt(0.5 * (r.level**2 + median_level**2)) / c)
             self.parts[TURN_PART, k] = self.turn[k] @ self.turn[k].T
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.slow_take_up @ r.slow_take_up.T)
         diagonal = np.arange(m)
@@ -202,7 +203,7 @@ class Stack:
         )
 
     def stretch(self, powers: Array, shared: Shared | None = None) -> None:
-        """Make the tails of every run as long as its settings ask for."""
+        """Stretch the tail of every run according to its settings."""
         self.stretches = stretching(self.settings @ powers)
         self.shared[:, :, :RANK] = self.basis @ self.stretches
         if shared is not None:
@@ -210,24 +211,24 @@ class Stack:
             self.shared[:, :, POWERS] = change[:, :, None] * self.settings[:, None, :]
 
     def deviate(self, shared: Shared) -> None:
-        """Let every run have a tail higher and longer than that of its bench, stretched before."""
-        own = np.moveaxis(self.shared[:, :, :RANK] @ shared.deviations, -1, 0)
-        self.parts[OWN_PARTS] = own[..., :, None] * own[..., None, :]
+        """Allow each run deviations in height and length of its tail; call `stretch` before."""
+        deviations = np.moveaxis(self.shared[:, :, :RANK] @ shared.deviations, -1, 0)
+        self.parts[OWN_PARTS] = deviations[..., :, None] * deviations[..., None, :]
 
     @property
     def typical_error_N(self) -> float:
-        """Error that white noise leaves in the mean of a cell over a run, median [N]."""
+        """Median over the runs of the error of the mean of a cell by white noise [N]."""
         return float(np.median(self.noise_N / np.sqrt(self.count.sum(axis=1))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bench:
-    """What the runs of a bench share.
+    """Effects and variances common to the runs of a bench.
 
     Attributes
     ----------
     sd : ndarray
-        Standard deviations: zeros that wander, by :data:`MEMORIES_S`, and early misfit [N]; ripple
+        Standard deviations: wandering zeros, by :data:`MEMORIES_S`, and early misfit [N]; ripple
         once per turn, height and length of the tail of a run, slow decays of the build-up [-].
     shared : Shared
         Tail and drift.
@@ -239,7 +240,7 @@ class Bench:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whitened:
-    """All runs under given variances, with the level projected out; the run is the first axis.
+    """All runs under given variances, with the level projected out; first axis: runs.
 
     Attributes
     ----------
@@ -250,7 +251,8 @@ class Whitened:
     shift : ndarray, shape (R, q)
         Change of the level by the shared columns.
     level, variance, squares, log_det : ndarray, shape (R,)
-        Level without them and its variance; sum of squares and log determinant of the likelihood.
+        Level without the shared columns and its variance; sum of squares and log determinant of the
+        likelihood.
     """
 
     P: Array
@@ -264,30 +266,30 @@ class Whitened:
 
 
 def whiten(stack: Stack, sd: Array) -> Whitened:
-    """Generalised least squares of all runs under given variances, whatever is shared."""
+    """Apply generalised least squares to all runs under given variances."""
     V = stack.fixed + np.tensordot(np.square(sd), stack.parts, axes=1)
     inverse = np.linalg.inv(V)
     log_det = np.linalg.slogdet(V)[1]
-    of_one = np.einsum("rij,rj->ri", inverse, stack.one)
-    ones = np.einsum("ri,ri->r", stack.one, of_one)
-    P = inverse - of_one[:, :, None] * of_one[:, None, :] / ones[:, None, None]
+    weights = np.einsum("rij,rj->ri", inverse, stack.one)
+    precision = np.einsum("ri,ri->r", stack.one, weights)
+    P = inverse - weights[:, :, None] * weights[:, None, :] / precision[:, None, None]
     Pz = np.einsum("rij,rj->ri", P, stack.z)
     return Whitened(
         P=P,
         M=stack.shared.transpose(0, 2, 1) @ (P @ stack.shared),
         b=np.einsum("rik,ri->rk", stack.shared, Pz),
-        shift=np.einsum("ri,rik->rk", of_one, stack.shared) / ones[:, None],
-        level=np.einsum("ri,ri->r", of_one, stack.z) / ones,
-        variance=1.0 / ones,
+        shift=np.einsum("ri,rik->rk", weights, stack.shared) / precision[:, None],
+        level=np.einsum("ri,ri->r", weights, stack.z) / precision,
+        variance=1.0 / precision,
         squares=np.einsum("ri,ri->r", stack.z, Pz),
-        log_det=log_det + np.log(ones),
+        log_det=log_det + np.log(precision),
     )
 
 
 def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
-    """Most probable variance of the noise of each run over that of the bench (R,).
+    """Estimate the ratio of the noise variance of each run to that of the bench (R,).
 
-    The bench is the middle of its runs: what is common to all belongs to its variances.
+    The ratios have a median of 1: a common factor belongs to the variances of the bench.
     """
     misfit = w.squares - 2.0 * w.b @ mean + np.einsum("k,rkl,l->r", mean, w.M, mean)
     scale = (SCALE_FREEDOM + np.maximum(misfit, 0.0)) / (SCALE_FREEDOM + stack.freedom)
@@ -297,27 +299,29 @@ def noise_scale(stack: Stack, w: Whitened, mean: Array) -> Array:
 def fit_shared(
     w: Whitened, scale: Array, given: Given, before: Shared, every_drift: bool = False
 ) -> Shared:
-    """Posterior of the tail and the common drift from some runs."""
-    share = 1.0 / scale
-    return posterior(np.einsum("r,rkl->kl", share, w.M), w.b.T @ share, given, before, every_drift)
+    """Compute the posterior of the tail and the common drift from some runs."""
+    weight = 1.0 / scale
+    M = np.einsum("r,rkl->kl", weight, w.M)
+    return posterior(M, w.b.T @ weight, given, before, every_drift)
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
-"""Powers to start from: a tail that decays over the travel, or over the time."""
+"""Initial powers: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
+"""Alternations between shared effects and variances."""
 WALK_STEPS = np.linspace(-2.4, 1.8, 8)
 """Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
 LARGEST_TURN = 0.01
-"""Largest standard deviation of a ripple once per turn, over the level: with more of it a run that
-sees a part of a turn has no sliding friction to tell."""
+"""Largest standard deviation of a ripple once per turn, over the level: with a larger one, a run
+over part of a turn could not determine the sliding friction."""
 TURN_SIZES = 33
-"""Sizes of it that are tried."""
+"""Number of ripple sizes tried."""
 
 
 def log_evidence(
     stack: Stack, sd: Array, scale: Array, given: Given, before: Shared
 ) -> tuple[float, Whitened, Shared]:
-    """Marginal likelihood of all runs under given variances.
+    """Compute the log marginal likelihood of all runs under given variances.
 
     Parameters
     ----------
@@ -326,30 +330,30 @@ def log_evidence(
     sd : ndarray
         Standard deviations, as in :class:`Bench`.
     scale : ndarray, shape (R,)
-        Noise of each run over that of the bench, variances.
+        Ratios of the noise variance of each run to that of the bench.
     given, before : Given, Shared
-        What is known beside the runs, and roughly.
+        Information from other sources, and an approximate estimate.
 
     Returns
     -------
     log_z : float
-        Its logarithm.
-    w, found : Whitened, Shared
-        The runs under these variances, and what they share.
+        Logarithm of the marginal likelihood.
+    w, shared : Whitened, Shared
+        The runs under these variances, and their common effects.
     """
     w = whiten(stack, sd)
-    found = fit_shared(w, scale, given, before)
-    log_z = found.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
-    return log_z, w, found
+    shared = fit_shared(w, scale, given, before)
+    log_z = shared.log_evidence - 0.5 * float(np.sum(w.squares / scale + w.log_det))
+    return log_z, w, shared
 
 
-def slope_of_evidence(stack: Stack, sd: Array, scale: Array, w: Whitened, found: Shared) -> Array:
-    """Derivative of `log_evidence` by the logarithms of `sd`, from what it found.
+def slope_of_evidence(stack: Stack, sd: Array, scale: Array, w: Whitened, shared: Shared) -> Array:
+    """Differentiate `log_evidence` with respect to ln `sd`, from its results.
 
-    It is that of the likelihood, averaged over the posterior (Fisher's identity).
+    The derivative is that of the likelihood, averaged over the posterior (Fisher's identity).
     """
-    residual = stack.z - stack.shared @ found.mean
-    columns = np.concatenate([residual[:, :, None], stack.shared @ found.factor], axis=2)
+    residual = stack.z - stack.shared @ shared.mean
+    columns = np.concatenate([residual[:, :, None], stack.shared @ shared.factor], axis=2)
     Pe = w.P @ columns
     outer = (Pe / scale[:, None, None]) @ Pe.transpose(0, 2, 1) - w.P
     return np.tensordot(stack.parts, outer, axes=3) * sd**2
@@ -373,7 +377,7 @@ class Priors:
 
     @classmethod
     def of(cls, stack: Stack) -> Priors:
-        """Those of a bench: most are in units of the error that its white noise leaves."""
+        """Build the priors of a bench; most scale with the error by its white noise."""
         typical = stack.typical_error_N
         typical_z = typical * float(np.median(stack.sensitivity / stack.level))
         n = len(MEMORIES_S)
@@ -388,63 +392,62 @@ class Priors:
                 DECAY_SPREAD,
             ]
         ).T
-        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
         precision = np.eye(N_VARIANCES)
-        precision[:n, :n] = np.linalg.inv(NEIGHBOURS**apart)
+        precision[:n, :n] = np.linalg.inv(NEIGHBOURS**distance)
         return cls(np.log(medians), widths, precision)
 
     def sd(self, x: Array) -> Array:
-        """Standard deviations at steps x about the medians, in widths, as in :class:`Bench`."""
+        """Return standard deviations (:class:`Bench`) at steps x from the medians, in widths."""
         return np.asarray(np.exp(self.centre + self.width * x))
 
 
 def fit_bench(stack: Stack, given: Given) -> Bench:
-    """Most probable variances of a bench, with its tail and drift."""
+    """Fit the most probable variances of a bench, with its tail and drift."""
     priors, scale = Priors.of(stack), np.ones(stack.n_runs)
-    # from above: a variance that is too small has no gradient
+    # start from above: a variance that is too small has no gradient
     x = np.full(N_VARIANCES, 1.5)
     x[OWN_PARTS] = 0.0
-    before = _clock(stack, priors.sd(x), scale, given)
+    shared = _likelier_clock(stack, priors.sd(x), scale, given)
     for _ in range(SWEEPS):
         w = whiten(stack, priors.sd(x))
-        before = fit_shared(w, scale, given, before, every_drift=True)
-        scale = noise_scale(stack, w, before.mean)
-        stack.stretch(before.powers, before)
-        stack.deviate(before)
-        known = scale, given, before
-        x = _most_probable(stack, priors, x, *known)
-    # walk and ripple once per turn move the level most and show least: the mean of their variances
-    # in place of the mode, with an even chance that there is none
+        shared = fit_shared(w, scale, given, shared, every_drift=True)
+        scale = noise_scale(stack, w, shared.mean)
+        stack.stretch(shared.powers, shared)
+        stack.deviate(shared)
+        x = _most_probable(stack, priors, x, scale, given, shared)
+    # walk and ripple once per turn affect the level most and are least visible: use the mean of
+    # their variances instead of the mode, with probability 1/2 for zero
     sd, k = priors.sd(x), WALK_PART
     along, precision = x[k] + WALK_STEPS, priors.precision[k]
     tried = np.append(np.exp(priors.centre[k] + priors.width[k] * along), 0.0)
     # density of the prior given the other variances
-    away = along - x[k] + precision @ x / precision[k]
-    log_prior = -0.5 * precision[k] * away**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
+    offset = along - x[k] + precision @ x / precision[k]
+    log_prior = -0.5 * precision[k] * offset**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
     log_p = np.empty(tried.size)
     for i, size in enumerate(tried):
         trial = sd.copy()
         trial[k] = size
-        log_p[i] = log_evidence(stack, trial, *known)[0]
+        log_p[i] = log_evidence(stack, trial, scale, given, shared)[0]
     sd[k] = _mean_size(tried, log_p, log_prior + np.log(WALK_STEPS[1] - WALK_STEPS[0]))
-    return Bench(sd, before)
+    return Bench(sd, shared)
 
 
 def _mean_size(tried: Array, log_p: Array, log_prior: Array) -> float:
-    """Root of the mean variance over sizes that are tried, the last of them none, at even odds."""
+    """Return the root of the mean variance over the tried sizes; the last, zero, has even odds."""
     log_p = log_p + np.append(log_prior, 0.0)
     return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
-def _clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
-    """Whether tails decay over travel or time; the runs are stretched by a rough tail."""
-    looks = []
+def _likelier_clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
+    """Decide whether tails decay over travel or time, and stretch the runs accordingly."""
+    fits = []
     for powers in CLOCKS:
         stack.stretch(powers)
-        looks.append(fit_shared(whiten(stack, sd), scale, given, Shared.before(powers)))
-    likely = int(np.argmax([look.log_evidence for look in looks]))
-    # a rough tail, of which the change with the powers can be told
-    stack.stretch(CLOCKS[likely], looks[likely])
+        fits.append(fit_shared(whiten(stack, sd), scale, given, Shared.before(powers)))
+    likely = int(np.argmax([fit.log_evidence for fit in fits]))
+    # an approximate tail is enough for its derivatives with respect to the powers
+    stack.stretch(CLOCKS[likely], fits[likely])
     return Shared.before(CLOCKS[likely])
 
 
@@ -456,14 +459,14 @@ def _most_probable(
     given: Given,
     before: Shared,
 ) -> Array:
-    """Mode of the variances, in steps about their medians."""
+    """Find the mode of the variances, in steps from their medians."""
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = priors.sd(x)
-        log_z, w, found = log_evidence(stack, sd, scale, given, before)
-        slope = slope_of_evidence(stack, sd, scale, w, found)
-        away = priors.precision @ x
-        return 0.5 * float(x @ away) - log_z, away - slope * priors.width
+        log_z, w, shared = log_evidence(stack, sd, scale, given, before)
+        slope = slope_of_evidence(stack, sd, scale, w, shared)
+        prior_slope = priors.precision @ x
+        return 0.5 * float(x @ prior_slope) - log_z, prior_slope - slope * priors.width
 
     options = {"maxiter": 30, "ftol": 1e-7}
     bounds = [(-4.0, 6.0)] * x.size
@@ -473,18 +476,18 @@ def _most_probable(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gathered:
-    """What all runs of a bench say of what they share, for any size of the ripple once per turn.
+    """Information of all runs on their common effects, for any size of the ripple once per turn.
 
-    A ripple of which no run sees much takes all of them to be told. It adds two columns F to a run,
-    so that its likelihood follows from their squares F'PF with every size of the ripple.
+    A ripple that is hardly visible in a single run can only be determined from all runs. It adds
+    two columns F to a run; the likelihood for any ripple size follows from their squares F'PF.
 
     Attributes
     ----------
     M, b, log_z : ndarray, shape (R, q, q), (R, q), (R,)
-        Squares and products of the shared columns, and twice the logarithm of the likelihood of
-        each run without them, less a constant.
+        Squares and products of the shared columns, and twice the log likelihood of each run
+        without them, less a constant.
     turn, across, along : ndarray, shape (R, 2, 2), (R, q, 2), (R, 2)
-        Squares of the columns of the ripple, their products with the shared ones and with z.
+        Squares of the ripple columns, and their products with the shared columns and with z.
     share : ndarray, shape (R,)
         Weight of each run.
     """
@@ -499,7 +502,7 @@ class Gathered:
 
     @classmethod
     def of(cls, stack: Stack, w: Whitened, scale: Array) -> Gathered:
-        """The runs of a stack, whitened."""
+        """Collect the information of the whitened runs of a stack."""
         PF = w.P @ stack.turn
         return cls(
             M=w.M,
@@ -513,61 +516,61 @@ class Gathered:
 
     @classmethod
     def all(cls, parts: Sequence[Gathered]) -> Gathered:
-        """Those of several stacks."""
+        """Concatenate the information of several stacks."""
         names = cls.__dataclass_fields__
         return cls(**{x: np.concatenate([getattr(part, x) for part in parts]) for x in names})
 
     def with_turn(self, variance: float) -> tuple[Array, Array, float]:
-        """Sums of M and b, and the logarithm, with so much more variance of the ripple."""
+        """Return the sums of M and b and the log likelihood with this added ripple variance."""
         inner = np.eye(2) + variance * self.turn
-        taken = variance * np.linalg.solve(inner, np.swapaxes(self.across, 1, 2))
-        left = variance * np.linalg.solve(inner, self.along[:, :, None])[:, :, 0]
-        M = np.einsum("r,rkl->kl", self.share, self.M - self.across @ taken)
-        b = self.share @ (self.b - np.einsum("rkj,rj->rk", self.across, left))
-        squares = self.share @ np.einsum("rj,rj->r", self.along, left)
+        of_shared = variance * np.linalg.solve(inner, np.swapaxes(self.across, 1, 2))
+        of_z = variance * np.linalg.solve(inner, self.along[:, :, None])[:, :, 0]
+        M = np.einsum("r,rkl->kl", self.share, self.M - self.across @ of_shared)
+        b = self.share @ (self.b - np.einsum("rkj,rj->rk", self.across, of_z))
+        squares = self.share @ np.einsum("rj,rj->r", self.along, of_z)
         log_det = float(np.sum(np.linalg.slogdet(inner)[1]))
         return M, b, 0.5 * (float(np.sum(self.log_z) + squares) - log_det)
 
 
 def turn_size(runs: Gathered, priors: Priors, before: float, given: Given, shared: Shared) -> float:
-    """Standard deviation of the ripple once per turn by all runs, whitened with `before`."""
+    """Estimate the sd of the ripple once per turn from all runs, whitened with the sd `before`."""
     centre, width = priors.centre[TURN_PART], priors.width[TURN_PART]
     highest = max((np.log(LARGEST_TURN) - centre) / width, 0.0)
-    steps, apart = np.linspace(-3.0, highest, TURN_SIZES, retstep=True)
+    steps, spacing = np.linspace(-3.0, highest, TURN_SIZES, retstep=True)
     tried = np.append(np.exp(centre + width * steps), 0.0)
     log_p = np.empty(tried.size)
     for k, size in enumerate(tried):
         M, b, log_z = runs.with_turn(size**2 - before**2)
         log_p[k] = log_z + posterior(M, b, given, shared, every_drift=False).log_evidence
-    log_prior = -0.5 * steps**2 + np.log(apart / np.sqrt(2.0 * np.pi))
+    log_prior = -0.5 * steps**2 + np.log(spacing / np.sqrt(2.0 * np.pi))
     return _mean_size(tried, log_p, log_prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLevel:
-    """Level of a run and what is not known of it; all as parts of z.
+    """Level of a run and its uncertainty; all in units of z.
 
     Attributes
     ----------
     y : float
-        Level ln(T_tight/T_slack) that is left when the tail has decayed.
+        Level ln(T_tight/T_slack) after the tail has decayed.
     variance : float
-        Its variance by what differs from run to run.
+        Variance of `y` that is independent between runs.
     shared_tail, shared_drift : float
-        Its standard deviation by what all runs share, with the sign that all have in common.
+        Standard deviations of `y` by errors common to all runs, with their common sign.
     away, spread : ndarray, shape (K,)
-        Difference of the level from `y` given each hypothesis about what all runs share, and its
-        standard deviation then, that of `variance` included.
+        Difference of the level from `y` under each hypothesis about the common effects, and its
+        standard deviation, including `variance`.
     misfit : float
-        Noise of the run about the model over that of the bench, standard deviations.
+        Ratio of the noise of the run about the model to that of the bench, standard deviations.
     drift : float
-        Change by zeros that wander over the sliding, as far as it shows.
+        Visible change by wandering zeros and drift of the friction over the sliding.
     tail : ndarray, shape (RANK,)
         Tail of the run in the basis.
     own : ndarray, shape (RANK, 2)
         Standard deviations of its height and its length, as tails.
     known, lean : ndarray, shape (2, 2), (2,)
-        Share of those that the record tells, and change of the level with them.
+        Share of these deviations that the record determines, and change of the level with them.
     """
 
     y: float
@@ -584,7 +587,7 @@ class RunLevel:
     lean: Array
 
     def at(self, travel: float, shared: Shared, level: float) -> tuple[float, float]:
-        """Value of z on the model at a travel since the end of the build-up [m], and its error."""
+        """Return z of the model and its error at a travel since the end of the build-up [m]."""
         basis = tail_basis(np.array([travel]))[0]
         h = basis @ self.own
         variance = self.variance * (1.0 - 2.0 * float(self.lean @ h))
@@ -596,21 +599,22 @@ class RunLevel:
 
 _TAIL = np.array([*range(RANK), *range(RANK + 3, SHARED)])
 BATCH = 128
-"""Runs that are whitened at a time: a bench of any size takes the same memory."""
+"""Number of runs whitened at a time, so that the memory does not grow with the bench."""
 
 
 def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel]]:
-    """What the runs of a bench share, and the level of every one of them, at least one."""
+    """Fit the common effects of a bench of one or more runs, and the level of every run."""
     centre = np.mean(log_settings(records), axis=0)
-    every = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
+    chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
     shortest = 2.0 * min(r.step_m for r in records)
     longest = 3.0 * max(float(r.travel[-1]) for r in records)
     given = Given.by([r.rest for r in records], (shortest, longest))
-    some = Stack([records[k] for k in every], centre)
-    bench = fit_bench(some, given)
-    parts = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
-    # a small bench is stacked once, of a large one only a part at a time is held
-    stacks = [Stack(parts[0], centre)] if len(parts) == 1 else (Stack(p, centre) for p in parts)
+    sample = Stack([records[k] for k in chosen], centre)
+    bench = fit_bench(sample, given)
+    batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
+    # stack a small bench once, a large one batch by batch
+    is_small = len(batches) == 1
+    stacks = [Stack(batches[0], centre)] if is_small else (Stack(x, centre) for x in batches)
     gathered, shift = [], np.zeros(SHARED)
     for stack in stacks:
         stack.stretch(bench.shared.powers, bench.shared)
@@ -621,17 +625,17 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel
         shift += w.shift.sum(axis=0)
     runs, before = Gathered.all(gathered), float(bench.sd[TURN_PART])
     sd = bench.sd.copy()
-    sd[TURN_PART] = turn_size(runs, Priors.of(some), before, given, bench.shared)
+    sd[TURN_PART] = turn_size(runs, Priors.of(sample), before, given, bench.shared)
     M, b, _ = runs.with_turn(sd[TURN_PART] ** 2 - before**2)
     bench = Bench(sd, posterior(M, b, given, bench.shared))
-    if len(parts) > 1:
-        stacks = (Stack(p, centre) for p in parts)
+    if not is_small:
+        stacks = (Stack(x, centre) for x in batches)
     levels = [level for stack in stacks for level in _levels(stack, bench, shift)]
     return bench, levels
 
 
 def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
-    """Levels of some runs of a bench; all its levels together follow what is shared by `shift`."""
+    """Compute the levels of some runs; `shift` is the sum of `Whitened.shift` over all runs."""
     shared = bench.shared
     stack.stretch(shared.powers, shared)
     stack.deviate(shared)
@@ -639,11 +643,11 @@ def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
     mean = shared.stretched_mean
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
-    both = tail + drift
-    # one column stands for all directions: its sign is that of a run with the mean of all runs
+    error = tail + drift
+    # one column represents all directions: its sign is that of the correlation with the mean run
     mean_error = -(shift @ shared.factor)
-    size = np.where(both @ mean_error < 0.0, -1.0, 1.0) * np.linalg.norm(both, axis=1)
-    share = np.clip(np.sum(drift * both, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
+    size = np.where(error @ mean_error < 0.0, -1.0, 1.0) * np.linalg.norm(error, axis=1)
+    share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
     residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)

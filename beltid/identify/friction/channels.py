@@ -1,12 +1,12 @@
-"""Make the channels of one run usable, and find its phases: rotation of the pulley, sliding belt.
+"""Clean the channels of one run and find its phases: rotation of the pulley, sliding of the belt.
 
-Gaps, spikes, dead and saturated cells: everything is kept at its place in time; what is not usable
-becomes nan, and is counted. A run sampled at 10 kHz holds a hundred times the samples that its
-plateau and its peak need: it is averaged over blocks, which keep what the mean and its noise tell
-at a resolution of some thousandth of the run.
+Samples keep their place in time; unusable ones (gaps, spikes) become nan and are counted, and a
+dead or saturated cell rejects the run. A run sampled at 10 kHz has a hundred times the samples that
+its plateau and its peak need: it is averaged over blocks, which preserve the mean and its noise at
+a resolution of about a thousandth of the run.
 
-All thresholds of the rotation are relative to the speed that the pulley reaches, so that neither
-the unit nor the sign of the speed channel decides where it starts.
+All thresholds of the rotation are relative to the speed that the pulley reaches, so the detected
+start depends neither on the unit nor on the sign of the speed channel.
 """
 
 from __future__ import annotations
@@ -33,36 +33,36 @@ from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejecte
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MAX_MISSING = 0.3
-"""Largest part of the samples that may be missing or not positive."""
+"""Largest share of the samples that may be missing or not positive."""
 CLIPPED_FRACTION = 0.04
-"""Part of the sliding samples at one and the same extreme value that betrays a saturated cell."""
+"""Share of the sliding samples at the same extreme value that indicates a saturated cell."""
 FEWEST_CLIPPED = 4
-"""Fewest samples that do: every channel has one at its extreme, and one or two may equal it."""
+"""Fewest such samples: every channel has one at its extreme, and one or two may equal it."""
 LARGEST_N = 1e12
-"""Readings beyond this are none [N]: no cell has them, and their squares are no numbers."""
+"""Readings beyond this are invalid [N]: no cell reaches them, and their squares overflow."""
 LEAST_ANSWER = 0.02
-"""Least change of a cell over the change of the other one."""
+"""Smallest change of a cell relative to the change of the other one."""
 BLOCKS = 4096
-"""Blocks that a long run is averaged over."""
+"""Number of blocks that a long run is averaged over."""
 MANY = 2 * BLOCKS
-"""Samples from which on a run is long."""
+"""Number of samples above which a run is long."""
 SEARCHED = 16
-"""Samples of a part of a long run that is searched for spikes or not."""
+"""Samples per section; each section of a long run is searched for spikes or skipped."""
 AROUND = 32
-"""Samples on either side of a suspicious part that tell whether it holds a spike."""
+"""Samples on either side of a suspicious section that are included in the search."""
 MOST_SUSPICIOUS = 0.05
-"""Share of suspicious parts above which the whole channel is searched for spikes."""
+"""Share of suspicious sections above which the whole channel is searched for spikes."""
 STUCK = 0.02
 """Share of blocks that reach the extreme value above which a cell may be saturated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """Usable channels of a run; rows without a time are gone, shape (n,) each."""
+    """Usable channels of a run without the rows that have no time, shape (n,) each."""
 
     time_s: Array
     tight: Array
-    """Tension of the tight cell [N], nan where it is not usable."""
+    """Tension of the tight cell [N], nan if unusable."""
     slack: Array
     speed: Array
     """Speed of the pulley [rad/s], without gaps."""
@@ -70,18 +70,18 @@ class Channels:
     n_spikes: int
     n_missing: int
     steps: tuple[float, float] = (0.0, 0.0)
-    """Steps of the converters of the tight and the slack cell [N]; zero where they do not show."""
+    """Resolution of the A/D converters of the tight and the slack cell [N]; zero if not visible."""
     kind: RigKind = TWO_CELLS
     """What the bench measured."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Samples with both tensions."""
+        """Mask of the samples with both tensions."""
         return np.isfinite(self.tight) & np.isfinite(self.slack)
 
 
 def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
-    """Check the channels of a run, take out its spikes, count its gaps, correct its cells.
+    """Check the channels of a run, remove spikes, count gaps and correct the cells.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     ]
     lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
     temperature = record.temperature_degC
-    # of a derived tension what is known of the cells was taken off before
+    # derived tensions are already corrected for the known errors of the cells
     cells = KnownCells() if record.kind.is_derived else record.kind.cells
     steps = converter_steps(*last)
     return Channels(
@@ -136,7 +136,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
 
 
 def _untied(t: Array) -> Array:
-    """Times of a coarse clock, spread evenly until the clock goes on."""
+    """Spread repeated times of a coarse clock evenly over each tick."""
     first = np.flatnonzero(np.append(True, np.diff(t) > 0.0))
     if first.size == t.size:
         return t
@@ -148,7 +148,7 @@ def _untied(t: Array) -> Array:
 def _tension(
     values: Array, name: str, settings: FrictionSettings
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Tension with gaps and spikes as nan, and the mask of the spikes."""
+    """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
     n = values.size
@@ -168,7 +168,7 @@ def _tension(
             f"allowed is {100 * MAX_MISSING:g} %"
         )
     # an exact zero is a lost reading; a negative one may be the noise of a nearly slack span, and
-    # leaving those out would bias the mean
+    # excluding those would bias the mean
     present &= clean != 0.0
     clean[~present] = np.nan
     spikes = np.zeros(n, dtype=bool)
@@ -178,7 +178,7 @@ def _tension(
 
 
 def _speed(t: Array, speed: Array) -> Array:
-    """Speed of the pulley with its gaps bridged."""
+    """Return the speed of the pulley with gaps interpolated."""
     present = np.isfinite(speed)
     if np.count_nonzero(present) < 0.5 * speed.size:
         raise RunRejected(
@@ -188,9 +188,9 @@ def _speed(t: Array, speed: Array) -> Array:
 
 
 def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float) -> None:
-    """Refuse a cell that does not answer the rotation or is saturated while the belt slides.
+    """Reject a cell that does not respond to the rotation or is saturated while the belt slides.
 
-    The ends of the belt are held: if one tension changes by a good part of the initial one
+    The ends of the belt are fixed: if one tension changes by a large part of the initial one
     (`tension_N`), so does the other.
 
     Raises
@@ -207,8 +207,8 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
         if reason:
             raise RunRejected(f"tension_{name}_N is saturated: {reason}")
     for name, across in (("tight", "slack"), ("slack", "tight")) if weight is None else ():
-        answered = change[name] >= LEAST_ANSWER * change[across]
-        if not answered and change[across] > 0.2 * tension_N:
+        responds = change[name] >= LEAST_ANSWER * change[across]
+        if not responds and change[across] > 0.2 * tension_N:
             raise RunRejected(
                 f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
                 f"the other cell changes by {change[across]:.3g} N"
@@ -216,24 +216,24 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
 
 
 def _clipped(rest: Array, slide: Array) -> str:
-    """Where a channel is stuck at an extreme value; empty if it is not.
+    """Describe how a channel sticks at an extreme value; empty if it does not.
 
-    Only a channel whose noise is seen at rest can be told to be stuck: a noise-free
-    recording may be constant while the belt slides, and a coarse converter repeats values.
+    Only a channel with visible noise at rest can be judged: a noise-free recording may be
+    constant while the belt slides, and a coarse converter repeats values.
     """
     for extreme in (float(np.max(slide)), float(np.min(slide))):
         count = np.count_nonzero(slide == extreme)
-        part = count / slide.size
-        if count < FEWEST_CLIPPED or part <= CLIPPED_FRACTION:
+        share = count / slide.size
+        if count < FEWEST_CLIPPED or share <= CLIPPED_FRACTION:
             continue
         levels = np.unique(rest)
         if levels.size >= 3 and mad_sigma(rest) >= 1.5 * float(np.min(np.diff(levels))):
-            return f"{100 * part:.3g} % of the sliding samples are {extreme:g} N"
+            return f"{100 * share:.3g} % of the sliding samples are {extreme:g} N"
     return ""
 
 
 def _spikes(x: Array, threshold: float) -> Mask:
-    """Spikes as `spike_mask` finds them, in a long signal only where its range asks for a look."""
+    """Find spikes with `spike_mask`; in a long signal only in sections with a large range."""
     if x.size < MANY:
         return spike_mask(x, threshold)
     starts = np.arange(0, x.size, SEARCHED)
@@ -241,27 +241,27 @@ def _spikes(x: Array, threshold: float) -> Mask:
     middle = np.append(0.5 * (low + high), 0.5 * (low[-1] + high[-1]))
     change = np.abs(np.diff(middle))
     change = np.maximum(change, np.append(change[0], change[:-1]))
-    noise = spike_sigma(x[-BLOCKS:])  # where the belt slides, if it slides at all
-    # both sides of the noise reach about a quarter beyond a spike that just counts
+    noise = spike_sigma(x[-BLOCKS:])  # while the belt slides, if it does
+    # the noise adds about a quarter to the range of a spike that just counts
     suspicious = np.flatnonzero(high - low > 1.25 * threshold * noise + change)
     if suspicious.size > MOST_SUSPICIOUS * starts.size:
         return spike_mask(x, threshold)
-    found = np.zeros(x.size, dtype=bool)
-    # all of them at once, each with its surroundings as a signal of its own
+    spikes = np.zeros(x.size, dtype=bool)
+    # all sections at once, each with its surroundings as a separate signal
     first = starts[suspicious][:, None]
     width = SEARCHED + 2 * AROUND
     samples = np.clip(first - AROUND, 0, x.size - width) + np.arange(width)
-    own = (samples >= first) & (samples < first + SEARCHED)
-    found[samples[own]] = spike_mask(x[samples], threshold)[own]
-    return found
+    in_section = (samples >= first) & (samples < first + SEARCHED)
+    spikes[samples[in_section]] = spike_mask(x[samples], threshold)[in_section]
+    return spikes
 
 
 def condensed(channels: Channels) -> Channels:
-    """Channels of a long run averaged over about `BLOCKS` blocks; those of a shorter one as is.
+    """Average the channels of a long run over about `BLOCKS` blocks; leave a shorter run as is.
 
-    Where a cell mostly stands at its extreme value, that value itself is kept, so that a saturated
-    cell still shows as one. A converter is coarse only where the noise does not carry the means
-    across its steps.
+    A block in which a cell mostly shows its extreme value keeps that value, so that a saturated
+    cell can still be detected. A converter is coarse only if the noise is too small for the means
+    to average over its steps.
     """
     n = channels.time_s.size
     if n < MANY:
@@ -275,9 +275,9 @@ def condensed(channels: Channels) -> Channels:
         steps.append(step if coarse else 0.0)
         means = _means(values, starts)
         for extreme in () if coarse else (np.nanmax(values), np.nanmin(values)):
-            held = _means((values == extreme).astype(float), starts)
-            if np.count_nonzero(held) > STUCK * starts.size:
-                means[held > 0.5] = extreme
+            share = _means((values == extreme).astype(float), starts)
+            if np.count_nonzero(share) > STUCK * starts.size:
+                means[share > 0.5] = extreme
         tensions.append(means)
     temperature = channels.temperature
     return replace(
@@ -292,7 +292,7 @@ def condensed(channels: Channels) -> Channels:
 
 
 def _means(x: Array, starts: NDArray[np.intp]) -> Array:
-    """Mean of every block over its finite samples; nan where most of them are missing."""
+    """Average every block over its finite samples; nan if most of them are missing."""
     size = np.diff(np.append(starts, x.size)).astype(float)
     finite = np.isfinite(x)
     if finite.all():
@@ -303,7 +303,7 @@ def _means(x: Array, starts: NDArray[np.intp]) -> Array:
 
 
 def missing_rows(t: Array) -> int:
-    """Samples that a record with an otherwise even time base leaves out."""
+    """Count the samples missing from a record with an otherwise even time base."""
     step = np.diff(t)
     if np.max(step) < 1.5 * np.min(step):
         return 0
@@ -315,7 +315,7 @@ def missing_rows(t: Array) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Rotation:
-    """The part of a record in which the pulley turns."""
+    """Part of a record in which the pulley turns."""
 
     first: int
     """Index of the first sample at which the pulley turns."""
@@ -351,7 +351,7 @@ def find_rotation(speed: Array) -> Rotation:
     first, end = _first_rotation(magnitude, reached)
     top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
     quiet = np.abs(speed[magnitude <= 0.5 * top])
-    # speed noise grows with the speed on most encoders: compare with what the rest phase shows
+    # speed noise grows with the speed on most encoders: compare with the rest phase
     background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
     if not top > max(5.0 * noise, 2.0 * background):
         fastest = float(np.max(magnitude))
@@ -375,9 +375,9 @@ def find_rotation(speed: Array) -> Rotation:
 
 
 def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
-    """First and end index of the first start of the pulley; a later start at any speed is ignored.
+    """Return first and end index of the first rotation of the pulley; ignore later ones.
 
-    Glitches of the speed channel are no starts: the stretch lasts at least a fifth as long as the
+    To exclude glitches of the speed channel, the rotation must last at least a fifth as long as the
     longest one.
     """
     edges = np.diff(np.concatenate([[0], (magnitude > 0.1 * reached).astype(np.int8), [0]]))
@@ -392,12 +392,12 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
 
 
 def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
-    """Swap the cells if the slack one carries more throughout the sliding.
+    """Swap the cells if the slack one shows the larger tension throughout the sliding.
 
     Raises
     ------
     RunRejected
-        If that cannot be what happened.
+        If swapped cells cannot be the cause, or there are too few samples.
     """
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     usable = channels.usable[half]
@@ -409,18 +409,18 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     below = np.count_nonzero(difference < 0.0) / difference.size
     if below < 0.9:
         return channels, False
-    why = channels.kind.reversed("rig")
-    if why:
-        raise RunRejected(why)
+    reason = channels.kind.reversed("rig")
+    if reason:
+        raise RunRejected(reason)
     steps = channels.steps[::-1]
     return replace(channels, tight=channels.slack, slack=channels.tight, steps=steps), True
 
 
 def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
-    """Tensions of a belt on a dead weight as they would part if its ends were held.
+    """Convert the tensions of a belt on a dead weight to those of a belt with fixed ends.
 
-    At the same ratio of both tensions at any moment, their sum stays what it is while the belt
-    slides. So build-up and tail of the peak look like those of a bench with two cells.
+    The ratio of the tensions is kept at every sample; their sum is set to its median while the
+    belt slides. Build-up and tail of the peak then look like those of a bench with two cells.
 
     Raises
     ------
@@ -433,13 +433,13 @@ def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
         share = channels.tight / (channels.tight + channels.slack)
     if np.count_nonzero(np.isfinite(total)) < 3:
         raise RunRejected(f"too short: {np.count_nonzero(np.isfinite(total))} samples of sliding")
-    held = median(total[np.isfinite(total)])
-    return replace(channels, tight=held * share, slack=held * (1.0 - share))
+    sum_N = median(total[np.isfinite(total)])
+    return replace(channels, tight=sum_N * share, slack=sum_N * (1.0 - share))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingPhase:
-    """Usable samples of a run until the pulley stops, and where the belt begins to slide.
+    """Usable samples of a run until the pulley stops, and the start of the sliding.
 
     Attributes
     ----------
@@ -450,13 +450,13 @@ class SlidingPhase:
     angle : ndarray
         Angle of the pulley since the first sample of the rotation [rad], shape (n,).
     temperature : ndarray
-        Temperature [°C], nan where it is not known, shape (n,).
+        Temperature [°C], nan if unknown, shape (n,).
     first : int
         First sample of the rotation.
     built : int
         First sample at which nine tenths of the build-up are reached.
     slide : int
-        First sample that surely lies behind the build-up.
+        First sample that is certainly after the build-up.
     """
 
     time_s: Array
@@ -474,7 +474,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     Raises
     ------
     RunRejected
-        If it never does, or a cell does not answer.
+        If it never slides, or a cell does not respond.
     """
     keep = np.flatnonzero(channels.usable[: rotation.end])
     t = channels.time_s[keep]
@@ -486,7 +486,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
         raise RunRejected(f"too short: {n - first} usable samples while the pulley turns")
     sliding = slice((rotation.full_speed + rotation.first + rotation.end) // 3, rotation.end)
     check_cells(channels, rotation.first, sliding, median(tensions[:first, 1]))
-    # by time: a simulated recording has most of its samples in the build-up
+    # halve the time, not the samples: a simulated recording has most of them in the build-up
     middle = 0.5 * float(t[first] + t[-1])
     settled = median(difference[min(int(np.searchsorted(t, middle)), n - 1) :])
     at_rest = median(difference[:first])
@@ -500,11 +500,11 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     if t[first + build_up] > middle:
         raise RunRejected("never slides: the tensions still part at the end of the record")
     rise_s = float(t[first + build_up] - t[first])
-    # a sample at this very time is before it, however a clock of another origin rounds its times
-    behind = t[first] + (1.5 + 1e-3 / max(build_up, 1)) * rise_s
-    slide = max(int(np.searchsorted(t, behind, side="right")), first + build_up + 1)
+    # a sample at exactly this time counts as before, whatever the rounding of the clock
+    end_s = t[first] + (1.5 + 1e-3 / max(build_up, 1)) * rise_s
+    slide = max(int(np.searchsorted(t, end_s, side="right")), first + build_up + 1)
     slide = max(slide, int(np.searchsorted(keep, rotation.full_speed)))
-    # noise reaches the level too early as often as it falls below it too late
+    # noise crosses the level too early as often as it drops below it too late
     built = first + min(int(np.count_nonzero(~reached[: 2 * build_up + 3])), n - first - 1)
     speed = np.abs(channels.speed)
     turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))

@@ -1,19 +1,19 @@
-"""What a bench measures in place of two load cells, turned into the tensions of both spans.
+"""Convert the channels of each kind of rig to the tensions of both spans.
 
-The formulas are those of `laws.capstan`. What comes out goes through the same reduction as the
-tensions of two cells; what differs is which errors the tensions can have.
+The formulas are in `laws.capstan`. The tensions go through the same reduction as those of two
+cells; only the errors that they can have differ.
 
 =========== ============================== ==================================================
 Kind        Measured                       Errors of the tensions
 =========== ============================== ==================================================
-two_cells   both tensions                  of each cell its own
-dead_weight one tension; the other is W    W has none
-torque      torque and one tension         torque: of the other tension; cell: of both
-torque_hub  torque and hub force           half of the torque's each; of the hub force's sum
+two_cells   both tensions                  independent errors of the two cells
+dead_weight one tension; the other is W    none in W
+torque      torque and one tension         torque: in the other tension; cell: in both
+torque_hub  torque and hub force           torque: half in each; hub force: in their sum
 =========== ============================== ==================================================
 
-What is known to be wrong with the cells is taken off before anything else, so that the difference
-of the cells at rest is only what is left of it.
+Known errors of the cells are corrected first, so that the difference of the cells at rest shows
+only the unknown rest.
 """
 
 from __future__ import annotations
@@ -42,40 +42,40 @@ Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 Course = Literal["", "falls", "rises"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
 CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 60.0)}
-"""What may be stated of a cell."""
+"""Allowed ranges of the known errors of a cell."""
 TURNS = 0.03
-"""Share of the largest speed from which on the pulley turns."""
+"""Share of the largest speed above which the pulley counts as turning."""
 LEAST_SLIP = 1e-9
-"""Sliding speed over that of a running belt below which it is rounding."""
+"""Ratio of sliding speed to belt speed below which the sliding is rounding error."""
 TOUCH_DEG = 360.0
-"""Arc from which on the turns of the belt may touch each other [deg]."""
+"""Arc beyond which the turns of the belt may touch each other [deg]."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownCell:
-    """Known errors of one load cell; the defaults are those of a perfect one."""
+    """Known errors of one load cell; the defaults describe a perfect one."""
 
     tare_N: float = 0.0
-    """Reading without a load [N]."""
+    """Reading without load [N]."""
     gain: float = 1.0
-    """True force over reading, less tare [-]."""
+    """Ratio of the true force to the reading less tare [-]."""
     tilt_deg: float = 0.0
     """Angle between the free span of the belt and the axis of the cell [deg]."""
 
     @property
     def scale(self) -> float:
-        """Tension over reading, less tare [-]."""
+        """Ratio of the tension to the reading less tare [-]."""
         return self.gain / float(np.cos(np.radians(self.tilt_deg)))
 
     @property
     def is_perfect(self) -> bool:
-        """Whether there is nothing to take off."""
+        """Whether there is nothing to correct."""
         return self.tare_N == 0.0 and self.scale == 1.0
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Tension of the span from the reading of its cell.
+        """Convert readings of the cell to the tension of its span.
 
-        The cell feels the part of the tension along its axis,
+        The cell measures the component of the tension along its axis,
         ``T = gain (reading - tare) / cos(tilt)``.
 
         Parameters
@@ -86,44 +86,44 @@ class KnownCell:
         return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
     def described(self, name: str) -> str:
-        """What is taken off, in words; empty for a perfect cell."""
+        """Describe the corrections as text; empty for a perfect cell."""
         parts = [
             text
-            for text, is_there in (
+            for text, applies in (
                 (f"tare {self.tare_N:g} N", self.tare_N != 0.0),
                 (f"gain {self.gain:g}", self.gain != 1.0),
                 (f"tilt {self.tilt_deg:g} deg", self.tilt_deg != 0.0),
             )
-            if is_there
+            if applies
         ]
         return f"{name} {', '.join(parts)}" if parts else ""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownCells:
-    """Known errors of both load cells of the rig, each that of its own column."""
+    """Known errors of both load cells of the rig, by the column of each."""
 
     tight: KnownCell = KnownCell()
     slack: KnownCell = KnownCell()
 
     @property
     def note(self) -> str:
-        """What is taken off, for the user; empty if there is nothing."""
+        """Note to the user on the corrections; empty if there are none."""
         cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
-        said = "; ".join(filter(None, cells))
-        return f"known errors of the load cells taken off: {said}" if said else ""
+        corrections = "; ".join(filter(None, cells))
+        return f"known errors of the load cells corrected: {corrections}" if corrections else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
-    """Torque of a pulley that turns without a belt: that of its bearings, and the sensor's zero.
+    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor.
 
     Attributes
     ----------
     speed_rad_s, torque_N_m, torque_se_N_m : ndarray, shape (k,)
-        Idle runs, by rising speed: their torque and its standard error.
+        Speed, torque and standard error of the torque of the idle runs, sorted by speed.
     at_rest_N_m : float
-        What the sensor shows before the pulley turns [N m].
+        Reading of the sensor before the pulley turns [N m].
     """
 
     speed_rad_s: Array
@@ -132,34 +132,35 @@ class Drag:
     at_rest_N_m: float
 
     def at(self, speed_rad_s: Array) -> Array:
-        """Torque to be taken off at some speeds, that of the nearest idle run beyond all of them.
+        """Interpolate the torque to subtract; constant beyond the speeds of the idle runs.
 
         Parameters
         ----------
         speed_rad_s : ndarray
-            Speeds of the pulley without their sign [rad/s].
+            Magnitudes of the pulley speed [rad/s].
         """
         turns = speed_rad_s > TURNS * float(np.nanmax(speed_rad_s, initial=0.0))
-        of_speed = np.interp(speed_rad_s, self.speed_rad_s, self.torque_N_m)
-        return np.where(turns, of_speed, self.at_rest_N_m)
+        drag = np.interp(speed_rad_s, self.speed_rad_s, self.torque_N_m)
+        return np.where(turns, drag, self.at_rest_N_m)
 
 
 @dataclass(frozen=True, slots=True)
 class Treatment:
-    """What was done to the channels of a run before its reduction.
+    """Corrections of the channels of a run before its reduction.
 
     Attributes
     ----------
     cells : KnownCells
-        Known errors of the cells that were taken off.
+        Known errors of the cells that were corrected.
     drag_N_m : tuple of float, optional
-        Lowest and highest drag of the bearings that was taken off the torque [N m].
+        Lowest and highest bearing drag subtracted from the torque [N m].
     other_span : bool
-        Whether the tension beside the torque is not that of the span stated.
+        Whether the tension measured with the torque is on another span than stated.
     course : {"", "falls", "rises"}
-        How the speed went of which the run is a bin; empty for a run at a steady speed.
+        Trend of the speed of the recording from which this bin was cut; empty for a run at a
+        steady speed.
     n_marks : int
-        Marks of an overflow that were left out of the speed of the pulley.
+        Overflow marks removed from the pulley speed.
     """
 
     cells: KnownCells = KnownCells()
@@ -174,32 +175,31 @@ UNTREATED = Treatment()
 
 @dataclass(frozen=True, slots=True)
 class RigKind:
-    """What a friction rig measures.
+    """Kind of friction rig: which channels it measures.
 
     Attributes
     ----------
     measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        Its channels.
+        Measured channels.
     weight_on : {"tight", "slack"}
-        Span that hangs on the dead weight.
+        Span that carries the dead weight.
     torque_with : {"tight", "slack"}
-        Span whose tension is measured beside a torque.
+        Span whose tension is measured in addition to a torque.
     running : bool
         Whether the belt moves.
     belt_speed_m_s : float
-        Speed of the belt where no column tells it [m/s].
+        Speed of the belt if no column gives it [m/s].
     mass_per_length_kg_m : float
-        Of the belt; it matters where the belt moves [kg/m].
+        Mass per length of the belt; used only if the belt moves [kg/m].
     cells : KnownCells
-        What is known to be wrong with the cells.
+        Known errors of the cells.
     spans : Spans
-        How far their forces turn by bending: a hub force is the resultant of both.
+        Rotation of the span forces by bending: a hub force is the resultant of both.
 
     Raises
     ------
     InputError
-        If errors of a cell are out of their range, or are stated of a cell that the kind does not
-        have.
+        If errors of a cell are out of range, or are stated for a cell that the kind does not have.
     """
 
     measures: Measures = "two_cells"
@@ -230,38 +230,38 @@ class RigKind:
             raise InputError(problems)
 
     def cell(self, span: Span) -> KnownCell:
-        """What is known of the cell of a span."""
+        """Return the known errors of the cell of a span."""
         return self.cells.tight if span == "tight" else self.cells.slack
 
     @property
     def name(self) -> str:
-        """The kind as a config states it."""
+        """Name of the kind in a config."""
         return "running" if self.running else self.measures
 
     @property
     def is_derived(self) -> bool:
-        """Whether the tensions are not simply the readings of two cells."""
+        """Whether the tensions are derived rather than read directly from two cells."""
         return self.measures != "two_cells" or self.running
 
     @property
     def has_torque(self) -> bool:
-        """Whether a torque is measured, and with it the drag of the bearings."""
+        """Whether a torque is measured, which includes the drag of the bearings."""
         return self.measures in ("torque", "torque_hub")
 
     @property
     def weight(self) -> Span | None:
-        """The span whose tension is a dead weight."""
+        """Span whose tension is a dead weight; None for other kinds."""
         return self.weight_on if self.measures == "dead_weight" else None
 
     def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
-        """Part of the measured tensions that turns a running belt [N]; a hub force has none."""
+        """Return the momentum part of the measured tensions [N]; zero with a hub force."""
         if not self.running or self.measures == "torque_hub":
             return 0.0 * belt_speed_m_s
         return self.mass_per_length_kg_m * belt_speed_m_s**2
 
     @property
     def needed(self) -> tuple[str, ...]:
-        """Columns that this kind needs; of a torque, one of both tensions beside them."""
+        """Columns that this kind needs; kind torque also needs one of the two tensions."""
         if self.measures == "dead_weight":
             return ("weight_N", f"tension_{other(self.weight_on)}_N")
         if self.measures == "torque":
@@ -271,12 +271,12 @@ class RigKind:
         return ("tension_tight_N", "tension_slack_N")
 
     def measured_span(self, columns: Mapping[str, Array]) -> Span:
-        """The span whose tension is measured beside a torque.
+        """Return the span whose tension is measured in addition to a torque.
 
         Raises
         ------
         InputError
-            If there is none.
+            If neither tension is measured.
         """
         for span in (self.torque_with, other(self.torque_with)):
             if np.isfinite(columns.get(f"tension_{span}_N", np.empty(0))).any():
@@ -289,17 +289,17 @@ class RigKind:
 
     @property
     def span_beside_torque(self) -> Span | None:
-        """The span whose tension is measured beside a torque; None of other kinds."""
+        """Span whose tension is measured in addition to a torque; None for other kinds."""
         return self.torque_with if self.measures == "torque" else None
 
     def with_span_of(self, columns: Mapping[str, Array]) -> RigKind:
-        """The kind with the span that the columns tell the tension of beside a torque."""
+        """Return the kind with `torque_with` set to the span that the columns measure."""
         if self.measures != "torque":
             return self
         return replace(self, torque_with=self.measured_span(columns))
 
     def treatment(self, columns: Mapping[str, Array], drag: Drag | None) -> Treatment:
-        """What `tensions` does to such channels."""
+        """Summarise the corrections that `tensions` applies to these channels."""
         drag_N_m = None
         if drag is not None and self.has_torque:
             drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
@@ -307,7 +307,7 @@ class RigKind:
         return Treatment(self.cells, drag_N_m, other_span=not as_stated)
 
     def check(self, columns: Mapping[str, Array]) -> None:
-        """Refuse columns that are not those of this kind.
+        """Reject columns that do not match this kind.
 
         Raises
         ------
@@ -327,38 +327,38 @@ class RigKind:
             self.belt_speed(columns)
         elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
             raise InputError(
-                f"rig.kind: {self.name}, but the column belt_speed_m_s says that the belt moves; "
+                f"rig.kind: {self.name}, but according to column belt_speed_m_s the belt moves; "
                 f"must be rig.kind: running, with rig.running_measures: {self.measures}"
             )
 
     def reversed(self, table: str) -> str:
-        """What it means if the slack span seems to pull more than the tight one; "" of two cells.
+        """Explain a slack tension above the tight one; empty for two cells.
 
         Parameters
         ----------
         table : {"rig", "points"}
-            The recording, for the name under which its columns are mapped.
+            Name under which the config maps the columns of the recording.
         """
         if self.weight is not None:
             return (
-                f"the cell shows the weight to hang on the {other(self.weight)} span while the "
-                f"pulley turns, rig.weight_on: {self.weight}"
+                f"the cell shows that the weight hangs on the {other(self.weight)} span while the "
+                f"pulley turns, but the config states rig.weight_on: {self.weight}"
             )
         if self.has_torque:
             return (
-                "the torque is negative while the pulley turns; if it counts the other way, turn "
-                f"its sign by a minus before its name: columns: {{{table}: {{torque_N_m: "
-                '"-torque_N_m"}}'
+                "the torque is negative while the pulley turns; if the sensor counts the other "
+                "way, reverse its sign with a minus before the column name: columns: "
+                f'{{{table}: {{torque_N_m: "-torque_N_m"}}}}'
             )
         return ""
 
     def belt_speed(self, columns: Mapping[str, Array]) -> Array:
-        """Speed of the belt [m/s], without its sign.
+        """Return the magnitude of the belt speed [m/s].
 
         Raises
         ------
         InputError
-            If neither a column nor the config tells it.
+            If neither a column nor the config gives it.
         """
         speed = np.asarray(columns.get("belt_speed_m_s", np.nan), dtype=float)
         speed = np.abs(np.where(np.isfinite(speed), speed, self.belt_speed_m_s))
@@ -376,7 +376,7 @@ class RigKind:
         R: float,
         drag: Drag | None = None,
     ) -> tuple[Array, Array]:
-        """Tensions that press the belt onto the pulley [N], shape (n,) each.
+        """Compute the tensions that press the belt onto the pulley [N], shape (n,) each.
 
         Parameters
         ----------
@@ -387,21 +387,21 @@ class RigKind:
         R : float
             Radius of the belt's centreline on the pulley [m].
         drag : Drag, optional
-            What is taken off the torque.
+            Bearing drag to subtract from the torque.
         """
-        span = {name: self._span(columns, name) for name in SPANS}
+        tensions = {span: self._span_tension(columns, span) for span in SPANS}
         if self.measures == "torque_hub":
-            # the force on the axis has no part of the momentum that the belt carries along
+            # the momentum of the belt does not load the axis
             hub, beta = columns["hub_force_N"], np.radians(arc_deg)
             return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R, self.spans)
         if self.measures == "torque":
-            there = self.measured_span(columns)
-            known = {f"T_{there}": span[there]}
-            return tensions_by_torque(self._torque(columns, drag), R, **known)
-        return span["tight"], span["slack"]
+            span = self.measured_span(columns)
+            measured = {f"T_{span}": tensions[span]}
+            return tensions_by_torque(self._torque(columns, drag), R, **measured)
+        return tensions["tight"], tensions["slack"]
 
-    def _span(self, columns: Mapping[str, Array], span: Span) -> Array:
-        """Tension of a span from its cell or weight."""
+    def _span_tension(self, columns: Mapping[str, Array], span: Span) -> Array:
+        """Compute the tension of a span from its cell or weight."""
         if span == self.weight:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
@@ -412,18 +412,18 @@ class RigKind:
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
 
     def _torque(self, columns: Mapping[str, Array], drag: Drag | None) -> Array:
-        """Torque of the belt, in the sense of the rotation."""
+        """Return the torque of the belt, positive in the direction of rotation, without drag."""
         torque, speed = (
             np.asarray(columns[k], float) for k in ("torque_N_m", "pulley_speed_rad_s")
         )
-        size = np.abs(speed)
-        turning = speed[size > 0.5 * float(np.nanmax(size, initial=0.0))]
+        magnitude = np.abs(speed)
+        turning = speed[magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))]
         if turning.size and median(turning) < 0.0:
             torque = -torque
-        return torque if drag is None else torque - drag.at(size)
+        return torque if drag is None else torque - drag.at(magnitude)
 
     def relative_speed(self, columns: Mapping[str, Array], R: float) -> Array:
-        """Speed of the pulley that gives the sliding speed under a belt at rest [rad/s]."""
+        """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
         speed = np.asarray(columns["pulley_speed_rad_s"], dtype=float)
         if not self.running:
             return speed
@@ -437,37 +437,37 @@ TWO_CELLS = RigKind()
 
 
 def other(span: Span) -> Span:
-    """The span on the other side of the pulley."""
+    """Return the span on the other side of the pulley."""
     return "slack" if span == "tight" else "tight"
 
 
 def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
-    """Drag of the bearings from runs of the pulley without the belt; None without such runs.
+    """Compute the bearing drag from runs of the pulley without the belt; None without such runs.
 
     Parameters
     ----------
     idle : sequence of mapping
         Columns pulley_speed_rad_s [rad/s] and torque_N_m [N m] of each run.
     """
-    speeds, torques, errors, rest = [], [], [], []
+    speeds, torques, errors, torques_at_rest = [], [], [], []
     for columns in idle:
         speed, torque = (
             np.atleast_1d(np.asarray(columns[name], dtype=float))
             for name in ("pulley_speed_rad_s", "torque_N_m")
         )
-        size = np.abs(speed)
-        turns = np.isfinite(torque) & (size > 0.5 * float(np.nanmax(size, initial=0.0)))
+        magnitude = np.abs(speed)
+        turns = np.isfinite(torque) & (magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0)))
         if not turns.any():
             continue
         sign = -1.0 if median(speed[turns]) < 0.0 else 1.0
-        part = sign * torque[turns]
-        memory = integrated_autocorrelation_time(part) if part.size > 8 else 1.0
-        speeds.append(median(size[turns]))
-        torques.append(float(np.mean(part)))
-        errors.append(float(np.std(part)) * np.sqrt(max(memory, 1.0) / part.size))
-        still = np.isfinite(torque) & (size <= TURNS * float(np.nanmax(size)))
+        drag = sign * torque[turns]
+        correlation_time = integrated_autocorrelation_time(drag) if drag.size > 8 else 1.0
+        speeds.append(median(magnitude[turns]))
+        torques.append(float(np.mean(drag)))
+        errors.append(float(np.std(drag)) * np.sqrt(max(correlation_time, 1.0) / drag.size))
+        still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
-            rest.append(sign * float(np.mean(torque[still])))
+            torques_at_rest.append(sign * float(np.mean(torque[still])))
     if not speeds:
         return None
     order = np.argsort(speeds, kind="stable")
@@ -475,5 +475,5 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
         speed_rad_s=np.array(speeds)[order],
         torque_N_m=np.array(torques)[order],
         torque_se_N_m=np.array(errors)[order],
-        at_rest_N_m=float(np.mean(rest)) if rest else 0.0,
+        at_rest_N_m=float(np.mean(torques_at_rest)) if torques_at_rest else 0.0,
     )

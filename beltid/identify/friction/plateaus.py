@@ -1,9 +1,9 @@
-"""Plateaus without a record of rest and build-up: rows of a table, bins of a falling speed.
+"""Reduce plateaus that have no rest or build-up: rows of a table, bins of a changing speed.
 
-Each is one friction coefficient by Eq. (6). There is no tail of a sticking peak to be taken off and
-no zero of a cell to be seen, so what a row cannot show it is not asked for. Of a single reading the
-resolution r of the force stands for the scatter: an even distribution of this width has the
-standard deviation ``r / sqrt(12)``.
+Each gives one friction coefficient by Eq. (6). It shows neither the tail of a sticking peak nor the
+zero of a cell, so neither is corrected. For a single reading, the resolution r of the force
+replaces the scatter: a uniform distribution of this width has the standard deviation
+``r / sqrt(12)``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from beltid.identify.friction.kinds import UNTREATED, Course, Drag, RigKind, dra
 from beltid.identify.friction.run import (
     CELLS,
     NAN,
-    SAID,
+    TEXT_COLUMNS,
     FrictionSettings,
     RunColumns,
     RunRecord,
@@ -37,14 +37,14 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 
 BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
-"""What may help where such a run cannot be used."""
+"""Hint for a run that cannot be used because its speed changes."""
 FALLS, RISES = 0.8, 1.25
-"""Speed at the end of a run over that at its begin from which on it falls or rises."""
+"""Ratios of the final to the initial speed of a run below and above which it falls or rises."""
 
 
 def is_direct(columns: Columns) -> bool:
-    """Whether a table of plateaus states coefficient and normal force themselves."""
-    return all(name in columns and _known(columns, name) for name in ("mu", "normal_force_N_m"))
+    """Return whether a table of plateaus states coefficient and normal force directly."""
+    return all(name in columns and _has_values(columns, name) for name in STATED)
 
 
 def reduce_plateaus(
@@ -54,14 +54,14 @@ def reduce_plateaus(
     kind: RigKind,
     resolution_N: float = NAN,
 ) -> tuple[RunReduction, ...]:
-    """Reduce a table with a row per plateau.
+    """Reduce a table with one row per plateau.
 
     Parameters
     ----------
     columns : mapping of str to ndarray
         Columns of the table of points, shape (n,) each, nan or None where a value is missing. They
         hold mu and normal_force_N_m, or arc_deg and the channels of the kind; and
-        pulley_speed_rad_s or slip_speed_m_s. Rows of the idle pulley are taken off the torque.
+        pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is subtracted from the others.
     R : float
         Radius of the belt's centreline on the pulley [m].
     settings : FrictionSettings
@@ -69,28 +69,28 @@ def reduce_plateaus(
     kind : RigKind
         What the rig measures.
     resolution_N : float
-        Resolution of the forces [N]; nan if nobody stated it.
+        Resolution of the forces [N]; nan if not stated.
 
     Returns
     -------
     tuple of RunReduction
-        One for every row, but for those of the idle pulley.
+        One for every row, except those of the idle pulley.
 
     Raises
     ------
     InputError
         With the columns that are missing.
     """
-    if not (_known(columns, "pulley_speed_rad_s") or _known(columns, "slip_speed_m_s")):
+    if not (_has_values(columns, "pulley_speed_rad_s") or _has_values(columns, "slip_speed_m_s")):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
     n = len(columns["run"])
-    is_idle = np.array([str(w).lower() == "true" for w in columns.get("idle", np.full(n, None))])
+    is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
     rows = {name: values[~is_idle] for name, values in columns.items()}
     treatment, span = UNTREATED, None
     if is_direct(columns):
-        found = _stated(rows)
+        values = _stated(rows)
     else:
-        if not _known(columns, "arc_deg"):
+        if not _has_values(columns, "arc_deg"):
             raise InputError("column arc_deg is missing")
         kind.check(rows)
         idle = [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(is_idle)]
@@ -98,15 +98,15 @@ def reduce_plateaus(
         treatment = kind.treatment(rows, drag)
         kind = kind.with_span_of(rows)
         span = kind.span_beside_torque
-        found = _by_tensions(rows, kind, R, drag, resolution_N)
-    found |= _settings(rows, kind, R)
-    stated = _column(rows, "mu_se")
-    found["mu_sliding_se"] = np.where(np.isfinite(stated), stated, found["mu_sliding_se"])
+        values = _by_tensions(rows, kind, R, drag, resolution_N)
+    values |= _settings(rows, kind, R)
+    stated_se = _column(rows, "mu_se")
+    values["mu_sliding_se"] = np.where(np.isfinite(stated_se), stated_se, values["mu_sliding_se"])
     runs = []
     for k, label in enumerate(_unique([str(label) for label in rows["run"]])):
-        said = {name: rows[name][k] for name in SAID if name in rows and rows[name][k]}
-        row = RunColumns(label, {name: x[[k]] for name, x in rows.items()}, said)
-        values: dict[str, Any] = {name: float(x[k]) for name, x in found.items()}
+        texts = {name: rows[name][k] for name in TEXT_COLUMNS if name in rows and rows[name][k]}
+        row = RunColumns(label, {name: x[[k]] for name, x in rows.items()}, texts)
+        numbers: dict[str, Any] = {name: float(x[k]) for name, x in values.items()}
         run = RunReduction(
             run=label,
             n_samples=1,
@@ -114,27 +114,28 @@ def reduce_plateaus(
             conditions=conditions_of(row),
             treatment=treatment,
             torque_with=span,
-            **values,
+            **numbers,
         )
         runs.append(replace(run, status=_problem(run, settings, kind, "points") or "ok"))
     return tuple(runs)
 
 
+STATED = ("mu", "normal_force_N_m")
 DRAG = ("pulley_speed_rad_s", "torque_N_m")
 
 
-def _known(columns: Columns, name: str) -> bool:
+def _has_values(columns: Columns, name: str) -> bool:
     return name in columns and bool(np.isfinite(np.asarray(columns[name], dtype=float)).any())
 
 
 def _column(rows: Columns, name: str) -> Array:
-    """A column of the table, nan where there is none."""
+    """Return a column of the table; nan throughout if it is missing."""
     missing = np.full(len(rows["run"]), NAN)
     return np.asarray(rows.get(name, missing), dtype=float)
 
 
 def _stated(rows: Columns) -> dict[str, Array]:
-    """Coefficient and force as the table states them."""
+    """Return coefficient and normal force as the table states them."""
     return {
         "mu_sliding": _column(rows, "mu"),
         "normal_force_N_m": _column(rows, "normal_force_N_m"),
@@ -145,10 +146,10 @@ def _stated(rows: Columns) -> dict[str, Array]:
 def _by_tensions(
     rows: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
 ) -> dict[str, Array]:
-    """Coefficient by Eq. (6) and force by Eq. (8) from what the rig measures."""
+    """Compute the coefficient by Eq. (6) and the force by Eq. (8) from the measured channels."""
     tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
     beta = np.radians(rows["arc_deg"])
-    found = {
+    values = {
         "tension_tight_N": tight,
         "tension_slack_N": slack,
         "mu_sliding": friction_coefficient(tight, slack, beta),
@@ -156,13 +157,13 @@ def _by_tensions(
         "mu_sliding_se": _by_resolution(rows, kind, R, drag, resolution_N) / beta,
     }
     if kind.running:
-        found["momentum_N"] = kind.momentum_N(kind.belt_speed(rows)) + np.zeros(beta.size)
-    return found
+        values["momentum_N"] = kind.momentum_N(kind.belt_speed(rows)) + np.zeros(beta.size)
+    return values
 
 
 def _settings(rows: Columns, kind: RigKind, R: float) -> dict[str, Array]:
-    """Arc, tension at rest, speeds and temperature of the plateaus; a weight is a tension."""
-    turned, slipped = _speeds(rows, kind, R)
+    """Return arc, initial tension (or dead weight), speeds and temperature of the plateaus."""
+    pulley_speed, slip_speed = _speeds(rows, kind, R)
     initial = _column(rows, "initial_tension_N")
     if kind.weight:
         initial = np.where(np.isfinite(initial), initial, _column(rows, "weight_N"))
@@ -170,8 +171,8 @@ def _settings(rows: Columns, kind: RigKind, R: float) -> dict[str, Array]:
         "arc_deg": _column(rows, "arc_deg"),
         "nominal_tension_N": initial,
         "initial_tension_N": initial,
-        "pulley_speed_rad_s": turned,
-        "slip_speed_m_s": slipped,
+        "pulley_speed_rad_s": pulley_speed,
+        "slip_speed_m_s": slip_speed,
         "temperature_degC": _column(rows, "temperature_degC"),
     }
 
@@ -186,13 +187,13 @@ def _force(tight: Array, slack: Array, R: float) -> Array:
 def _by_resolution(
     columns: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
 ) -> Array:
-    """Standard error of ln(T_tight/T_slack) by the resolution of the forces (n,)."""
+    """Return the standard error of ln(T_tight/T_slack) from the resolution of the forces (n,)."""
     u = resolution_N / np.sqrt(12.0)
     variance = np.zeros(len(columns["arc_deg"]))
     if not np.isfinite(u):
         return np.full(variance.size, NAN)
-    for name in CELLS:  # the stated resolution is that of a force
-        if not _known(columns, name):
+    for name in CELLS:  # the stated resolution applies to forces only
+        if not _has_values(columns, name):
             continue
         z = []
         for sign in (-1.0, 1.0):
@@ -204,20 +205,20 @@ def _by_resolution(
 
 
 def _speeds(columns: Columns, kind: RigKind, R: float) -> tuple[Array, Array]:
-    """Speed of the pulley [rad/s] and sliding speed [m/s], without their signs."""
-    turned = np.abs(_column(columns, "pulley_speed_rad_s"))
-    slipped = np.abs(_column(columns, "slip_speed_m_s"))
-    if np.isfinite(turned).any():
-        relative = kind.relative_speed({**columns, "pulley_speed_rad_s": turned}, R)
-        of_pulley = np.abs(sliding_speed(relative, R))
-        slipped = np.where(np.isfinite(slipped), slipped, of_pulley)
+    """Return the magnitudes of the pulley speed [rad/s] and the sliding speed [m/s]."""
+    pulley_speed = np.abs(_column(columns, "pulley_speed_rad_s"))
+    slip_speed = np.abs(_column(columns, "slip_speed_m_s"))
+    if np.isfinite(pulley_speed).any():
+        relative = kind.relative_speed({**columns, "pulley_speed_rad_s": pulley_speed}, R)
+        from_pulley = np.abs(sliding_speed(relative, R))
+        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
     if not kind.running:
-        turned = np.where(np.isfinite(turned), turned, slipped / R)
-    return turned, slipped
+        pulley_speed = np.where(np.isfinite(pulley_speed), pulley_speed, slip_speed / R)
+    return pulley_speed, slip_speed
 
 
 def _unique(labels: list[str]) -> list[str]:
-    """Labels of rows; rows of one label are numbered."""
+    """Return unique labels; rows with the same label are numbered."""
     seen: dict[str, int] = {}
     unique = []
     for label in labels:
@@ -227,17 +228,17 @@ def _unique(labels: list[str]) -> list[str]:
 
 
 def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind, table: str) -> str:
-    """Why a plateau cannot be used; empty if it can."""
+    """Return why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
-        wrong = arc_problem(run.arc_deg)
-        if wrong:
-            return wrong
+        bad_arc = arc_problem(run.arc_deg)
+        if bad_arc:
+            return bad_arc
         if kind.measures == "torque_hub" and np.isnan(tensions).any():
             return (
-                f"torque_N_m and hub_force_N leave no tensions at {run.arc_deg:g} deg: the force "
+                f"torque_N_m and hub_force_N give no tensions at {run.arc_deg:g} deg: the force "
                 "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
-                "tells nothing of their sum"
+                "does not depend on the sum of the tensions"
             )
         if tensions[0] < tensions[1] and (why := kind.reversed(table)):
             return why
@@ -254,7 +255,7 @@ def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind, table
 
 
 def course(record: RunRecord) -> Course:
-    """How the speed of a run goes: "falls", "rises", or "" where it is steady."""
+    """Classify the speed of a run: "falls", "rises", or "" if it is steady."""
     speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
     turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
     if turning.size < 16:
@@ -267,10 +268,10 @@ def course(record: RunRecord) -> Course:
 def binned_plateaus(
     record: RunRecord, R: float, settings: FrictionSettings
 ) -> tuple[RunReduction, ...]:
-    """Plateaus of a run whose speed falls or rises: one for each bin of the speed.
+    """Cut a run whose speed falls or rises into plateaus, one per speed bin.
 
-    The mean of each tension over a bin goes into Eq. (6); the standard error is that of the scatter
-    about a straight line over the speed, with its memory.
+    Eq. (6) uses the mean of each tension over a bin; the standard error follows from the scatter
+    about a straight line over the speed and its autocorrelation.
 
     Parameters
     ----------
@@ -279,9 +280,9 @@ def binned_plateaus(
     R : float
         Radius of the belt's centreline on the pulley [m].
     settings : FrictionSettings
-        With the edges of the bins.
+        Settings with the edges of the bins.
     """
-    goes = course(record)
+    trend = course(record)
     speed = np.abs(record.pulley_speed_rad_s)
     cells = record.kind.cells
     tensions = [record.tension_tight_N, record.tension_slack_N]
@@ -291,13 +292,13 @@ def binned_plateaus(
     usable = np.isfinite(speed) & (tensions[0] > 0.0) & (tensions[1] > 0.0)
     smooth = running_median(np.where(usable, speed, 0.0), 5)
     fastest = int(np.argmax(smooth))
-    usable[: fastest if goes == "falls" else 0] = False
-    usable[fastest + 1 if goes == "rises" else speed.size :] = False
+    usable[: fastest if trend == "falls" else 0] = False
+    usable[fastest + 1 if trend == "rises" else speed.size :] = False
     edges = np.sort(np.array(settings.speed_bins_rad_s))
-    treatment = replace(record.treatment, course=goes)
-    found = []
+    treatment = replace(record.treatment, course=trend)
+    plateaus = []
     for low, high in itertools.pairwise(edges):
-        here = usable & (speed >= low) & (speed < high)
+        in_bin = usable & (speed >= low) & (speed < high)
         run = RunReduction(
             run=f"{record.run}:{low:g}-{high:g}",
             arc_deg=record.arc_deg,
@@ -310,37 +311,39 @@ def binned_plateaus(
             treatment=treatment,
         )
         if record.defect:
-            found.append(replace(run, status=record.defect))
-        elif np.count_nonzero(here) < settings.min_plateau_samples:
+            plateaus.append(replace(run, status=record.defect))
+        elif np.count_nonzero(in_bin) < settings.min_plateau_samples:
             reason = (
-                f"too short: {np.count_nonzero(here)} usable samples between {low:g} and "
+                f"too short: {np.count_nonzero(in_bin)} usable samples between {low:g} and "
                 f"{high:g} rad/s, must be >= {settings.min_plateau_samples}"
             )
-            found.append(replace(run, status=reason))
+            plateaus.append(replace(run, status=reason))
         else:
-            found.append(_of_bin(run, record, [x[here] for x in tensions], here, R, settings))
-    return tuple(found)
+            in_bin_N = [x[in_bin] for x in tensions]
+            plateaus.append(_reduce_bin(run, record, in_bin_N, in_bin, R, settings))
+    return tuple(plateaus)
 
 
-def _of_bin(
+def _reduce_bin(
     run: RunReduction,
     record: RunRecord,
     tensions: Sequence[Array],
-    here: NDArray[np.bool_],
+    in_bin: NDArray[np.bool_],
     R: float,
     settings: FrictionSettings,
 ) -> RunReduction:
-    speed = np.abs(record.pulley_speed_rad_s[here])
+    """Reduce the samples of one speed bin."""
+    speed = np.abs(record.pulley_speed_rad_s[in_bin])
     tight, slack = (float(np.mean(x)) for x in tensions)
     z = tensions[0] / tight - tensions[1] / slack
-    over_speed = np.column_stack([np.ones(speed.size), speed])
-    residual = z - over_speed @ np.linalg.lstsq(over_speed, z, rcond=None)[0]
-    memory = max(integrated_autocorrelation_time(residual), 1.0)
-    se = float(np.std(residual, ddof=2)) * np.sqrt(memory / residual.size)
+    line = np.column_stack([np.ones(speed.size), speed])
+    residual = z - line @ np.linalg.lstsq(line, z, rcond=None)[0]
+    correlation_time = max(integrated_autocorrelation_time(residual), 1.0)
+    se = float(np.std(residual, ddof=2)) * np.sqrt(correlation_time / residual.size)
     beta, omega = float(np.radians(run.arc_deg)), float(np.mean(speed))
     temperature = NAN
-    if record.temperature_degC is not None and np.isfinite(record.temperature_degC[here]).any():
-        temperature = float(np.nanmean(record.temperature_degC[here]))
+    if record.temperature_degC is not None and np.isfinite(record.temperature_degC[in_bin]).any():
+        temperature = float(np.nanmean(record.temperature_degC[in_bin]))
     run = replace(
         run,
         pulley_speed_rad_s=omega + record.belt_speed_m_s / R,
@@ -352,7 +355,7 @@ def _of_bin(
         normal_force_N_m=float(mean_normal_force(tight, slack, R)),
         temperature_degC=temperature,
         n_samples=int(residual.size),
-        plateau_start_s=float(record.time_s[here][0]),
-        plateau_end_s=float(record.time_s[here][-1]),
+        plateau_start_s=float(record.time_s[in_bin][0]),
+        plateau_end_s=float(record.time_s[in_bin][-1]),
     )
     return replace(run, status=_problem(run, settings, record.kind, "rig") or "ok")

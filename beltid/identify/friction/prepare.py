@@ -1,14 +1,14 @@
-"""First pass over the runs: from a recording to what its campaign needs of it.
+"""Prepare each run alone (first pass): condense its recording to the data the campaign needs.
 
-Sensor facts, rest, rotation and the condensed sliding of one run, whatever the other runs show.
-What is kept is small, so that a bench of any size can be read once, run by run. The quantity is
-z = ln(T_tight/T_slack), linearised about the smooth course m of both tensions,
+Checks the sensors, finds rest and rotation and averages the sliding of one run, independently of
+the other runs. The result is small, so that a bench of any size can be read once, run by run. The
+quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of both tensions,
 
     z = ln(m_t/m_s) + (T_t/m_t - 1) - (T_s/m_s - 1),                                         (S1)
 
 since the plain logarithm of noisy samples is biased by -sigma²/(2 T²). It is averaged over blocks
-of samples whose length grows with the travel: fine where the tail of the peak is steep, coarse
-where only the level is left to tell.
+of samples whose length grows with the travel: short where the tail of the peak is steep, long
+where only the level remains.
 """
 
 from __future__ import annotations
@@ -53,40 +53,40 @@ Mask = NDArray[np.bool_]
 
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
-"""Relative change of the pulley's speed between the halves of the rotation."""
+"""Relative changes of the pulley speed between the halves of the rotation: note, reject."""
 ROUNDING_NOTED = 1e-4
-"""Rounding error of ln(T_tight/T_slack) from which on a run tells of its converters [-]."""
+"""Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
 MAX_IMBALANCE = 0.2
 """Largest difference of the two cells at rest over their mean [-]."""
 MAX_NOISE_RATIO = 2.5
-"""Largest noise while sliding over that at rest; beyond it the belt sticks and slips [-]."""
+"""Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
 ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Onset:
-    """The record from the start of the rotation to the sliding, shape (n,) each."""
+    """Record from the start of the rotation to the start of the sliding, shape (n,) each."""
 
     time_s: Array
     travel: Array
     """Travel of the pulley's surface since the end of the build-up [m]."""
     z: Array
-    """ln(T_tight/T_slack); nan where a tension is not positive."""
+    """ln(T_tight/T_slack); nan if a tension is not positive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
-    """A run as its campaign needs it; without `sliding` it is set aside for the reason found."""
+    """A run prepared for its campaign; without `sliding` it is rejected, see `found.status`."""
 
     found: RunReduction
     sliding: SlidingRecord | None = None
     plateaus: tuple[RunReduction, ...] = ()
-    """Those of a run whose speed is not steady, in place of the one found."""
+    """Plateaus of a run at a changing speed; they replace `found`."""
 
 
 def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
-    """Reduce one record to what its campaign needs; what is wrong with it ends in its status.
+    """Condense one record to the data its campaign needs; its status states any defect.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         plateaus = binned_plateaus(record, R, settings)
         return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
     kind = record.kind
-    found = RunReduction(
+    result = RunReduction(
         run=record.run,
         arc_deg=record.arc_deg,
         nominal_tension_N=record.nominal_tension_N,
@@ -113,15 +113,15 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
     try:
         if record.defect:
             raise RunRejected(record.defect)
-        # one quantity after the other, so that a run set aside keeps what came before
+        # step by step, so that a rejected run keeps the values determined before
         channels = condensed(read_channels(record, settings))
-        found = replace(found, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
+        result = replace(result, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
         rotation = find_rotation(channels.speed)
-        found = _with_rotation(found, channels, rotation, record.belt_speed_m_s, R)
-        found = replace(found, notes=_rotation_notes(rotation, channels))
+        result = _with_rotation(result, channels, rotation, record.belt_speed_m_s, R)
+        result = replace(result, notes=_rotation_notes(rotation, channels))
         rest = _rest(channels, rotation)
-        found = replace(
-            found,
+        result = replace(
+            result,
             initial_tension_N=rest.tension_N,
             imbalance_N=rest.imbalance_N,
             imbalance_se_N=rest.imbalance_se_N,
@@ -129,41 +129,42 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         _check_imbalance(rest)
         channels, swapped = unswapped(channels, rotation)
         if swapped:
-            words = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
-            found = replace(found, swapped=True, notes=(*found.notes, words))
+            note = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
+            result = replace(result, swapped=True, notes=(*result.notes, note))
             slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
             rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-        held = channels if kind.weight is None else as_if_held(channels, rotation)
-        phase = sliding_phase(held, rotation)
+        fixed_ends = channels if kind.weight is None else as_if_held(channels, rotation)
+        phase = sliding_phase(fixed_ends, rotation)
         _check_length(phase, settings.min_plateau_samples)
         sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-        found = _with_sliding(found, sliding, max(channels.steps))
+        result = _with_sliding(result, sliding, max(channels.steps))
         noise_N = rest.noise_N
         if kind.is_derived:
-            # noise of a weight's cell may be that of the cell, or of the ratio of the tensions
-            noise_N = max(_noise_at_rest(rest, seen, sliding) for seen in (channels, held))
+            # with a dead weight, the noise may be in the cell or in the ratio of the tensions
+            noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, fixed_ends))
         _check_stick_slip(sliding, noise_N, max(channels.steps))
     except RunRejected as reason:
         hint = f"; {BY_BINS}" if course(record) else ""
-        return PreparedRun(replace(found, status=f"{reason}{hint}"))
-    return PreparedRun(found, sliding)
+        return PreparedRun(replace(result, status=f"{reason}{hint}"))
+    return PreparedRun(result, sliding)
 
 
 def _with_rotation(
-    found: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
+    result: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
 ) -> RunReduction:
-    sense = -1.0 if rotation.reversed else 1.0
+    """Add the speeds and the start time of a run."""
+    sign = -1.0 if rotation.reversed else 1.0
     return replace(
-        found,
-        # also where the belt moves
-        pulley_speed_rad_s=abs(belt_speed_m_s / R + sense * rotation.speed_rad_s),
+        result,
+        # valid for a running belt, too
+        pulley_speed_rad_s=abs(belt_speed_m_s / R + sign * rotation.speed_rad_s),
         slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
         start_time_s=float(channels.time_s[rotation.first]),
     )
 
 
 def _rest(channels: Channels, rotation: Rotation) -> Rest:
-    """The cells at rest; of a dead weight W is the tension, and friction holds the difference."""
+    """Evaluate the rest phase; with a dead weight, W is the tension and friction the imbalance."""
     cells = channels.tight, channels.slack
     rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
     if channels.kind.weight is None:
@@ -186,21 +187,23 @@ def _check_length(phase: SlidingPhase, least: int) -> None:
         raise RunRejected(f"too short: {usable} usable samples of sliding, must be >= {least}")
 
 
-def _with_sliding(found: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
-    notes = found.notes
+def _with_sliding(result: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
+    """Add the ripple, the end of the plateau and the outliers of a run."""
+    notes = result.notes
     if sliding.rounding > ROUNDING_NOTED:
-        notes = (*notes, f"the converters of the cells resolve only {step_N:.3g} N")
+        notes = (*notes, f"the A/D converters of the cells resolve only {step_N:.3g} N")
     return replace(
-        found,
+        result,
         ripple_amplitude_N=sliding.ripple_N,
         ripple_period_s=sliding.ripple_s,
         plateau_end_s=float(sliding.last_s[-1]),
-        n_spikes=found.n_spikes + sliding.n_outliers,
+        n_spikes=result.n_spikes + sliding.n_outliers,
         notes=notes,
     )
 
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
+    """Write notes on the rotation; raise `RunRejected` if the speed is not steady."""
     notes = []
     if rotation.reversed and not channels.kind.running:
         notes.append("the pulley speed is negative: its magnitude is used")
@@ -221,8 +224,8 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
 
 
 def _check_stick_slip(sliding: SlidingRecord, noise_N: float, step_N: float) -> None:
-    """Refuse a record that is more restless while sliding than at rest."""
-    # a restlessness of less than 0.1 % in T_tight/T_slack, or of the rounding of a converter
+    """Reject a record that is much noisier while sliding than at rest."""
+    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
     floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
     ratio = sliding.unrest_N / max(noise_N, floor)
     if ratio > MAX_NOISE_RATIO and sliding.rest.n_samples >= 8:
@@ -233,11 +236,11 @@ def _check_stick_slip(sliding: SlidingRecord, noise_N: float, step_N: float) -> 
 
 
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
-    """Noise that the errors at rest would make while sliding, over the sensitivity there [N]."""
-    here = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
-    time = channels.time_s[here]
+    """Convert the noise at rest to noise of z while sliding, over the sensitivity there [N]."""
+    at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
+    time = channels.time_s[at_rest]
     tight, slack = sliding.tensions_N
-    z = channels.tight[here] / tight - channels.slack[here] / slack
+    z = channels.tight[at_rest] / tight - channels.slack[at_rest] / slack
     if time.size < 4:
         return rest.noise_N
     line = np.polynomial.Polynomial.fit(time, z, 1)
@@ -245,21 +248,21 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
 
 
 GROWTH = 0.1
-"""Length of a block over the length of the record before it."""
+"""Ratio of the length of a block to the length of the record before it."""
 FINEST = 256
-"""Blocks as short as a sample in a record of so many samples; longer ones of a longer record."""
+"""Records of up to so many samples start with blocks of one sample; longer records with more."""
 TAKE_UP = np.geomspace(0.06, 0.35, 5)
-"""Lengths over which the rest of the build-up decays, over its travel: so dense that a recording
-without noise shows no other decay between two of them."""
+"""Decay lengths of the rest of the build-up, over its travel: spaced so closely that a noise-free
+recording resolves no other decay between two of them."""
 LINES = 3
-"""Most ripples of a run."""
+"""Largest number of ripples fitted to a run."""
 OUTLIER = 6.0
-"""Distance from the smooth course beyond which a sample is dropped, in robust sigmas."""
+"""Distance from the smooth course above which a sample is dropped, in robust sigmas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingRecord:
-    """Block means of the sliding phase of a run, shape (m,) where not said otherwise.
+    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise.
 
     Attributes
     ----------
@@ -272,37 +275,37 @@ class SlidingRecord:
     z, log_mean : ndarray
         ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N.
     basis : ndarray, shape (m, RANK)
-        The tails' basis functions.
+        Basis functions of the tails.
     waves : ndarray, shape (m, 2 k)
-        Cosine and sine of the ripples found.
+        Cosine and sine of the detected ripples.
     take_up : ndarray, shape (m, TAKE_UP.size)
-        Decays of what may be left of the build-up where the sliding begins.
+        Decays of the possible rest of the build-up at the start of the sliding.
     slow_take_up : ndarray, shape (m, SLOW_TAKE_UP.size)
-        The same, slow ones.
+        The same for slow decays.
     turn : ndarray, shape (m, 2)
         Cosine and sine of the angle of the pulley.
     temperature : ndarray
-        Temperature [°C], nan where it is not known.
+        Temperature [°C], nan if unknown.
     rest : Rest
-        What the cells showed before.
+        Rest phase before the rotation.
     onset : Onset
-        The record between rest and sliding.
+        Record between rest and sliding.
     tensions_N : tuple of float
         Tight and slack tension in the second half of the sliding [N].
     noise_N : float
         White noise of a sample in z over `sensitivity` [N].
     rounding : float
-        Error of z that coarse converters leave whatever the number of samples [-].
+        Rounding error of z by coarse converters, which averaging does not reduce [-].
     step_m : float
-        Travel between samples [m]; shorter tails do not show.
+        Travel between samples [m]; shorter tails are not visible.
     ripple_N, ripple_s : float
         Amplitude of the strongest ripple in the tight tension [N], and its period [s].
     unrest_N : float
-        Scatter of z over pieces as long as the rest, without ripple, over `sensitivity` [N].
+        Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
     n_outliers : int
-        Samples that were left out.
+        Samples that were dropped.
     weight : {"tight", "slack"}, optional
-        Span that hangs on a dead weight, whose tension has no errors.
+        Span that carries a dead weight, whose tension has no errors.
     """
 
     first_s: Array
@@ -347,7 +350,7 @@ class SlidingRecord:
 
     @property
     def level(self) -> float:
-        """Mean of z over the later half of the travel, roughly [-]."""
+        """Approximate mean of z over the second half of the sliding [-]."""
         tight, slack = self.tensions_N
         return float(np.log(tight / slack))
 
@@ -362,20 +365,21 @@ def sliding_record(
     phase : SlidingPhase
         The samples.
     rest : Rest
-        What the cells showed before.
+        Rest phase before the rotation.
     steps : tuple of float
-        Steps of the converters of both cells [N]; zero if they are fine.
+        Resolution of the A/D converters of both cells [N]; zero if fine.
     weight : {"tight", "slack"} or None
-        Span that hangs on a dead weight.
+        Span that carries a dead weight.
     R : float
         Radius of the belt's centreline on the pulley [m].
     """
-    # nine tenths of the build-up were reached at `built`: its end lies a ninth further
+    # nine tenths of the build-up were reached at `built`: its end is a ninth further
     built_m = R * float(phase.angle[phase.built])
     before, after = slice(phase.first, phase.slide), slice(phase.slide, None)
-    whole = R * phase.angle - built_m / 0.9
-    onset = _onset(phase.time_s[before], whole[before], phase.tensions[before])
-    t, tensions, travel = phase.time_s[after], phase.tensions[after], np.maximum(whole[after], 0.0)
+    since_end = R * phase.angle - built_m / 0.9
+    onset = _onset(phase.time_s[before], since_end[before], phase.tensions[before])
+    t, tensions = phase.time_s[after], phase.tensions[after]
+    travel = np.maximum(since_end[after], 0.0)
     smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
     t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
     angle, temperature = phase.angle[after][kept], phase.temperature[after][kept]
@@ -394,11 +398,11 @@ def sliding_record(
     noise = max(difference_sigma(residual), NOISE_FLOOR) / sensitivity
     ripple_N = 0.0
     if waves:
-        of_tight = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-        ripple_N = float(np.hypot(*of_tight[:2]))
+        tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
+        ripple_N = float(np.hypot(*tight_waves[:2]))
     recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
-    since = (travel - travel[0])[:, None] / max(built_m, 1e-9)
+    relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
@@ -415,8 +419,8 @@ def sliding_record(
         log_mean=means(log_mean),
         basis=means(tail_basis(travel)),
         waves=means(wave),
-        take_up=means(np.exp(-since / TAKE_UP)),
-        slow_take_up=means(np.exp(-since / SLOW_TAKE_UP)),
+        take_up=means(np.exp(-relative_travel / TAKE_UP)),
+        slow_take_up=means(np.exp(-relative_travel / SLOW_TAKE_UP)),
         turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
         temperature=means(temperature),
         rest=rest,
@@ -427,14 +431,14 @@ def sliding_record(
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
         ripple_N=ripple_N,
         ripple_s=1.0 / lines[0] if lines else float("nan"),
-        unrest_N=_scatter_of_pieces(t, residual, rest.last_s - rest.first_s) / sensitivity,
+        unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
         weight=weight,
     )
 
 
 def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
-    """The record before the sliding, at a resolution that tells the sticking peak."""
+    """Average the record before the sliding, at a resolution that shows the sticking peak."""
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.log(tensions[:, 0] / tensions[:, 1])
     z[~np.all(tensions > 0.0, axis=1)] = np.nan
@@ -445,36 +449,36 @@ def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Ar
     return np.array([weight != "tight", -1.0 * (weight != "slack")]) / np.asarray(tensions_N)
 
 
-def _scatter_of_pieces(t: Array, x: Array, length_s: float) -> float:
-    """Scatter about a straight line, median over pieces of a length: as it is seen at rest."""
-    pieces = np.floor((t - t[0]) / max(length_s, 1e-9)).astype(int)
-    found = []
-    for k in range(int(pieces[-1]) + 1):
-        mine = pieces == k
-        if np.count_nonzero(mine) >= 8:
-            away = t[mine] - t[mine].mean()
-            y = x[mine] - x[mine].mean()
-            y = y - away * (away @ y) / max(float(away @ away), 1e-300)
-            found.append(float(np.sqrt(y @ y / (y.size - 2))))
-    return float(np.median(found)) if found else 0.0
+def _section_scatter(t: Array, x: Array, length_s: float) -> float:
+    """Return the median scatter about a straight line over sections as long as the rest phase."""
+    sections = np.floor((t - t[0]) / max(length_s, 1e-9)).astype(int)
+    scatters = []
+    for k in range(int(sections[-1]) + 1):
+        inside = sections == k
+        if np.count_nonzero(inside) >= 8:
+            dt = t[inside] - t[inside].mean()
+            y = x[inside] - x[inside].mean()
+            y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
+            scatters.append(float(np.sqrt(y @ y / (y.size - 2))))
+    return float(np.median(scatters)) if scatters else 0.0
 
 
 def block_starts(n: int) -> NDArray[np.intp]:
-    """First samples of the blocks of a record of n samples."""
+    """Return the first samples of the blocks of a record of n samples."""
     finest = max(-(-n // FINEST), 1)
     starts, k = [], 0
     while k < n:
         starts.append(k)
         k += max(finest, int(GROWTH * k))
     if n - starts[-1] < 0.5 * max(finest, GROWTH * n) and len(starts) > 1:
-        starts.pop()  # the rest belongs to the last block
+        starts.pop()  # merge a short remainder into the last block
     return np.array(starts, dtype=np.intp)
 
 
 def _smooth_course(
     t: Array, tensions: Array, travel: Array, steps: tuple[float, float]
 ) -> tuple[Array, list[float], Mask]:
-    """Both tensions without noise and ripple (n, 2), frequencies of the ripples, usable samples."""
+    """Return the smooth tensions (n, 2), the frequencies of the ripples and the usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
     x = travel - travel[0]
     decays = np.exp(-x[:, None] / (reach * np.array([0.01, 0.04, 0.15, 0.6])))
@@ -493,23 +497,23 @@ def _smooth_course(
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
         sigma = np.array([max(mad_sigma(column), 1e-12) for column in residual.T])
-        # a coarse converter may repeat one value: its rounding is no outlier
+        # a coarse converter may repeat one value: its rounding must not count as an outlier
         rounding = np.asarray(steps) / np.sqrt(12.0)
         floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
         kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
         if len(lines) == LINES:
             break
-        found = _ripple(t[kept], residual[kept] / np.maximum(sigma, floor), design[kept])
-        if found is None:
+        frequency = _ripple(t[kept], residual[kept] / np.maximum(sigma, floor), design[kept])
+        if frequency is None:
             break
-        lines.append(found)
+        lines.append(frequency)
     smooth = columns @ solution[: columns.shape[1]]
     level = np.median(tensions, axis=0)
     return np.maximum(smooth, 0.1 * np.abs(level)), lines, kept
 
 
 def _ripple(t: Array, residual: Array, design: Array) -> float | None:
-    """Frequency of a ripple that stands out of the residuals, with their memory taken out."""
+    """Find the frequency of a ripple that stands out from the whitened residuals."""
     if t.size < 24 or float(np.max(np.abs(residual))) < 1e-9:
         return None
     basis = np.linalg.qr(design)[0]

@@ -1,18 +1,18 @@
-"""What the cells show at rest: tension, slopes, and errors of the cells.
+"""Evaluate the rest phase: tension, slopes, and errors of the cells.
 
 At rest both spans carry the same tension. The difference of the cells (tight less slack) is
 
-    D_r = zeta + gamma T_r + w_r + f_r T_r + noise,                                          (S4)
+    D_r = zeta + gamma T_r + w_r + f_r T_r + noise.                                          (S4)
 
-with what all runs share, a difference zeta of the zero points and gamma of the gains, and what
-differs from run to run: zeros that wander, w, and friction left over from tightening, f, which
-sliding does away with. One run cannot tell these apart; runs at several tensions can. Each has its
-own standard deviation, unknown, and possibly zero; the errors of ln(T_tight/T_slack)
+The differences zeta of the zero points and gamma of the gains are common to all runs. The
+wandering of the zeros, w, and the residual friction from tightening, f, which sliding removes,
+vary from run to run. One run cannot separate these four; runs at several tensions can. Each has an
+unknown standard deviation, possibly zero; the errors of ln(T_tight/T_slack)
 
     e_r = q_r (zeta + w_r) + gamma,   q_r = (1/T_tight + 1/T_slack)/2                         (S5)
 
-are averaged over all of them. What both zeros have in common never shows at rest; it has the prior
-of half their difference, whatever that happens to be.
+are averaged over all of them. A common error of both zeros is never visible at rest; it has the
+prior of half their difference, independent of the measured difference.
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ Array = NDArray[np.float64]
 MIN_SAMPLES = 3
 """Fewest samples before the pulley turns."""
 CLEAR, LARGE = 5.0, 0.1
-"""Standard errors, and share of the lowest stated tension or of the factor 1, from which readings
-do not fit what is stated."""
-ROUGH = "If the stated tensions are no more than rough: friction.check_initial_tension: false"
+"""Standard errors, and share of the lowest stated tension or of the factor 1, above which the
+readings contradict the stated tensions."""
+ROUGH = "If the stated tensions are only approximate: friction.check_initial_tension: false"
 Mode = Literal["auto"] | bool
 SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
-"""Standard deviations that zeta, gamma, w and f may have, in units of the median initial tension;
-half the probability is at zero."""
+"""Standard deviations allowed for zeta, gamma, w and f, in units of the median initial tension;
+zero has half the probability."""
 NOTED = 0.003
-"""Correction over the initial tension from which on a run tells of it."""
+"""Ratio of correction to initial tension above which a note mentions it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What the load cells show before the pulley turns."""
+    """Readings of the load cells before the pulley turns."""
 
     n_samples: int
     first_s: float
@@ -62,7 +62,7 @@ class Rest:
     tension_N: float
     """Mean of both cells [N]."""
     end_N: float
-    """The same over the last samples [N]."""
+    """Mean of both cells over the last samples [N]."""
     end_se_N: float
     imbalance_N: float
     """Tight minus slack cell [N]."""
@@ -71,7 +71,7 @@ class Rest:
     """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""
     slope_ses_N_s: tuple[float, float]
     noise_N: float
-    """Standard deviation of the difference about its slope, over sqrt(2): of a cell [N]."""
+    """Noise of one cell: standard deviation of the difference about its slope, over sqrt(2) [N]."""
 
 
 def rest_state(
@@ -82,10 +82,10 @@ def rest_state(
     min_samples: int,
     steps: tuple[float, float] = (0.0, 0.0),
 ) -> Rest:
-    """Initial tension and imbalance of the cells from the samples before the rotation.
+    """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
-    Samples just before the rotation whose tensions already part (a speed channel that lags) are
-    left out.
+    Samples just before the rotation whose tensions already separate (a lagging speed channel) are
+    excluded.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ def rest_state(
     first : int
         Index of the first sample at which the pulley turns.
     min_samples : int
-        Fewest samples that make a rest phase.
+        Fewest samples of a rest phase.
     steps : pair of float
-        Steps of the converters of both cells [N], zero if they are fine.
+        Resolution of the A/D converters of both cells [N], zero if fine.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def rest_state(
     recorded = [np.std(tight[kept]), np.std(slack[kept])]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     se = float(np.linalg.norm([se, *rounding]))
-    # a converter that stays on one step hides a slope: either half may be off by its rounding
+    # a converter that stays on one step hides a slope: each half may be off by its rounding
     jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
     last = max(n // 8, min(n, 3))
     return Rest(
@@ -136,62 +136,62 @@ def rest_state(
 
 
 def _quiet_samples(tight: Array, slack: Array, first: int, min_samples: int) -> NDArray[np.intp]:
-    """Samples with both tensions before the rotation, and before the tensions part."""
-    both = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
-    if both.size < min_samples:
+    """Find the samples with both tensions before the rotation and before the tensions separate."""
+    usable = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
+    if usable.size < min_samples:
         raise RunRejected(
-            f"no rest phase: {both.size} usable samples before the pulley turns, "
+            f"no rest phase: {usable.size} usable samples before the pulley turns, "
             f"must be >= {min_samples}"
         )
-    difference = tight[both] - slack[both]
-    half = difference[: max(min_samples, both.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[both]))
+    difference = tight[usable] - slack[usable]
+    half = difference[: max(min_samples, usable.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[usable]))
     quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
-    return both[: max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)]
+    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)]
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float, float]:
-    """Slope of x over t, its standard error (infinite if unknown), and the scatter about it."""
-    away = t - t.mean()
-    squares = float(away @ away)
+    """Fit the slope of x over t, its standard error (infinite if unknown), and the scatter."""
+    dt = t - t.mean()
+    squares = float(dt @ dt)
     if t.size < 4 or squares <= 0.0:
         return 0.0, float("inf"), 0.0
-    slope = float(away @ x) / squares
-    residual = x - x.mean() - slope * away
+    slope = float(dt @ x) / squares
+    residual = x - x.mean() - slope * dt
     scatter = float(np.sqrt(residual @ residual / (t.size - 2)))
-    # noise with a memory moves a slope more than white noise does
-    memory = integrated_autocorrelation_time(residual)
-    return slope, scatter * float(np.sqrt(max(memory, 1.0) / squares)), scatter
+    # correlated noise disturbs a slope more than white noise does
+    correlation_time = integrated_autocorrelation_time(residual)
+    return slope, scatter * float(np.sqrt(max(correlation_time, 1.0) / squares)), scatter
 
 
 def _near_median(x: Array) -> NDArray[np.bool_]:
-    """Samples that are no outliers of a steady signal."""
+    """Return the mask of samples that are not outliers of a steady signal."""
     distance = np.abs(x - median(x))
     spread = MAD_TO_SIGMA * median(distance)
     return distance <= max(6.0 * spread, 1e-4 * abs(median(x)), 3.0 * float(np.mean(distance)))
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:
-    """What is wrong between the tensions at rest and those that the test was to have.
+    """Compare the tensions at rest with the stated initial tensions and describe a mismatch.
 
-    Their line ``measured = offset + factor stated`` is that through the medians of the lowest and
-    of the highest third of the runs (Tukey's resistant line): a few runs set wrongly do not matter.
+    The line ``measured = offset + factor stated`` passes through the medians of the lowest and of
+    the highest third of the runs (Tukey's resistant line), so a few wrongly set runs do not matter.
 
     Parameters
     ----------
     measured_N : ndarray
         Mean of both cells at rest [N], shape (n,).
     stated_N : ndarray
-        Stated initial tensions [N], nan where there is none, shape (n,).
+        Stated initial tensions [N], nan if not stated, shape (n,).
 
     Returns
     -------
     str
-        Empty if they fit, or if fewer than four runs or a single tension leave it open.
+        Empty if they match, or if fewer than four runs or a single tension do not allow a check.
     """
-    known = np.isfinite(measured_N) & np.isfinite(stated_N)
-    measured, stated = measured_N[known], stated_N[known]
-    if known.sum() < 4:
+    usable = np.isfinite(measured_N) & np.isfinite(stated_N)
+    measured, stated = measured_N[usable], stated_N[usable]
+    if usable.sum() < 4:
         return ""
     order = np.argsort(stated, kind="stable")
     third = -(-order.size // 3)
@@ -202,48 +202,48 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
         return ""
     factor = float((at_high - at_low) / (high - low))
     offset = float(np.median(measured - factor * stated))
-    away = measured - offset - factor * stated
-    scatter = 1.4826 * float(np.median(np.abs(away))) + 1e-3 * float(np.median(stated))
+    residual = measured - offset - factor * stated
+    scatter = 1.4826 * float(np.median(np.abs(residual))) + 1e-3 * float(np.median(stated))
     design = np.column_stack([np.ones_like(stated), stated])
-    # the line of medians is some 1.25 times as uncertain as that of least squares
+    # the line through medians is about 1.25 times as uncertain as that of least squares
     errors = 1.25 * scatter * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     offset_se, factor_se = errors
     lowest = float(np.min(stated))
     if abs(offset) > max(CLEAR * offset_se, LARGE * lowest):
         return (
             f"the tensions at rest are {offset:+.3g} N (standard error {offset_se:.2g} N) off the "
-            "stated initial tensions, whatever the tension: were the load cells tared? State their "
-            "readings without a load as friction.tension_tight_tare_N and "
+            "stated initial tensions at every tension: were the load cells tared? State their "
+            "readings without load as friction.tension_tight_tare_N and "
             f"friction.tension_slack_tare_N. {ROUGH}"
         )
     if abs(factor - 1.0) > max(CLEAR * factor_se, LARGE):
         return (
             f"the tensions at rest are {factor:.4g} (standard error {factor_se:.2g}) times the "
             "stated initial tensions: is the unit of the cells right (units.rig), is the force of "
-            "the whole hub stated? A known error of the cells is friction.tension_tight_gain and "
-            f"friction.tension_slack_gain. {ROUGH}"
+            "the whole hub stated? State a known error of the cells as friction.tension_tight_gain "
+            f"and friction.tension_slack_gain. {ROUGH}"
         )
     return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellErrors:
-    """Errors of ln(T_tight/T_slack) by the cells, shape (R,).
+    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,).
 
     Attributes
     ----------
     mean : ndarray
-        What is to be taken off.
+        Correction to subtract.
     variance : ndarray
-        What is not known of it, of each run by itself.
+        Variance of its part that is independent between runs.
     shared : ndarray
-        Standard deviation of what all runs share.
+        Standard deviation of its part that is common to all runs.
     probability : ndarray, shape (K,)
-        Of hypotheses about the sizes of the errors.
+        Probabilities of the hypotheses about the sizes of the errors.
     away, spread : ndarray, shape (R, K)
-        Difference from `mean` given each of them, and its standard deviation then.
+        Difference from `mean` and standard deviation under each hypothesis.
     notes : tuple of str
-        What a user should know of each run; empty where there is nothing.
+        Note to the user on each run; empty if there is none.
     """
 
     mean: Array
@@ -258,7 +258,7 @@ class CellErrors:
 def cell_errors(
     difference: Array, se: Array, tension: Array, sliding: Array, mode: Mode
 ) -> CellErrors:
-    """Errors of the cells of every run.
+    """Estimate the errors of the cells for every run.
 
     Parameters
     ----------
@@ -269,25 +269,25 @@ def cell_errors(
     sliding : ndarray
         Tight and slack tension while sliding [N], shape (R, 2).
     mode : "auto", True or False
-        All runs together; the whole difference a zero point of each run, half of it each cell's;
-        or nothing corrected, the variance allows for it.
+        Evaluate all runs together; or treat the difference as a zero error of each run, half in
+        each cell; or correct nothing and increase the variance.
     """
     D, T = difference, tension
-    one, other = 1.0 / sliding.T
-    q, apart = 0.5 * (one + other), 0.5 * (other - one)
+    inverse_tight, inverse_slack = 1.0 / sliding.T
+    q, q_common = 0.5 * (inverse_tight + inverse_slack), 0.5 * (inverse_slack - inverse_tight)
     if mode != "auto":
         clear = np.maximum(D**2 - se**2, 0.0)
-        own = q**2 * (se**2 if mode else clear)
-        words = "taken off" if mode else "not corrected: the standard error allows for it"
+        variance = q**2 * (se**2 if mode else clear)
+        treatment = "corrected" if mode else "not corrected: the standard error allows for it"
         notes = tuple(
-            f"{_differ(d, t)}, {words}" if abs(d) > max(NOTED * t, 5.0 * s) else ""
+            f"{_differ(d, t)}, {treatment}" if abs(d) > max(NOTED * t, 5.0 * s) else ""
             for d, s, t in zip(D, se, T, strict=True)
         )
-        own = own + apart**2 * clear
-        none = np.zeros(D.size)
-        one_only = np.ones(1), none[:, None], np.sqrt(own)[:, None]
-        return CellErrors(q * D * bool(mode), own, none, *one_only, notes)
-    return _of_bench(D, se, T, q, apart)
+        variance = variance + q_common**2 * clear
+        zeros = np.zeros(D.size)
+        single_hypothesis = np.ones(1), zeros[:, None], np.sqrt(variance)[:, None]
+        return CellErrors(q * D * bool(mode), variance, zeros, *single_hypothesis, notes)
+    return _errors_of_bench(D, se, T, q, q_common)
 
 
 def _differ(difference_N: float, tension_N: float) -> str:
@@ -295,7 +295,12 @@ def _differ(difference_N: float, tension_N: float) -> str:
     return f"the cells differ by {difference_N:+.3g} N at rest ({relative:.2g} %)"
 
 
-def _of_bench(D: Array, se: Array, T: Array, q: Array, apart: Array) -> CellErrors:
+def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -> CellErrors:
+    """Average the errors (S5) over all combinations of standard deviations in (S4).
+
+    `q` and `q_common` are the effects on ln(T_tight/T_slack) of the difference and of the sum of
+    the zeros [1/N].
+    """
     unit = float(np.median(T))
     sizes = np.array(SIZES)
     noise = np.square(np.maximum(se, 1e-5 * T))
@@ -310,37 +315,37 @@ def _of_bench(D: Array, se: Array, T: Array, q: Array, apart: Array) -> CellErro
         M, b = X.T @ weighted, weighted.T @ D
         A = np.eye(2) + S[:, :, None] * M
         C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
-        found = C @ b
+        means = C @ b  # of zeta and gamma
         base = -0.5 * float(np.sum(D**2 / variance + np.log(variance)))
         log_det = np.linalg.slogdet(A)[1]
-        log_p.append(base + 0.5 * (found @ b - log_det) - (n_present + n_more) * np.log(4.0))
-        given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, found))
+        log_p.append(base + 0.5 * (means @ b - log_det) - (n_present + n_more) * np.log(4.0))
+        given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, means))
     weights = np.exp(np.array(log_p) - np.max(log_p))
     weights /= weights.sum()
     n = sizes.size
-    # by the sizes of the zeros, shared and wandering: sums over the sizes of gains and friction
+    # indexed by the sizes of constant and wandering zeros; summed over those of gains and friction
     by_size = np.zeros((3, n, n, D.size))
-    own, fixed = np.zeros(D.size), np.zeros(3)
-    for k, (p, (wander_N, part, C, found)) in enumerate(zip(weights, given, strict=True)):
-        zero = found[:, :1] + part * (D - found @ X.T)
-        error = q * zero + found[:, 1:] / unit
+    independent, expected = np.zeros(D.size), np.zeros(3)
+    for k, (p, (wander_N, part, C, means)) in enumerate(zip(weights, given, strict=True)):
+        zero = means[:, :1] + part * (D - means @ X.T)
+        error = q * zero + means[:, 1:] / unit
         slopes = np.column_stack([q * (1.0 - part), (1.0 - q * part * T) / unit])
-        # what both zeros have in common is as large as their difference, whatever that shows
-        wandering = wander_N**2 * (q**2 * (1.0 - part) + apart**2)
-        common = np.einsum("rk,hkl,rl->hr", slopes, C, slopes) + apart**2 * S[:, :1]
+        # the common error of both zeros has the prior of their difference, not its posterior
+        wandering = wander_N**2 * (q**2 * (1.0 - part) + q_common**2)
+        common = np.einsum("rk,hkl,rl->hr", slopes, C, slopes) + q_common**2 * S[:, :1]
         moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
         by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
-        own += p.sum() * wandering
-        fixed += [p @ found[:, 0], p @ found[:, 1] / unit, p.sum() * wander_N]
+        independent += p.sum() * wandering
+        expected += [p @ means[:, 0], p @ means[:, 1] / unit, p.sum() * wander_N]
     probability, first, second = by_size.reshape(3, n * n, -1)
     mean = first.sum(axis=0)
     probability = np.maximum(probability, 1e-300)
     error = first / probability
-    zeta, gamma, wander = fixed
-    shared = second.sum(axis=0) - mean**2 - own
+    zeta, gamma, wander = expected
+    shared = second.sum(axis=0) - mean**2 - independent
     return CellErrors(
         mean=mean,
-        variance=own,
+        variance=independent,
         shared=np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(shared, 0.0)),
         probability=probability[:, 0],
         away=(error - mean).T,
@@ -355,15 +360,16 @@ def _of_bench(D: Array, se: Array, T: Array, q: Array, apart: Array) -> CellErro
 def _note(
     taken_N: float, gamma: float, difference_N: float, tension_N: float, zeta: float, wander: float
 ) -> str:
-    """What was found of the cells of a run, from its correction as one of the zeros [N]."""
+    """Describe the errors of the cells of a run; `taken_N` is its correction as a zero [N]."""
     parts = []
     if abs(zeta) + wander > NOTED * tension_N and abs(taken_N) > NOTED * tension_N:
-        also = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
+        wandering = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
         parts.append(
-            f"the zero points of the cells differ by {zeta:+.3g} N over all runs{also}: taken off"
+            f"the zero points of the cells differ by {zeta:+.3g} N over all runs{wandering}: "
+            "corrected"
         )
     if abs(gamma) > 0.001:
-        parts.append(f"the gains of the cells differ by {100 * gamma:+.3g} %: taken off")
+        parts.append(f"the gains of the cells differ by {100 * gamma:+.3g} %: corrected")
     left = difference_N - gamma * tension_N - (taken_N - gamma * tension_N if parts else taken_N)
     if not parts and abs(left) > NOTED * tension_N:
         parts.append(f"{_differ(difference_N, tension_N)}: the standard error allows for it")

@@ -1,6 +1,6 @@
-"""What goes into the reduction of the runs of a friction rig, and what comes out.
+"""Inputs and results of the reduction of friction rig runs.
 
-A recording is a table; `run_records` takes it apart into its runs.
+A recording is a table; `run_records` splits it into runs.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ NAN = float("nan")
 
 
 class RunRejected(Exception):
-    """A run cannot be reduced; the message is the reason given in its status.
+    """Signals that a run cannot be reduced; the message becomes the status of the run.
 
-    Never leaves the reduction of a run: one bad run must not stop the others.
+    It is caught within the reduction of the run: one bad run must not stop the others.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionSettings:
-    """Settings of the reduction. The defaults suit bench and simulated recordings alike.
+    """Settings of the reduction. The defaults suit both bench and simulated recordings.
 
     Raises
     ------
     InputError
-        If a value is outside its range; all of them at once.
+        If values are out of range; lists all of them.
     """
 
     min_plateau_samples: int = 12
@@ -52,16 +52,16 @@ class FrictionSettings:
     spike_threshold: float = 6.0
     """Distance from the neighbours above which a sample is a spike, in standard deviations."""
     correct_imbalance: Literal["auto"] | bool = "auto"
-    """Whether the difference of the cells at rest is taken off. ``True``: in every run, half from
+    """Whether to subtract the difference of the cells at rest. ``True``: in every run, half from
     each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
-    clear one. ``"auto"``: where it is clear, as what all runs of the bench together show it
-    to be: a difference of the zero points, or of the gains; otherwise as with ``False``."""
+    clear difference. ``"auto"``: where it is clear, as the difference of zero points or of gains
+    that all runs of the bench show together; otherwise as with ``False``."""
     check_initial_tension: bool = True
-    """Whether tensions at rest that do not fit the stated ones are an error."""
+    """Whether tensions at rest that do not match the stated ones are an error."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
     speed_bins_rad_s: tuple[float, ...] = ()
-    """Edges of the bins that a run is cut into whose speed is not steady [rad/s]."""
+    """Edges of the speed bins into which a run at a changing speed is cut [rad/s]."""
 
     def __post_init__(self) -> None:
         problems = [
@@ -74,15 +74,15 @@ class FrictionSettings:
             if not low <= (value := getattr(self, name)) <= high
         ]
         if self.correct_imbalance not in ("auto", True, False):
-            found = f"friction.correct_imbalance = {self.correct_imbalance!r}"
-            problems.append(f"{found}, must be auto, true or false")
+            setting = f"friction.correct_imbalance = {self.correct_imbalance!r}"
+            problems.append(f"{setting}, must be auto, true or false")
         if problems:
             raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Under which conditions a run was made; what nobody stated is missing."""
+    """Test conditions of a run; None or nan if not stated."""
 
     condition: str | None = None
     """Surface: dry, wet or dusty."""
@@ -94,18 +94,18 @@ class Conditions:
     roughness_Ra_um: float = NAN
 
     def completed(self, default: Conditions) -> Conditions:
-        """These, with those of a default where nothing is stated."""
+        """Return these conditions, with the missing ones taken from a default."""
         values: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            stated = value is not None and value == value
-            values[one.name] = value if stated else getattr(default, one.name)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            is_stated = value is not None and value == value
+            values[item.name] = value if is_stated else getattr(default, item.name)
         return Conditions(**values)
 
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """One recording of the friction rig, shape (n,) for each column, in their order of time."""
+    """Recording of one run of the friction rig; columns of shape (n,), in order of time."""
 
     time_s: Array
     tension_tight_N: Array
@@ -116,25 +116,25 @@ class RunRecord:
     arc_deg: float = NAN
     nominal_tension_N: float = NAN
     defect: str = ""
-    """Why the record cannot be one run (its nominal settings change, ...); empty if it can."""
+    """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
     kind: RigKind = TWO_CELLS
-    """What the bench measured; the tensions follow from it."""
+    """What the bench measured; the tensions are derived from it."""
     belt_speed_m_s: float = 0.0
-    """Speed of the belt; that of the pulley is the one relative to it [m/s]."""
+    """Speed of the belt; the pulley speed is relative to it [m/s]."""
     conditions: Conditions = Conditions()
     treatment: Treatment = UNTREATED
 
     @property
     def momentum_N(self) -> float:
-        """Part of the tensions that turned the running belt [N]; nan at rest."""
+        """Momentum part of the tensions of a running belt [N]; nan for a belt at rest."""
         return float(self.kind.momentum_N(self.belt_speed_m_s)) if self.kind.running else NAN
 
 
 @dataclass(frozen=True, slots=True)
 class RunReduction:
-    """One run of the friction rig, reduced. What could not be determined is nan.
+    """Result of one run of the friction rig. Values that could not be determined are nan.
 
-    A run that was set aside keeps what had been found before the reason showed.
+    A rejected run keeps the values determined before the reason was found.
     """
 
     run: str = ""
@@ -153,10 +153,11 @@ class RunReduction:
     mu_sliding: float = NAN
     """Eq. (6) of the two plateau tensions [-]."""
     mu_sliding_se: float = NAN
-    """Half-width of the interval that holds 95 %, over 1.96, from the noise of the record and its
-    memory, the shape of the tail, drift and the cells: what the runs share included [-]."""
+    """Half-width of the 95 % interval over 1.96, from the noise of the record and its
+    correlation, the shape of the tail, drift and the cells; includes errors common to all runs
+    [-]."""
     mu_sticking: float = NAN
-    """Peak of mu at the end of the build-up [-]; nan where the record does not resolve it."""
+    """Peak of mu at the end of the build-up [-]; nan if the record does not resolve it."""
     mu_sticking_se: float = NAN
     normal_force_N_m: float = NAN
     """Closed mean of Eq. (8) over the arc [N/m]."""
@@ -165,47 +166,47 @@ class RunReduction:
     n_samples: int = 0
     """Samples of the plateau."""
     status: str = ""
-    """"ok", or why the run was set aside."""
+    """"ok", or why the run was rejected."""
     mu_sticking_reason: str = "the run was set aside"
-    """Why mu_sticking is missing; empty if it is there."""
+    """Why mu_sticking is missing; empty if it is given."""
     imbalance_N: float = NAN
     """Tight minus slack cell at rest, as recorded [N]."""
     imbalance_se_N: float = NAN
     start_time_s: float = NAN
     """First sample at which the pulley turns [s]."""
     peak_time_s: float = NAN
-    """Moment of the sticking peak [s]."""
+    """Time of the sticking peak [s]."""
     plateau_start_s: float = NAN
     plateau_end_s: float = NAN
     n_spikes: int = 0
-    """Samples of either channel left out as spikes."""
+    """Samples of either channel excluded as spikes."""
     n_missing: int = 0
-    """Samples without a usable tension, and samples missing from an even time base."""
+    """Samples without a usable tension, plus samples missing from an even time base."""
     ripple_amplitude_N: float = NAN
     """Amplitude of the strongest ripple of the tight tension [N]; zero without ripple."""
     ripple_period_s: float = NAN
     """Period of that ripple [s]; nan without ripple."""
     tail_time_s: float = NAN
-    """Time in which the tail falls to 1/e of its height [s]; nan without one."""
+    """Time in which the tail falls to 1/e of its height [s]; nan without a tail."""
     drift: float = NAN
-    """Relative change of mu by drift over the sliding phase [-], as far as the noise tells it."""
+    """Relative change of mu by drift over the sliding phase [-], as far as the noise allows."""
     shared_tail: float = NAN
-    """Change of ln mu by one standard deviation of what the shape of the tail leaves open, which
-    all runs share [-]."""
+    """Change of ln mu by one standard deviation of the tail shape, an error common to all runs
+    [-]."""
     shared_drift: float = NAN
-    """The same of a drift of the cells that all runs share [-]."""
+    """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
-    """The same of the zeros and gains of the cells [-]."""
+    """The same for the zeros and gains of the cells [-]."""
     momentum_N: float = NAN
-    """Part of the tensions that turned the running belt, taken off them [N]; nan at rest."""
+    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
     torque_with: Span | None = None
-    """Span whose tension was measured beside a torque."""
+    """Span whose tension was measured in addition to a torque."""
     conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
     treatment: Treatment = UNTREATED
     notes: tuple[str, ...] = ()
-    """What else a user should know about the run."""
+    """Remarks on the run for the user."""
 
     @property
     def ok(self) -> bool:
@@ -214,7 +215,7 @@ class RunReduction:
 
 
 def arc_problem(arc_deg: float) -> str:
-    """Why a contact arc cannot be used; empty if it can."""
+    """Return why a contact arc cannot be used; empty if it can."""
     if math.isfinite(arc_deg) and 0.0 < arc_deg <= 3600.0:
         return ""
     return f"arc_deg = {arc_deg:g}, must be in (0, 3600]"
@@ -237,24 +238,24 @@ OPTIONAL = (
     "roughness_Ra_um",
 )
 MARKED, MOST_UNMARKED, LONGEST_MARK = 10.0, 0.95, 3
-"""A mark is so many times larger than this quantile of the sizes, for so many samples at most."""
+"""A mark exceeds this quantile of the magnitudes by this factor, for at most so many samples."""
 CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
-SAID = ("idle", "condition", "side", "pulley_material")
-"""Columns of texts that say something of a run."""
+TEXT_COLUMNS = ("idle", "condition", "side", "pulley_material")
+"""Text columns that describe a run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunColumns:
-    """The columns of one run.
+    """Columns of one run.
 
     Attributes
     ----------
     label : str
-        Its label.
+        Label of the run.
     numbers : mapping of str to ndarray
-        Numeric columns, shape (n,) each, n >= 1; those that may be missing may be missing.
+        Numeric columns, shape (n,) each, n >= 1; optional columns may be missing.
     said : mapping of str to str
-        What texts say of it.
+        Entries of the text columns.
     """
 
     label: str
@@ -268,12 +269,12 @@ class RunColumns:
 
 
 def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]:
-    """Runs of a recording, in the order in which they first appear.
+    """Split a recording into runs, in the order in which they first appear.
 
     Parameters
     ----------
     columns : mapping of str to array_like
-        The columns of rig.csv, shape (n,) each; but for those that the kind needs, they may be
+        The columns of rig.csv, shape (n,) each; columns that the kind does not need may be
         missing. Rows of a run need not be together; they keep their order.
     kind : RigKind
         What the rig measures.
@@ -298,13 +299,15 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
         raise InputError(problems)
     labels = columns["run"]
     labels = labels if isinstance(labels, np.ndarray) else np.asarray(labels, dtype=object)
-    texts = {name: np.asarray(columns[name], dtype=object) for name in SAID if name in columns}
+    texts = {
+        name: np.asarray(columns[name], dtype=object) for name in TEXT_COLUMNS if name in columns
+    }
     check_columns({"run": labels, **numeric, **texts})
     return [
         RunColumns(
             label,
             {name: values[rows] for name, values in numeric.items()},
-            {name: word for name, values in texts.items() if (word := values[rows[0]]) is not None},
+            {name: text for name, values in texts.items() if (text := values[rows[0]]) is not None},
         )
         for label, rows in _groups(labels)
     ]
@@ -313,7 +316,7 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
 def run_records(
     columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
 ) -> tuple[RunRecord, ...]:
-    """Records of the runs of a recording, without those of the idle pulley; see `runs_of`.
+    """Build the records of all runs except those of the idle pulley; see `runs_of`.
 
     Parameters
     ----------
@@ -330,7 +333,7 @@ def run_records(
 
 
 def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Refuse columns that are not one table.
+    """Reject columns that do not form one table.
 
     Raises
     ------
@@ -353,7 +356,7 @@ def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _groups(labels: NDArray[Any]) -> list[tuple[str, NDArray[np.intp]]]:
-    """Rows of every run, in the order of first appearance."""
+    """Return the label and rows of every run, in the order of first appearance."""
     codes: dict[object, int] = {}
     starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
     firsts = (None if label != label else label for label in labels[starts].tolist())
@@ -377,7 +380,7 @@ def _label_text(label: object) -> str:
 def run_record(
     run: RunColumns, R: float, kind: RigKind = TWO_CELLS, drag: Drag | None = None
 ) -> RunRecord:
-    """One run from its columns; nominal settings that change within it are a defect.
+    """Build the record of one run; a nominal setting that changes within it is a defect.
 
     Parameters
     ----------
@@ -388,7 +391,7 @@ def run_record(
     kind : RigKind
         What the rig measures.
     drag : Drag, optional
-        What is taken off a torque.
+        Bearing drag to subtract from a torque.
     """
     columns = run.numbers
     if kind.is_derived:
@@ -442,10 +445,10 @@ def run_record(
 
 
 def lone_marks(speed: Array) -> NDArray[np.intp]:
-    """Samples of a speed that are marks of an overflow or pulses of an encoder (k,).
+    """Find samples of a speed that are overflow marks or encoder pulses (k,).
 
-    They are far above nearly all others and do not last; a pulley that rests most of the time turns
-    for longer than that.
+    They are far above nearly all others and short; a pulley that rests most of the time still
+    turns for longer.
 
     Parameters
     ----------
@@ -460,22 +463,22 @@ def lone_marks(speed: Array) -> NDArray[np.intp]:
 
 
 def _present(readings: Array) -> Array:
-    """Readings of a cell; an exact zero is a lost one."""
+    """Return the readings of a cell with lost ones, exact zeros, as nan."""
     return np.where(readings == 0.0, np.nan, readings)
 
 
 def conditions_of(run: RunColumns) -> Conditions:
-    """What the columns of a run say of its conditions."""
+    """Read the conditions of a run from its columns."""
 
     def number(name: str) -> float:
         return float(run.numbers[name][0]) if name in run.numbers else NAN
 
-    def word(name: str) -> str | None:
+    def text(name: str) -> str | None:
         return run.said[name].lower() if name in run.said else None
 
     return Conditions(
-        condition=word("condition"),
-        side=word("side"),
+        condition=text("condition"),
+        side=text("side"),
         humidity_percent=number("humidity_percent"),
         hours_run=number("hours_run"),
         pulley_material=run.said.get("pulley_material"),

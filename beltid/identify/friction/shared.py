@@ -1,21 +1,21 @@
-"""What all runs of a bench share: the tail of the sticking peak and common drifts.
+"""Model the effects common to all runs of a bench: the tail of the sticking peak and drifts.
 
-Rubber relaxes by a completely monotone curve, a mixture of exponentials over the travel x,
+Rubber relaxes along a completely monotone curve, a mixture of exponentials over the travel x,
 
     g(x) = int w(ln l) exp(-x/l) d ln l,  w ~ exp(-(ln l - ln l_c)²/(2 s²)),
     s = s_slow for l > l_c, s_fast below.                                                    (S2)
 
-One spectrum (l_c, s_slow, s_fast) holds the single exponential (s = 0) and comes within 1e-4 of
-ln(T_tight/T_slack) of stretched exponentials, power laws and double exponentials within a record,
-without naming them; what is left behind it may be off by some percent of the height. All tails lie
-close to a space of a few dimensions; a tail is its coefficients in a basis of that space. The
-centre l_c is log-normal, the widths are exponential and the height a >= 0 of the tail a g is
-half-normal; the height is integrated out in closed form, the rest by importance
+The spectrum (l_c, s_slow, s_fast) includes the single exponential (s = 0) and, within a record,
+approximates stretched exponentials, power laws and double exponentials to 1e-4 of
+ln(T_tight/T_slack); the tail beyond the record may be off by some percent of the height. All tails
+lie close to a space of a few dimensions and are stored as coefficients in a basis of that space.
+The priors are log-normal for the centre l_c, exponential for the widths and half-normal for the
+height a >= 0 of the tail a g; the height is integrated out in closed form, the rest by importance
 sampling.
 
-What the bench does not know of its tail and its drifts has one sign in all runs. Each drift, and
-each slow part of the tail as long as half the longest record or longer, is a hypothesis of its own;
-they differ in the prior only.
+Errors of the tail and of the drifts have the same sign in all runs. Each drift, and each slow part
+of the tail at least half as long as the longest record, is a separate hypothesis; the hypotheses
+differ only in the prior.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ Array = NDArray[np.float64]
 
 
 SHORTEST, LONGEST = 1e-4, 1.0
-"""Lengths of exponentials that the basis describes [m]."""
+"""Range of the lengths of exponentials that the basis covers [m]."""
 RANK = 14
-"""Dimension of the basis: it is off by at most 2e-3 of the height of a tail."""
+"""Dimension of the basis; its error is at most 2e-3 of the height of a tail."""
 HALF = np.arange(0.1, 3.0, 0.2)
-"""Midpoints of either half of a spectrum, in units of its width."""
+"""Midpoints of each half of a spectrum, in units of its width."""
 
 
 TABLE = np.linspace(np.log(SHORTEST), np.log(LONGEST), 1024)
@@ -49,10 +49,10 @@ TABLE = np.linspace(np.log(SHORTEST), np.log(LONGEST), 1024)
 
 @lru_cache(maxsize=1)
 def _basis() -> tuple[Array, Array, Array, Array]:
-    """Lengths of exponentials and their mix to basis functions, and two tables in that basis.
+    """Build the basis: lengths of exponentials, their mix to basis functions, and two tables.
 
-    Shapes (k,), (k, RANK); exponentials at :data:`TABLE` (., RANK); -x d/dx of every function
-    (RANK, RANK).
+    Shapes (k,), (k, RANK). The tables hold, in that basis, the exponentials at :data:`TABLE`
+    (., RANK) and -x d/dx of every function (RANK, RANK).
     """
     lengths = np.geomspace(SHORTEST, LONGEST, 45)
     x = np.concatenate([[0.0], np.geomspace(0.25 * SHORTEST, 2.0 * LONGEST, 120)])
@@ -65,13 +65,13 @@ def _basis() -> tuple[Array, Array, Array, Array]:
 
 
 def tail_basis(travel: Array) -> Array:
-    """Values of the basis functions at travels [m], shape (n, RANK)."""
+    """Evaluate the basis functions at travels [m], shape (n, RANK)."""
     lengths, mix, _, _ = _basis()
     return np.asarray(np.exp(-travel[:, None] / lengths) @ mix)
 
 
 def tail_coefficients(log_centre: Array, slow: Array, fast: Array) -> Array:
-    """Coefficients of the tails of spectra, shape (n, RANK).
+    """Compute the coefficients of the tails of spectra, shape (n, RANK).
 
     Parameters
     ----------
@@ -87,12 +87,12 @@ def tail_coefficients(log_centre: Array, slow: Array, fast: Array) -> Array:
     weight = np.exp(-0.5 * np.concatenate([HALF, HALF]) ** 2)
     weight = weight * np.repeat(np.stack([slow, fast], axis=1), HALF.size, axis=1)
     weight /= weight.sum(axis=1, keepdims=True)
-    place = (log_centre[:, None] + away - TABLE[0]) / (TABLE[1] - TABLE[0])
-    place = np.clip(place, 0.0, TABLE.size - 1.0)
-    below = np.minimum(place.astype(np.intp), TABLE.size - 2)
-    part = place - below
-    # linear in the table: a row of weights of its two neighbours for every node
-    shares = np.concatenate([weight * (1.0 - part), weight * part], axis=1)
+    position = (log_centre[:, None] + away - TABLE[0]) / (TABLE[1] - TABLE[0])
+    position = np.clip(position, 0.0, TABLE.size - 1.0)
+    below = np.minimum(position.astype(np.intp), TABLE.size - 2)
+    fraction = position - below
+    # interpolate linearly in the table: weights of the two neighbours of every node
+    shares = np.concatenate([weight * (1.0 - fraction), weight * fraction], axis=1)
     columns = np.concatenate([below, below + 1], axis=1)
     ends = np.arange(0, columns.size + 1, columns.shape[1])
     mixing = csr_array((shares.ravel(), columns.ravel(), ends), (len(columns), TABLE.size))
@@ -100,14 +100,14 @@ def tail_coefficients(log_centre: Array, slow: Array, fast: Array) -> Array:
 
 
 def stretched(coefficients: Array) -> Array:
-    """Derivative of tails by the logarithm of their length, as coefficients (..., RANK)."""
+    """Differentiate tails with respect to the logarithm of their length (..., RANK)."""
     return np.asarray(coefficients @ _basis()[3])
 
 
 def stretching(log_factor: Array) -> Array:
-    """Matrices that make tails longer, ``c -> E c``, by factors exp(log_factor), (n, RANK, RANK).
+    """Return matrices E that stretch tails, ``c -> E c``, by exp(log_factor), (n, RANK, RANK).
 
-    They are exact for tails in the space of the basis, E = exp(log_factor S) with S of `stretched`.
+    Exact for tails in the space of the basis: E = exp(log_factor S) with S of `stretched`.
     """
     return np.asarray(expm(np.asarray(log_factor)[:, None, None] * _basis()[3].T))
 
@@ -115,20 +115,21 @@ def stretching(log_factor: Array) -> Array:
 HEIGHT = 0.1
 """Standard deviation of the height a >= 0 of the tail, relative to the level (half-normal)."""
 CENTRE = (5e-3, 0.2, 1.2)
-"""Median of l_c: so many m, or this share of the longest travel if that is less; and the standard
+"""Median of l_c: the smaller of a length [m] and a share of the longest travel; and the standard
 deviation of ln l_c."""
 WIDTH = 0.7
 """Mean of s_slow + s_fast (exponential)."""
 GRID = (28, 7, 5)
-"""Points of the first look over ln l_c, s_slow and s_fast."""
+"""Grid points of the first iteration over ln l_c, s_slow and s_fast."""
 LOOKS = 10
+"""Largest number of iterations of the importance sampling."""
 RESOLVED = 0.15
-"""Share of the points that must carry the posterior."""
+"""Smallest effective share of the points that resolves the posterior."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Tails that stand for all tails of a bench.
+    """Sample of tails that represents the possible tails of a bench.
 
     Attributes
     ----------
@@ -137,7 +138,7 @@ class Spectra:
     tails : ndarray, shape (n, RANK)
         Tails of height 1.
     log_prior : ndarray, shape (n,)
-        Logarithm of the prior probability that each stands for.
+        Logarithm of the prior probability that each represents.
     """
 
     points: Array
@@ -145,7 +146,7 @@ class Spectra:
     log_prior: Array
 
     def posterior(self, M: Array, b: Array) -> tuple[Array, Array, Array]:
-        """Logarithms of the probabilities (n,), most likely heights and roots of their precision.
+        """Return log probabilities, most likely heights and roots of their precision (n,).
 
         M (RANK, RANK) and b (RANK,) are the squares and products of the basis; the height is
         integrated out.
@@ -161,7 +162,7 @@ class Spectra:
 
 @lru_cache(maxsize=1)
 def _normal_points() -> Array:
-    """Evenly spread points of three standard normal variables, shape (512, 3).
+    """Return quasi-random points of three standard normal variables, shape (512, 3).
 
     Multiples of the powers of 1/g with g**4 = g + 1 fill the cube evenly (additive recurrence).
     """
@@ -173,11 +174,12 @@ def _normal_points() -> Array:
 def spectra_of(
     M: Array, b: Array, range_m: tuple[float, float], start: Spectra | None = None
 ) -> Spectra:
-    """Tails that stand for the posterior given squares (RANK, RANK) and products (RANK,).
+    """Sample tails from the posterior given squares (RANK, RANK) and products (RANK,).
 
-    The posterior of quiet records is a narrow ridge. Importance sampling by a Gaussian closes in
-    on it: what the points of one look do not resolve is made flatter till they do, and gives the
-    Gaussian of the next look. The first look is at a grid, or at the tails of a like posterior.
+    The posterior of quiet records is a narrow ridge. Importance sampling with a Gaussian converges
+    on it iteratively: a posterior that the points do not resolve is flattened until they do, and
+    gives the Gaussian of the next iteration. The first iteration uses a grid, or the tails of a
+    similar posterior.
     """
     low = np.array([np.log(max(range_m[0], 2e-4)), 0.0, 0.0])
     high = np.array([np.log(min(max(range_m[1], 2e-3), 0.6)), 2.5, 2.0])
@@ -211,7 +213,7 @@ def spectra_of(
         root = 1.3 * np.linalg.cholesky(C + np.diag((0.05 * np.exp(step)) ** 2))
         points = mean[:, None] + root @ normal.T
         points[1:] = np.abs(points[1:])
-        # widths below zero are folded back: the density is that of all four signs
+        # negative widths are reflected: the density sums over all four combinations of signs
         log_q = [
             -0.5 * np.sum(np.linalg.solve(root, points * sign - mean[:, None]) ** 2, axis=0)
             for sign in np.array([[1, 1, 1], [1, -1, 1], [1, 1, -1], [1, -1, -1]])[:, :, None]
@@ -222,12 +224,12 @@ def spectra_of(
 
 
 def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, float]:
-    """Posterior of a tail from its squares (RANK, RANK) and products (RANK,).
+    """Compute the posterior of a tail from its squares (RANK, RANK) and products (RANK,).
 
     Returns
     -------
     mean, covariance : ndarray, shape (RANK,), (RANK, RANK)
-        Of the tail in the basis.
+        Mean and covariance of the coefficients of the tail.
     log_evidence, height : float
         Logarithm of the integral over all tails, and the mean of their heights.
     """
@@ -246,56 +248,56 @@ def summed(M: Array, b: Array, spectra: Spectra) -> tuple[Array, Array, float, f
 
 
 SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
-"""Lengths of slow decays of the build-up, over its travel: where friction grows strongly with the
-speed the belt slides more slowly while its tensions still part, and a part of a build-up may take
-several times as long as the rest. They could be the tail of the peak; the bench says which."""
+"""Lengths of slow decays of the build-up, over its travel: if friction grows strongly with speed,
+the belt slides more slowly while its tensions still separate, and part of a build-up may take
+several times as long as the rest. It resembles the tail of the peak; the fit separates the two."""
 UNLIKE = np.array([[0.01, 0.0], [0.03, 0.0], [0.01, 0.05], [0.1, 0.0]])
-"""What family and drift do not tell, one row a hypothesis: deviations of the tail from its family,
-as the standard deviation of each of some exponentials with lengths within two thirds of the record,
-relative to the height; and the same of each slow decay of the build-up, relative to the level."""
+"""Deviations from the model, one hypothesis per row: deviation of the tail from its family, as the
+standard deviation of each of several exponentials with lengths within two thirds of the record,
+relative to the height; and of each slow decay of the build-up, relative to the level."""
 UNLIKE_BEFORE = np.array([0.75, 0.15, 0.05, 0.05])
-"""Probabilities of them. Which it is, is for the runs to say: one size for all benches is either
-too small for quiet records of another family, or widens all others."""
+"""Prior probabilities of them. The runs decide: one size for all benches would be too small for
+quiet records of another family, or would widen the intervals of all others."""
 DRIFTING = 0.08
-"""Probability that something drifts in all runs alike: the zeros of the cells, or the friction."""
+"""Prior probability of a drift common to all runs: of the zeros of the cells or the friction."""
 DRIFTS_OF = np.array(
     [np.diag(np.square(sd)) for sd in ([0, 0, 0], [2e-4, 2e-4, 0], [6e-4, 6e-4, 0], [0, 0, 0.03])]
 )
-"""Covariances of the drifts: none, small and large ones of the zeros of both cells, in 1/s of the
-median initial tension, and one of the friction itself, over the sliding of a run relative to mu."""
+"""Covariances of the drifts: none; small and large drifts of the zeros of both cells, in 1/s of the
+median initial tension; and a drift of the friction over the sliding of a run, relative to mu."""
 BEFORE = np.append(1.0 - DRIFTING, DRIFTING * np.array([0.45, 0.45, 0.1]))
-"""Probabilities of them."""
+"""Prior probabilities of them."""
 SLOW_PART = (0.05, 0.25, 0.15)
-"""Probability that a part of the tail decays over a length about the longest record or beyond, its
-size relative to the height and the standard deviation of that."""
+"""Probability that part of the tail decays over a length of about the longest record or more; its
+size relative to the height, and the standard deviation of that size."""
 SLOW_LENGTHS = np.array([0.5, 1.0, 2.0, 4.0])
-"""Lengths of such a part, over the longest record: a tail between two of them is not told apart."""
+"""Lengths of such a part, over the longest record; the data cannot resolve lengths in between."""
 STILL = 1e-6
-"""Relative change of the tension in a second that is none: no rest is known better [1/s]."""
+"""Smallest standard error of the slope at rest, relative to the tension [1/s]."""
 TREND = 0.4
-"""Standard deviation of the powers with which the length of the tail goes with the settings."""
+"""Standard deviation of the powers of the settings in the length of the tail."""
 SETTINGS = 3
-"""Settings that it goes with: speed, mean tension and level of ln(T_tight/T_slack), so the arc."""
+"""Settings that affect it: speed, mean tension and level of ln(T_tight/T_slack), thus the arc."""
 SHARED = RANK + 3 + SETTINGS + SLOW_TAKE_UP.size
-"""Columns that all runs share: the basis of the tails, drifts of both cells and of mu, powers, slow
+"""Columns common to all runs: the basis of the tails, drifts of both cells and of mu, powers, slow
 decays of the build-up."""
 DRIFTS, POWERS = slice(RANK, RANK + 3), slice(RANK + 3, RANK + 3 + SETTINGS)
 DECAYS = slice(POWERS.stop, SHARED)
-"""Where drifts, powers and decays of the build-up are in them."""
+"""Positions of drifts, powers and decays of the build-up in these columns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypotheses:
-    """Posterior of the shared columns given each of K hypotheses about tail and drifts.
+    """Posterior of the shared columns under each of K hypotheses about tail and drifts.
 
     Attributes
     ----------
     probability : ndarray, shape (K,)
         Posterior probabilities.
     away : ndarray, shape (K, SHARED)
-        Means less that over all hypotheses.
+        Means less the mean over all hypotheses.
     covariance : ndarray, shape (K, SHARED, SHARED)
-        Covariances given each.
+        Covariances under each hypothesis.
     """
 
     probability: Array
@@ -304,43 +306,43 @@ class Hypotheses:
 
     @classmethod
     def alone(cls, covariance: Array) -> Hypotheses:
-        """One that is certain."""
+        """Create a single, certain hypothesis."""
         return cls(np.ones(1), np.zeros((1, SHARED)), covariance[None])
 
     @property
     def whole(self) -> Array:
-        """Covariance over all of them, shape (SHARED, SHARED)."""
+        """Total covariance over all hypotheses, shape (SHARED, SHARED)."""
         within = np.tensordot(self.probability, self.covariance, axes=1)
         return np.asarray(within + (self.away * self.probability[:, None]).T @ self.away)
 
     def along(self, shift: Array) -> tuple[Array, Array]:
-        """Mean and variance of ``shift @ columns`` given each of them, shape (R, K) each."""
+        """Return mean and variance of ``shift @ columns`` under each hypothesis, shape (R, K)."""
         variance = np.einsum("ri,kij,rj->rk", shift, self.covariance, shift, optimize=True)
         return shift @ self.away.T, np.maximum(variance, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shared:
-    """Posterior of what is the same in all runs, :data:`SHARED` columns.
+    """Posterior of the effects common to all runs, :data:`SHARED` columns.
 
     Attributes
     ----------
     mean : ndarray, shape (SHARED,)
         Posterior mean.
     factor : ndarray, shape (SHARED, k)
-        Factor of its covariance, the largest direction first.
+        Factor of the covariance, the largest direction first.
     log_evidence : float
-        Logarithm of the integral over all of it.
+        Logarithm of the integral over all columns.
     height : float
         Posterior mean of the height of the tail, relative to the level.
     powers : ndarray, shape (SETTINGS,)
-        Powers of the settings with which its length goes.
+        Powers of the settings in the length of the tail.
     weights : ndarray
         Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (4, 4).
     hypotheses : Hypotheses
-        What it is the mean of; one alone in a rough look.
+        Hypotheses that were averaged; a single one in an approximate fit.
     spectra : Spectra, optional
-        Tails over which it was summed.
+        Tails over which the posterior was summed.
     """
 
     mean: Array
@@ -354,11 +356,17 @@ class Shared:
 
     @classmethod
     def before(cls, powers: Array) -> Shared:
-        """What is known before any run is seen, if the length of the tail goes with such powers."""
-        unknown = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
-        weights = np.outer(UNLIKE_BEFORE, BEFORE)
-        alone = Hypotheses.alone(np.zeros((SHARED, SHARED)))
-        return cls(*unknown, height=0.05, powers=powers, weights=weights, hypotheses=alone)
+        """Create the state before any run is evaluated, with given powers of the tail length."""
+        mean, factor, log_evidence = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
+        return cls(
+            mean,
+            factor,
+            log_evidence,
+            height=0.05,
+            powers=powers,
+            weights=np.outer(UNLIKE_BEFORE, BEFORE),
+            hypotheses=Hypotheses.alone(np.zeros((SHARED, SHARED))),
+        )
 
     @classmethod
     def of(
@@ -371,7 +379,7 @@ class Shared:
         weights: Array,
         spectra: Spectra,
     ) -> Shared:
-        """From all hypotheses, with tails that were stretched by some powers."""
+        """Combine all hypotheses; `powers` are those by which the tails were stretched."""
         values, vectors = np.linalg.eigh(hypotheses.whole)
         return cls(
             mean=mean,
@@ -386,20 +394,20 @@ class Shared:
 
     @property
     def stretched_mean(self) -> Array:
-        """The mean for tails that are stretched by the powers already."""
+        """Mean for tails that are already stretched by the powers."""
         mean = self.mean.copy()
         mean[POWERS] = 0.0
         return mean
 
     @property
     def deviations(self) -> Array:
-        """What makes the tail higher and longer, by the logarithms of both (RANK, 2)."""
+        """Derivatives of the tail with respect to ln of its height and of its length (RANK, 2)."""
         return np.column_stack([self.mean[:RANK], stretched(self.mean[:RANK])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """What is known of a bench beside its sliding phases.
+    """Information on a bench from sources other than its sliding phases.
 
     Attributes
     ----------
@@ -408,7 +416,7 @@ class Given:
     unit_N : float
         Median initial tension [N].
     range_m : tuple of float
-        Shortest and longest length of a tail that is looked for [m].
+        Shortest and longest length of a tail that is fitted [m].
     """
 
     squares: Array
@@ -418,19 +426,19 @@ class Given:
 
     @classmethod
     def by(cls, rests: Sequence[Rest], range_m: tuple[float, float]) -> Given:
-        """What the rest phases say; slopes of the cells at rest are drifts of all runs."""
+        """Evaluate the rest phases; slopes of the cells at rest indicate drifts of all runs."""
         tension = np.array([rest.tension_N for rest in rests])
-        found = np.array([rest.slopes_N_s for rest in rests])
+        slopes = np.array([rest.slopes_N_s for rest in rests])
         errors = np.array([rest.slope_ses_N_s for rest in rests])
         squares, products = np.zeros((2, 2)), np.zeros(2)
         for k, sign in enumerate((-1.0, 1.0)):  # of the difference, and of the sum
-            slope, weight = found[:, k], np.maximum(errors[:, k], STILL * tension) ** -2.0
+            slope, weight = slopes[:, k], np.maximum(errors[:, k], STILL * tension) ** -2.0
             mean = float(np.sum(weight * slope) / np.sum(weight))
-            # slopes that differ by more than their noise are worth less
+            # slopes that differ by more than their noise get less weight
             excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)
             variance = max(excess, 1.0) / float(np.sum(weight))
             if sign > 0.0:
-                variance += mean**2  # a slope of the sum may be all relaxation of the belt
+                variance += mean**2  # relaxation of the belt may explain the whole slope of the sum
             h = np.array([1.0, sign])
             squares += np.outer(h, h) / variance
             products += h * mean / variance
@@ -439,14 +447,14 @@ class Given:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """Gaussian prior of all shared columns beside the tail of the family, and its probability.
+    """Gaussian prior of all shared columns except the tail of the family, and its probability.
 
     Attributes
     ----------
     probability : float
-        Before any run is seen.
+        Prior probability.
     mean, covariance : ndarray, shape (SHARED,), (SHARED, SHARED)
-        Of the columns; of the tail, of what is added to that of the family.
+        Mean and covariance of the columns; the tail columns describe the deviation from the family.
     """
 
     probability: float
@@ -457,10 +465,10 @@ class Hypothesis:
     def of(
         cls, probability: float, powers: Array, slow: Array, tail: Array, drift: Array, decay: float
     ) -> Hypothesis:
-        """One with a mean of the slow part of the tail, and these covariances."""
+        """Build it from the mean of the slow part of the tail and the covariances."""
         mean, covariance = np.zeros(SHARED), np.zeros((SHARED, SHARED))
         mean[:RANK] = slow
-        # the columns hold the change of the powers from what the tails were stretched by
+        # the columns hold the change relative to the powers by which the tails were stretched
         mean[POWERS] = -powers
         covariance[:RANK, :RANK] = tail
         covariance[DRIFTS, DRIFTS] = drift
@@ -469,29 +477,29 @@ class Hypothesis:
         return cls(probability, mean, covariance)
 
     def spectra(self, M: Array, b: Array, given: Given, start: Spectra | None = None) -> Spectra:
-        """Tails that stand for those of the family beside it."""
-        left = _free(M, self.covariance)[0]
-        products = (left @ (b - M @ self.mean))[:RANK]
-        return spectra_of((left @ M)[:RANK, :RANK], products, given.range_m, start)
+        """Sample the tails of the family under this hypothesis."""
+        projection = _integrate_out(M, self.covariance)[0]
+        products = (projection @ (b - M @ self.mean))[:RANK]
+        return spectra_of((projection @ M)[:RANK, :RANK], products, given.range_m, start)
 
 
 def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: bool = True) -> Shared:
-    """Posterior of the tail and of all else that the runs share.
+    """Compute the posterior of the tail and of all other effects common to the runs.
 
-    The squares and products of the shared columns, summed over the runs, are all that the runs say
-    about them; the hypotheses differ in the prior only.
+    The squares and products of the shared columns, summed over the runs, contain all information
+    of the runs on them; the hypotheses differ only in the prior.
 
     Parameters
     ----------
     M, b : ndarray, shape (SHARED, SHARED), (SHARED,)
         Squares and products.
     given : Given
-        What is known beside them.
+        Information from other sources.
     before : Shared
-        Tail and drift as far as they were known before, roughly.
+        Earlier, approximate estimate of tail and drift.
     every_drift : bool
-        Each drift, deviation and slow part of the tail is a hypothesis of its own; else one
-        Gaussian has the moments of all drifts and deviations.
+        Whether each drift, deviation and slow part of the tail is a separate hypothesis; otherwise
+        a single Gaussian has the moments of all drifts and deviations.
     """
     M, b = M.copy(), b.copy()
     cells = slice(RANK, RANK + 2)
@@ -502,64 +510,65 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     height = max(before.height, 1e-3)
     deviation = height**2 * _deviations(given.range_m)
 
-    # one Gaussian with the moments of all drifts and deviations finds where the tails are
-    some_drift = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
+    # a single Gaussian with the moments of all drifts and deviations locates the tails
+    mean_drift = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
     size, decay = before.weights.sum(axis=1) @ UNLIKE**2
-    rough = Hypothesis.of(1.0, before.powers, np.zeros(RANK), size * deviation, some_drift, decay)
+    rough = Hypothesis.of(1.0, before.powers, np.zeros(RANK), size * deviation, mean_drift, decay)
     spectra = before.spectra
     if every_drift or spectra is None:
         spectra = rough.spectra(M, b, given)
     if not every_drift:
-        mean, C, log_evidence, height = _given(M, b, rough, spectra)
-        alone = Hypotheses.alone(C)
-        return Shared.of(mean, alone, log_evidence, height, before.powers, before.weights, spectra)
+        mean, C, log_evidence, height = _posterior_under(M, b, rough, spectra)
+        single = Hypotheses.alone(C)
+        return Shared.of(mean, single, log_evidence, height, before.powers, before.weights, spectra)
 
-    log_p, found = [], []
+    log_p, posteriors = [], []
     for p_slow, slow, scatter in _slow_parts(given.range_m[1], height):
         for p_unlike, (size, decay) in zip(UNLIKE_BEFORE, UNLIKE**2, strict=True):
             tail = size * deviation + np.outer(scatter, scatter)
             common = before.powers, slow, tail
-            # beside a slow part the rest of the tail is another one
-            points = Hypothesis.of(1.0, *common, some_drift, decay).spectra(M, b, given, spectra)
+            # with a slow part, the rest of the tail is different
+            points = Hypothesis.of(1.0, *common, mean_drift, decay).spectra(M, b, given, spectra)
             for p_drift, drift in zip(BEFORE, drifts, strict=True):
-                one = Hypothesis.of(p_slow * p_unlike * p_drift, *common, drift, decay)
-                found.append(_given(M, b, one, points))
-                log_p.append(np.log(one.probability) + found[-1][2])
+                hypothesis = Hypothesis.of(p_slow * p_unlike * p_drift, *common, drift, decay)
+                posteriors.append(_posterior_under(M, b, hypothesis, points))
+                log_p.append(np.log(hypothesis.probability) + posteriors[-1][2])
     log_evidence = float(np.logaddexp.reduce(log_p))
     p = np.exp(np.array(log_p) - log_evidence)
-    means = np.array([mean for mean, *_ in found])
+    means = np.array([mean for mean, *_ in posteriors])
     mean = p @ means
-    every = Hypotheses(p, means - mean, np.array([C for _, C, *_ in found]))
+    hypotheses = Hypotheses(p, means - mean, np.array([C for _, C, *_ in posteriors]))
     weights = p.reshape(-1, *before.weights.shape).sum(axis=0)
-    height = found[int(np.argmax(p))][-1]
-    return Shared.of(mean, every, log_evidence, height, before.powers, weights, spectra)
+    height = posteriors[int(np.argmax(p))][-1]
+    return Shared.of(mean, hypotheses, log_evidence, height, before.powers, weights, spectra)
 
 
 @lru_cache(maxsize=4)
 def _deviations(range_m: tuple[float, float]) -> Array:
-    """Covariance of a tail of height 1 that is off its family by as much (RANK, RANK)."""
+    """Return the covariance of a unit deviation of the tail from its family (RANK, RANK)."""
     low, high = np.log(max(range_m[0], 2e-4)), np.log(max(range_m[1] / 4.5, 1e-3))
-    lengths = np.linspace(low, max(high, low + 1.0), 8)
-    others = tail_coefficients(lengths, np.zeros(8), np.zeros(8))
-    return np.asarray(others.T @ others)
+    log_lengths = np.linspace(low, max(high, low + 1.0), 8)
+    exponentials = tail_coefficients(log_lengths, np.zeros(8), np.zeros(8))
+    return np.asarray(exponentials.T @ exponentials)
 
 
 def _slow_parts(longest: float, height: float) -> list[tuple[float, Array, Array]]:
-    """None, and slow parts of the tail: probability, mean and sd (RANK,) of each."""
-    chance, part, scatter = SLOW_PART
-    reach = np.log(np.clip(longest / 3.0 * SLOW_LENGTHS, 2e-4, 1.0))
-    tails = height * tail_coefficients(reach, *np.zeros((2, reach.size)))
-    parts = [(chance / reach.size, part * tail, scatter * tail) for tail in tails]
-    return [(1.0 - chance, np.zeros(RANK), np.zeros(RANK)), *parts]
+    """Return no slow part, then each slow part of the tail: probability, mean and sd (RANK,)."""
+    probability, share, scatter = SLOW_PART
+    log_lengths = np.log(np.clip(longest / 3.0 * SLOW_LENGTHS, 2e-4, 1.0))
+    n = log_lengths.size
+    tails = height * tail_coefficients(log_lengths, *np.zeros((2, n)))
+    parts = [(probability / n, share * tail, scatter * tail) for tail in tails]
+    return [(1.0 - probability, np.zeros(RANK), np.zeros(RANK)), *parts]
 
 
-def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
+def _integrate_out(M: Array, D: Array) -> tuple[Array, Array, float]:
     """Integrate a part u ~ N(0, D) out of the information M.
 
     Returns
     -------
-    left, G, log_det : ndarray, ndarray, float
-        ``left @ M`` and ``left @ b`` are the squares and products that are left, G is the
+    projection, G, log_det : ndarray, ndarray, float
+        ``projection @ M`` and ``projection @ b`` are the remaining squares and products, G is the
         covariance of u given the rest, log_det the logarithm of det(1 + M D).
     """
     values, vectors = np.linalg.eigh(D)
@@ -570,17 +579,17 @@ def _free(M: Array, D: Array) -> tuple[Array, Array, float]:
     return np.eye(len(D)) - M @ G, G, float(np.linalg.slogdet(inner)[1])
 
 
-def _given(
-    M: Array, b: Array, beside: Hypothesis, spectra: Spectra
+def _posterior_under(
+    M: Array, b: Array, hypothesis: Hypothesis, spectra: Spectra
 ) -> tuple[Array, Array, float, float]:
-    """As `summed`, with what is beside the tail of the family integrated out."""
-    left, G, log_det = _free(M, beside.covariance)
-    more = beside.mean
-    c = b - M @ more
+    """Compute `summed` with the columns of the hypothesis integrated out."""
+    projection, G, log_det = _integrate_out(M, hypothesis.covariance)
+    m = hypothesis.mean
+    c = b - M @ m
     tail, spread, log_evidence, height = summed(
-        (left @ M)[:RANK, :RANK], (left @ c)[:RANK], spectra
+        (projection @ M)[:RANK, :RANK], (projection @ c)[:RANK], spectra
     )
-    log_evidence += 0.5 * float(c @ G @ c) + float(b @ more) - 0.5 * float(more @ M @ more)
-    mean = more + left.T[:, :RANK] @ tail + G @ c
-    covariance = left.T[:, :RANK] @ spread @ left[:RANK] + G
+    log_evidence += 0.5 * float(c @ G @ c) + float(b @ m) - 0.5 * float(m @ M @ m)
+    mean = m + projection.T[:, :RANK] @ tail + G @ c
+    covariance = projection.T[:, :RANK] @ spread @ projection[:RANK] + G
     return mean, covariance, log_evidence - 0.5 * log_det, height
