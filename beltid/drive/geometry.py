@@ -93,10 +93,10 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
         moved = drive.tensioner.pulley
         x, y = arm_end(drive.tensioner, arm_angle)
         pulleys[moved] = replace(pulleys[moved], x=x, y=y)
-    _refuse_overlaps(pulleys)
-    laid = _fitting(pulleys)
+    _check_overlaps(pulleys)
+    laid = _find_layout(pulleys)
     if laid is None:
-        raise InputError(_why_none_fits(pulleys))
+        raise InputError(_explain_misfit(pulleys))
     return laid
 
 
@@ -128,7 +128,7 @@ def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
     return -side * tensioner.preload - tensioner.rate * (angle - tensioner.free_angle)
 
 
-def _refuse_overlaps(pulleys: list[Pulley]) -> None:
+def _check_overlaps(pulleys: list[Pulley]) -> None:
     problems = []
     for a, b in combinations(pulleys, 2):
         distance = math.hypot(b.x - a.x, b.y - a.y)
@@ -159,7 +159,7 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
 
 
-def _fitting(pulleys: list[Pulley]) -> Layout | None:
+def _find_layout(pulleys: list[Pulley]) -> Layout | None:
     """Lay the belt on in both senses; return the path that does not cross itself, if any."""
     # the rib pulleys usually turn in the sense of the pulley order
     area = sum(
@@ -171,7 +171,7 @@ def _fitting(pulleys: list[Pulley]) -> Layout | None:
     return next(valid, None)
 
 
-def _why_none_fits(pulleys: list[Pulley]) -> str:
+def _explain_misfit(pulleys: list[Pulley]) -> str:
     """Explain why no path fits: the belt misses a pulley, or crosses itself.
 
     A belt that would have to turn back to touch a pulley turns by nearly a revolution there, and
@@ -179,7 +179,7 @@ def _why_none_fits(pulleys: list[Pulley]) -> str:
     """
     for i, pulley in enumerate(pulleys):
         others = pulleys[:i] + pulleys[i + 1 :]
-        fits = _fitting(others) if len(others) > 1 else None
+        fits = _find_layout(others) if len(others) > 1 else None
         if fits is not None:
             sense = fits.senses[0] if others[0].ribs else -fits.senses[0]
             if _lay(pulleys, float(sense)).wraps[i] > 1.5 * np.pi:
@@ -201,10 +201,10 @@ def _turns_once(laid: Layout) -> bool:
 def _crosses_itself(laid: Layout) -> bool:
     """Return whether any two spans cross."""
     pairs = list(combinations(zip(laid.starts, laid.ends, strict=True), 2))
-    return any(_cross(a, b, c, d) and _cross(c, d, a, b) for (a, b), (c, d) in pairs)
+    return any(_separates(a, b, c, d) and _separates(c, d, a, b) for (a, b), (c, d) in pairs)
 
 
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+def _separates(a: Array, b: Array, c: Array, d: Array) -> bool:
     """Return whether points c and d lie on opposite sides of the line through a and b."""
     (x, y), (cx, cy), (dx, dy) = b - a, c - a, d - a
     return bool((x * cy - y * cx) * (x * dy - y * dx) < 0.0)

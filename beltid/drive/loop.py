@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 MOST_ITERATIONS: Final = 60
 TOLERANCE: Final = 1e-11
 """Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
-AS_GOOD_AS_ROUNDING: Final = 1e-7
+ROUNDING_RESIDUAL: Final = 1e-7
 """Residual accepted if no step reduces it: the strain of a stiff belt is limited by rounding."""
 MOST_HALVINGS: Final = 12
-WAYS: Final = 3
+MOST_JACOBIANS: Final = 3
 """Jacobians tried from one state: the present one, and new ones by differences to both sides."""
 DIFFERENCE: Final = 1e-7
 SLACK: Final = 1e-5
@@ -173,7 +173,7 @@ def _stated_angle(drive: Drive) -> float:
     return arm.free_angle + math.remainder(angle - arm.free_angle, 2.0 * math.pi)
 
 
-def _side(drive: Drive) -> float:
+def _arm_side(drive: Drive) -> float:
     """Return the sense in which the arm has left its free angle: +1 anticlockwise."""
     assert drive.tensioner is not None
     return math.copysign(1.0, _stated_angle(drive) - drive.tensioner.free_angle)
@@ -184,7 +184,7 @@ def _tension_of_arm(drive: Drive, angle: float) -> float:
     assert drive.tensioner is not None
     laid = layout(drive, angle)
     per_newton = arm_lever(drive.tensioner, laid, np.ones(laid.spans.size))
-    return -spring_moment(drive.tensioner, angle, _side(drive)) / per_newton
+    return -spring_moment(drive.tensioner, angle, _arm_side(drive)) / per_newton
 
 
 class _Loop:
@@ -227,7 +227,7 @@ class _Loop:
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and state.arm_angle is not None:
             moment = arm_lever(drive.tensioner, state.laid, state.P)
-            moment += spring_moment(drive.tensioner, state.arm_angle, _side(drive))
+            moment += spring_moment(drive.tensioner, state.arm_angle, _arm_side(drive))
             r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
         return r
 
@@ -322,10 +322,10 @@ def solve_loop(
                 break
             share *= 0.5
         else:
-            if size <= AS_GOOD_AS_ROUNDING:
+            if size <= ROUNDING_RESIDUAL:
                 return replace(state, iterations=iteration, slopes=J)
             stuck += 1
-            if stuck > WAYS:
+            if stuck > MOST_JACOBIANS:
                 break
             # at the onset of full slip of a pulley the one-sided derivatives differ
             J, difference = None, -difference if fresh else difference

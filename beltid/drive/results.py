@@ -271,14 +271,14 @@ class Simulator:
         InputError
             If the belt cannot be laid on or tightened as stated.
         """
-        T_0 = _key(point)
+        T_0 = _rest_key(point)
         if T_0 not in self._rest:
             self._rest[T_0] = rest_state(self.drive, self._rods or self.level, point.T_0)
         return self._rest[T_0]
 
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
-        rest, T_0 = self.at_rest(point), _key(point)
+        rest, T_0 = self.at_rest(point), _rest_key(point)
         if (point.omega, T_0) not in self._idle:
             idle = None if near is None else near.idle
             self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest, idle)
@@ -291,7 +291,7 @@ class Simulator:
         return self._rods.solve(point, rest, near)
 
 
-def _key(point: DrivePoint) -> float | None:
+def _rest_key(point: DrivePoint) -> float | None:
     """Return the cache key of the belt at rest: its tension, or None if a tensioner sets it."""
     return None if math.isnan(point.T_0) else point.T_0
 

@@ -66,8 +66,10 @@ SLIP_TOLERANCE = 1.0e-11  # of a patch that sticks, over the speed of the belt [
 LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction, ramped up while the whole arc slides
 MOST_ROUNDS = 80
 FREE_ROUNDS = 12  # rounds in which all patches may change state at once
-MOST_TURNS = 4  # state changes of a patch at an end of the contact
-MOST_SOFT_TURNS = 8  # state changes of a soft patch; one that keeps changing waits for the hard law
+MOST_SWITCHES = 4  # state changes of a patch at an end of the contact
+MOST_SOFT_SWITCHES = (
+    8  # state changes of a soft patch; one that keeps changing waits for the hard law
+)
 PATIENCE = 3  # later rounds after which the allowed number of changes is halved
 SOFTER = 4.0  # factor by which the ribs are softened if no state was found
 SOFTEST = 1.0e6  # largest total factor
@@ -282,11 +284,11 @@ def pulley_map(
             target = Flow(flow.v0, False, levers, given_by_levers, torque is not None)
         try:
             if W is not None:
-                flow.turn(float(W), target, ramp=begin is None)
+                flow.set_speed(float(W), target, ramp=begin is None)
             if flow.sheared:
-                flow.stiffen(target)
+                flow.find_sheared(target)
             else:
-                flow.settle(target, softness if W is None else SOFTNESS[-1:])
+                flow.find_sticking(target, softness if W is None else SOFTNESS[-1:])
             return flow.state(levers)
         except ConvergenceError as error:
             failure = error
@@ -306,7 +308,7 @@ class _Running:
     kinematics: Kinematics
     stretch: float
     omega: float
-    turns: NDArray[np.int64]  # changes of every patch
+    switches: NDArray[np.int64]  # changes of every patch
     record: Recorder = field(default_factory=lambda: new_recorder(1))
     patches: Any = field(init=False)  # fields of the patches of ``points``
     outcome: Any = field(init=False)  # fields of ``record``: last iteration, number of iterations
@@ -336,17 +338,17 @@ class _Running:
             T, EA, laid = pulley.tension, pulley.belt.EA, lay_on(model)
             longer = 1.0 + (T + momentum) / (EA - momentum)
             stretch = laid.stretch * (1.0 + T / EA) / longer
-            turn = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R)))
-            state = laid.q, stretch, turn * v0
+            rate = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R)))
+            state = laid.q, stretch, rate * v0
             opened = ~np.any(laid.points.F_N > 0.0, axis=1)
             ends = opened | preceding(opened) | following(opened)
             points.patches.status[ends] = SLIDE
-        turns = np.zeros(points.patches.status.size, dtype=np.int64)
+        switches = np.zeros(points.patches.status.size, dtype=np.int64)
         q, stretch, omega = state
         kinematics = new_kinematics(q)
-        return cls(pulley, v0, P_in, system, points, work, kinematics, stretch, omega, turns)
+        return cls(pulley, v0, P_in, system, points, work, kinematics, stretch, omega, switches)
 
-    def turn(self, W: float, target: Flow, *, ramp: bool) -> None:
+    def set_speed(self, W: float, target: Flow, *, ramp: bool) -> None:
         """Set the pulley speed; for a belt laid on, ramp up the friction of the sliding arc."""
         patches, frictionless = self.patches, self.omega
         self.omega = W * self.v0
@@ -358,7 +360,7 @@ class _Running:
             if not self._newton(target, 0.0, share):
                 raise self._failure(1)
 
-    def settle(self, target: Flow, softness: tuple[float, ...]) -> None:
+    def find_sticking(self, target: Flow, softness: tuple[float, ...]) -> None:
         """Find the sticking patches, with soft ones that slide above their limit, then hard ones.
 
         A patch of a running belt sticks if the slip at its *upstream* end vanishes. The sticking
@@ -371,7 +373,7 @@ class _Running:
             augmentation = typical / (soft * self.v0)
             hard = soft == softness[-1]
             most, rounds = patches.status.size, 0
-            self.turns[:] = 0
+            self.switches[:] = 0
             while True:
                 rounds += 1
                 if rounds > MOST_ROUNDS:
@@ -384,14 +386,16 @@ class _Running:
                 elif hard:
                     sticking = patches.status == STICK
                     patches.la_T[sticking] = patches.force[sticking]
-                self._follow_turns()
+                self._unmark_reversals()
                 kept = self._copy()
                 most = max(most >> int(rounds > FREE_ROUNDS and rounds % PATIENCE == 0), 1)
                 changes = self._change_sides(augmentation, hard, most)
-                if changes == 0 and (not hard or (self._holds() and not self._find_turns())):
+                if changes == 0 and (
+                    not hard or (self._sticks_without_slip() and not self._mark_reversals())
+                ):
                     break
 
-    def stiffen(self, target: Flow) -> None:
+    def find_sheared(self, target: Flow) -> None:
         """Find the state of ribs that shear, via softer ribs if it is not found directly.
 
         Stiff ribs change between sticking and sliding within a fraction of an element: they need a
@@ -442,18 +446,18 @@ class _Running:
             slides = np.abs(holding) > patches.limit
             turned = slides & (np.sign(holding) != patches.sign)
             changes = np.where(sticking, slides, ~slides | turned)
-            changes &= self.turns < MOST_SOFT_TURNS
+            changes &= self.switches < MOST_SOFT_SWITCHES
         # a patch at an end of the contact carries no load: if it stuck, it would open and close.
         # If the sliding changes direction within such a patch, the patch keeps the last direction
         open_ = patches.limit == 0.0
         edge = np.any(self.points.F_max == 0.0, axis=1) | preceding(open_) | following(open_)
-        changes = np.where(edge, sticking | (backward & (self.turns < MOST_TURNS)), changes)
+        changes = np.where(edge, sticking | (backward & (self.switches < MOST_SWITCHES)), changes)
         changes &= ~patches.turning
         holding = np.where(edge, patches.slip, holding)
         changed = np.flatnonzero(changes & (patches.limit > 0.0))[:most]
         direction = holding[changed]
         to_slide = sticking[changed] | edge[changed]  # before sliding backwards a patch sticks
-        self.turns[changed] += 1
+        self.switches[changed] += 1
         patches.status[changed] = np.where(to_slide, SLIDE, STICK)
         # a patch closes with unseated ribs: the pulley is ahead of the belt
         patches.status[open_], patches.la_T[open_] = SLIDE, 0.0
@@ -463,7 +467,7 @@ class _Running:
             patches.la_T[changed] = patches.force[changed]
         return changed.size
 
-    def _follow_turns(self) -> None:
+    def _unmark_reversals(self) -> None:
         """Unmark the patches within which the sliding no longer changes direction."""
         patches = self.patches
         backward = patches.turning & (patches.sign * patches.slip < 0.0)
@@ -471,7 +475,7 @@ class _Running:
         patches.la_T[backward] = patches.force[backward]
         patches.turning[:] &= ~backward & (patches.sign * patches.slip_out < 0.0)
 
-    def _find_turns(self) -> bool:
+    def _mark_reversals(self) -> bool:
         """Mark the patches within which the sliding changes direction; return whether any are new.
 
         A single sticking patch between two that slide in opposite directions is one of them if
@@ -479,19 +483,19 @@ class _Running:
         """
         patches, flow = self.patches, self.v0 / self.system.belt.EA
         slides = (patches.status == SLIDE) & (patches.limit > 0.0)
-        turns = slides & (patches.sign * patches.slip_out < 0.0)
+        reverses = slides & (patches.sign * patches.slip_out < 0.0)
         sign, behind = preceding(patches.sign), following(patches.sign)
         alone = (patches.status == STICK) & preceding(slides) & following(slides)
         at_entry = sign * patches.force - sign * patches.slip_out / flow
         alone &= (sign * behind < 0.0) & (at_entry > patches.limit)
         edge = np.any(self.points.F_max == 0.0, axis=1)
-        new = (turns | alone) & ~edge & ~patches.turning
+        new = (reverses | alone) & ~edge & ~patches.turning
         patches.sign[alone & new] = sign[alone & new]
         patches.turning[new] = True
         patches.status[new] = SLIDE
         return bool(new.any())
 
-    def _holds(self) -> bool:
+    def _sticks_without_slip(self) -> bool:
         """Return whether no sticking patch slips."""
         patches = self.patches
         sticks = (patches.status == STICK) & (patches.limit > 0.0)

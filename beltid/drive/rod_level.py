@@ -123,7 +123,7 @@ class RodLevel:
             raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
         self._cache: dict[tuple[int, float, float], _CachedRod] = {}
-        self._rested: dict[tuple[float, tuple[float, ...]], float] = {}
+        self._lengths_at_rest: dict[tuple[float, tuple[float, ...]], float] = {}
         fastest = drive.surface.validity["slip_speed_m_s"][1]
         self.fastest = float(fastest)
 
@@ -196,13 +196,13 @@ class RodLevel:
         if not self.drive.bent_length or self.drive.installation == "slack_force":
             return 0.0
         key = (T_0, tuple(laid.wraps.tolist()))
-        if key not in self._rested:
+        if key not in self._lengths_at_rest:
             P = np.full(len(self.drive.pulleys), T_0)
             arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
             state = LoopState(P, BY_HAND, None, laid, arcs)
             rods, _ = self._rods(state, T_0, None)
-            self._rested[key] = self._corrected(state, arcs, rods).length
-        return self._rested[key]
+            self._lengths_at_rest[key] = self._corrected(state, arcs, rods).length
+        return self._lengths_at_rest[key]
 
     def _corrected(
         self, state: LoopState, of_string: Arcs, rods: tuple[RodState | None, ...]

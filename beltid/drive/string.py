@@ -513,16 +513,16 @@ def steady_states(
 ) -> int:
     """Count the steady states of an arc: more than one only if mu falls with the speed."""
     above = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] > wrap
-    found = 0 if above else 1
+    count = 0 if above else 1
     if friction.tables.y_nodes.size == 1:
-        return found
+        return count
     for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
         x = _slip_of_grid(k, friction)
         now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
         if now != above:
-            found += 1
+            count += 1
         above = now
-    return found
+    return count
 
 
 @kernel

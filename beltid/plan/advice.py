@@ -134,11 +134,11 @@ def choose_plan(
         stop = "goal reached"
     else:
         chosen = choose_runs(before, runs, W, count)
-        chosen = _without_harm(before, runs, W, chosen, count)
+        chosen = _drop_harmful_runs(before, runs, W, chosen, count)
         reached = before.after(runs, chosen).variance(W)
         if reached <= goal**2:
-            chosen = _fewest(before, runs, W, chosen, goal**2)
-        elif not _is_worth(before, runs, W, reached):
+            chosen = _fewest_runs(before, runs, W, chosen, goal**2)
+        elif not _is_worthwhile(before, runs, W, reached):
             stop = "runs do not help"
             chosen = []
     after = before.after(runs, chosen)
@@ -147,7 +147,7 @@ def choose_plan(
     if stop == "runs do not help" and shared > MOSTLY * then:
         stop = "shared errors remain"
     variances = target.variances(before), target.variances(after)
-    without = _without_each(before, runs, W, chosen)
+    without = _variances_without_each(before, runs, W, chosen)
     return Plan(
         chosen=tuple(chosen),
         gains=tuple(float(np.sqrt(without[i] / then)) - 1.0 for i in chosen),
@@ -163,7 +163,7 @@ def choose_plan(
     )
 
 
-def _without_each(
+def _variances_without_each(
     before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int]
 ) -> dict[int, float]:
     """Return the variance with each chosen run left out, by run number."""
@@ -175,7 +175,7 @@ def _without_each(
     return variances
 
 
-def _without_harm(
+def _drop_harmful_runs(
     before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int], count: int
 ) -> list[int]:
     """Drop the runs whose shared errors make the surface worse.
@@ -185,7 +185,7 @@ def _without_harm(
     chosen = list(chosen)
     while chosen:
         needed = needed_for(runs, chosen, count)
-        without = _without_each(before, runs, W, chosen)
+        without = _variances_without_each(before, runs, W, chosen)
         free = {i: variance for i, variance in without.items() if i not in needed}
         worst = min(free, key=free.__getitem__, default=None)
         if worst is None or free[worst] >= before.after(runs, chosen).variance(W):
@@ -194,16 +194,16 @@ def _without_harm(
     return chosen
 
 
-def _is_worth(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:
+def _is_worthwhile(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:
     """Return whether the planned runs, or `LOOK_AHEAD` runs, lower the uncertainty enough."""
     worthwhile = before.variance(W) * (1.0 - WORTH) ** 2
     if reached <= worthwhile:
         return True
-    more = choose_runs(before, runs, W, LOOK_AHEAD)
-    return before.after(runs, more).variance(W) <= worthwhile
+    many = choose_runs(before, runs, W, LOOK_AHEAD)
+    return before.after(runs, many).variance(W) <= worthwhile
 
 
-def _fewest(
+def _fewest_runs(
     before: Knowledge, runs: RunRows, W: np.ndarray, enough: list[int], goal: float
 ) -> list[int]:
     """Find the smallest choice that reaches a variance, by bisection; `enough` reaches it."""

@@ -84,14 +84,15 @@ def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
         If no run has a standard error.
     """
     squares = np.square(measured.mu_se / measured.mu)
-    known = squares > 0.0
-    if not known.any():
+    has_error = squares > 0.0
+    if not has_error.any():
         raise InputError(
             "the runs have no standard errors, so their noise is unknown; state mu_se or "
             "rig.force_resolution_N when they are reduced, or plan without them"
         )
     terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
-    variances, _ = nnls(terms[known] / squares[known, None], np.ones(int(known.sum())))
+    scaled = terms[has_error] / squares[has_error, None]
+    variances, _ = nnls(scaled, np.ones(scaled.shape[0]))
     return NoiseLaw(float(np.sqrt(variances[0])), float(np.sqrt(variances[1])), scale)
 
 
@@ -153,7 +154,7 @@ class Candidates:
 
     @property
     def measured(self) -> Measured:
-        """The runs."""
+        """Simulated runs."""
         return self.campaign.measured
 
     def rows(
@@ -211,11 +212,11 @@ def simulate_candidates(
         If a setting has no sliding state.
     """
     points = settings.points()
-    wanted = np.array([omega * bench.rig.R for omega in settings.omegas])
-    speeds = speeds_for(wanted, measured)
+    surface_speed = np.array([omega * bench.rig.R for omega in settings.omegas])
+    speeds = speeds_for(surface_speed, measured)
     arcs, _ = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs_deg)
     runs = [MeasuredRun(point, 1.0, 0.0, int(k)) for point, k in zip(points, arcs, strict=True)]
-    at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
+    at = speeds[np.argmin(np.abs(np.log(surface_speed[:, None] / speeds)), axis=1)]
     rig = RigRuns(bench, runs, np.unique(at), mesh_of(bench, runs, MESH))
     force = np.array([point.T_0 for point in points]) / bench.rig.R
     rough = np.log([0.2 * force.min(), 2.0 * force.max()])

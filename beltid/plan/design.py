@@ -127,7 +127,7 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
         Numbers of the candidates, ascending. At least two arcs (if there are several) and, in three
         or more runs, one repeated run. Deterministic.
     """
-    chosen = _filled(before, runs, W, [], count)
+    chosen = _completed(before, runs, W, [], count)
     variance = before.after(runs, chosen).variance(W)
     improved = True
     while improved:
@@ -136,7 +136,7 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
             others = list(chosen)
             for i in dropped:
                 others.remove(i)
-            refilled = _filled(before, runs, W, others, count)
+            refilled = _completed(before, runs, W, others, count)
             lower = before.after(runs, refilled).variance(W)
             if lower < variance * (1.0 - TIE):
                 chosen, variance, improved = refilled, lower, True
@@ -150,17 +150,19 @@ def _singles_and_pairs(chosen: list[int]) -> list[tuple[int, ...]]:
     return [*singles, *sorted(set(itertools.combinations(chosen, 2)))]
 
 
-def _filled(before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int) -> list[int]:
+def _completed(
+    before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int
+) -> list[int]:
     """Complete a choice by adding the best run at a time; ascending."""
     chosen = list(chosen)
     for left in range(count - len(chosen) - 1, -1, -1):
         variance = before.after(runs, chosen).variance_after_one(runs, W)
-        variance = np.where(_lacking(runs, chosen, count) <= left, variance, np.inf)
+        variance = np.where(_missing_runs(runs, chosen, count) <= left, variance, np.inf)
         chosen.append(int(np.flatnonzero(variance <= variance.min() * (1.0 + TIE))[0]))
     return sorted(chosen)
 
 
-def _lacking(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
+def _missing_runs(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
     """Count the runs (n,) still needed for arcs and repetition after adding each candidate."""
     covered = np.unique(runs.arc[chosen])
     arcs = covered.size + ~np.isin(runs.arc, covered)
