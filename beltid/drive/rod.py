@@ -67,9 +67,7 @@ LAID = (0.25, 0.5, 0.75, 1.0)  # shares of the friction, ramped up while the who
 MOST_ROUNDS = 80
 FREE_ROUNDS = 12  # rounds in which all patches may change state at once
 MOST_SWITCHES = 4  # state changes of a patch at an end of the contact
-MOST_SOFT_SWITCHES = (
-    8  # state changes of a soft patch; one that keeps changing waits for the hard law
-)
+MOST_SOFT_SWITCHES = 8  # state changes of a soft patch; the hard patches settle the others
 PATIENCE = 3  # later rounds after which the allowed number of changes is halved
 SOFTER = 4.0  # factor by which the ribs are softened if no state was found
 SOFTEST = 1.0e6  # largest total factor
@@ -252,7 +250,7 @@ def pulley_map(
         Effective force of the entering span [N], > 0.
     P_out, torque, W : float
         Exactly one of: effective force of the leaving span [N]; torque of the shaft on the belt
-        [N m]; speed of the pulley over ``v0`` [1/m], for points where the whole arc slides.
+        [N m]; speed of the pulley over ``v0`` [1/m], to reach points where the whole arc slides.
     start : RodState, optional
         A similar state of the same pulley, from which the iteration starts.
 
@@ -270,9 +268,9 @@ def pulley_map(
         )
     # if the sticking patches of the start are too far off: from soft patches, then from a belt laid
     # on without friction
-    ways = [(start, SOFTNESS[-1:]), (start, SOFTNESS), (None, SOFTNESS)]
+    attempts = [(start, SOFTNESS[-1:]), (start, SOFTNESS), (None, SOFTNESS)]
     failure = ConvergenceError("")
-    for begin, softness in ways if start is not None else ways[2:]:
+    for begin, softness in attempts if start is not None else attempts[2:]:
         # float(): an int would recompile the kernel for another signature
         flow = _Running.begin(pulley, float(v0), float(P_in), begin)
         q, R = flow.kinematics.q, pulley.R
@@ -361,7 +359,7 @@ class _Running:
                 raise self._failure(1)
 
     def find_sticking(self, target: Flow, softness: tuple[float, ...]) -> None:
-        """Find the sticking patches, with soft ones that slide above their limit, then hard ones.
+        """Find the sticking patches: soft ones first, which slide above their limit, then hard.
 
         A patch of a running belt sticks if the slip at its *upstream* end vanishes. The sticking
         patches hang on the slip front downstream of them, so their forces follow one after another,

@@ -167,7 +167,7 @@ def _library() -> str:
 
 @functools.cache
 def _packed(script: str) -> str:
-    """Compress a script to a third of its size; the page unpacks it and checks its hash.
+    """Compress a script to a third of its size; the page unpacks it, the browser checks its hash.
 
     Cached: the plotting library is the same in all pages of a process, and takes a second.
     """

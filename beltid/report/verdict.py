@@ -14,7 +14,7 @@ from beltid.report.results import COMPARED, LEFT_OUT, SIMULATED, SURFACES, BeltR
 REFINED_FIRST: Final = ("compare_refined", "compare")
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
-UNKNOWN_UNCERTAINTY: Final = "its uncertainty is not known"
+UNKNOWN_UNCERTAINTY: Final = "its uncertainty is unknown"
 
 
 @dataclass(frozen=True, slots=True)
