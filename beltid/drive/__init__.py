@@ -9,14 +9,14 @@ Module         Responsibility                                                   
                                                                                     (D13)
 ``rod``        The belt on one pulley with its bending stiffness                    (R1) to (R6)
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
-``bending``    How much longer a loop is whose belt bends                           (D15)
+``bending``    Extra length of a loop whose belt bends                              (D15)
 ``rod_level``  The same loop with a rod on each pulley                              (D12)
 ``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)
 ``profile``    Line force and sliding speed along the arcs of a result
-``limits``     Torque with which adhesion ends, and slip limit, by bisection
-``first_call`` What a process that compiles ahead calls
+``limits``     Torque at which adhesion ends, and slip limit, by bracketing
+``first_call`` Entry point of a process that compiles ahead
 ``agreement``  Predicted against measured speed losses; what a recording resolves
 =============  ===================================================================  ==============
 
-The equations are those of the page on theory, sections on the belt drive.
+The equations are on the theory page, sections on the belt drive.
 """

@@ -1,9 +1,9 @@
-"""Predicted against measured speed losses: per point, as a verdict, and what a recording can tell.
+"""Compare predicted with measured speed losses, per point and as a verdict.
 
-Below full slip the loss does not depend on friction. So a recording tests the parts of the loss
-only as far as they stand out from what is not known: it resolves a part that exceeds three standard
-uncertainties of the difference somewhere, and it says nothing about friction unless a pulley slides
-on most of its arc.
+Below full slip the loss does not depend on friction. So a recording tests a part of the loss only
+if that part exceeds the uncertainty: it resolves a part that exceeds three standard uncertainties
+of the difference at some point, and it does not test friction unless a pulley slides on most of its
+arc.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RESOLVED: Final = 3.0
-"""Standard uncertainties of the difference by which a part of the loss must stand out."""
+"""Standard uncertainties of the difference that a resolved part of the loss must exceed."""
 MOST_OF_ARC: Final = 0.7
-"""Share of an arc that must slide for the loss to say something about friction."""
+"""Share of an arc that must slide for the loss to depend on friction."""
 ENOUGH: Final = 0.5
 """Share of the points to be judged that must have a prediction."""
 
@@ -41,7 +41,7 @@ class LossPoints:
     arc_share : ndarray
         Largest share of an arc that slides [-].
     usable : ndarray of bool
-        Measured points that are no gross slip and have all that is needed.
+        Measured points that are complete and not in gross slip.
     """
 
     measured: Array
@@ -58,22 +58,22 @@ class LossPoints:
 
 @dataclass(frozen=True, slots=True)
 class LossAgreement:
-    """How far predicted and measured losses agree.
+    """Agreement of predicted and measured losses.
 
     Attributes
     ----------
     points : LossPoints
-        What was compared.
+        The compared points.
     judged : ndarray of bool (n,)
         Points that count.
     asked : int
-        Points that should count; those without a prediction do not.
+        Number of points that should count; those without a prediction do not.
     rms_relative : float
         Root mean square of difference over measured loss [-].
     rms_over_u : float
         Root mean square of difference over its standard uncertainty [-].
     passed : bool
-        Whether the first is within tolerance, with a prediction for half of the points at least.
+        Whether `rms_relative` is within tolerance, with predictions for at least half of `asked`.
     """
 
     points: LossPoints
@@ -97,7 +97,7 @@ class LossAgreement:
     def prominence(self) -> dict[str, float]:
         """Largest size of each part of the loss over the uncertainty of the difference [-].
 
-        Points whose uncertainty is not known do not count; without any a part is infinitely large.
+        Points of unknown uncertainty do not count; a part over zero uncertainty is infinite.
         """
         u, points = self.u_validation, self.points
         parts = {"creep": points.creep, "seating": points.seating, "slip": points.slip}
@@ -109,14 +109,14 @@ class LossAgreement:
 
     @property
     def largest_arc_share(self) -> float:
-        """Largest share of an arc that slides, over the points judged [-]."""
+        """Largest share of an arc that slides, over the judged points [-]."""
         return float(np.nanmax(self.points.arc_share[self.judged], initial=0.0))
 
 
 def compare_losses(
     points: LossPoints, max_rms_relative_error: float, min_torque_share: float
 ) -> LossAgreement:
-    """Judge a prediction by the points with a torque worth judging.
+    """Judge a prediction by the points with enough torque.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def compare_losses(
         Points with less than this share of the largest torque are not judged.
     """
     torque = np.abs(points.torque)
-    asked = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
-    asked &= points.measured != 0.0
-    judged = asked & np.isfinite(points.predicted) & np.isfinite(points.predicted_u)
+    eligible = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
+    eligible &= points.measured != 0.0
+    judged = eligible & np.isfinite(points.predicted) & np.isfinite(points.predicted_u)
     difference = points.predicted[judged] - points.measured[judged]
     u = np.hypot(points.measured_u, points.predicted_u)[judged]
 
@@ -138,7 +138,7 @@ def compare_losses(
         return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
     relative = rms(difference / points.measured[judged])
-    enough = judged.sum() >= ENOUGH * asked.sum() and bool(judged.any())
+    enough = judged.sum() >= ENOUGH * eligible.sum() and bool(judged.any())
     passed = bool(enough and relative <= max_rms_relative_error)
     over_u = rms(np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0.0))
-    return LossAgreement(points, judged, int(asked.sum()), relative, over_u, passed)
+    return LossAgreement(points, judged, int(eligible.sum()), relative, over_u, passed)

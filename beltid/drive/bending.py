@@ -1,8 +1,8 @@
-"""How much longer a belt is that bends: what its stiffness does where it leaves a pulley, (D15).
+"""Extra length of a belt that bends: the effect of its stiffness where it leaves a pulley, (D15).
 
-A belt that resists bending leaves the circle early and swings into a span that runs further out
-than the tangent of the circle. Its way is longer than that of a string, the more the looser the
-span: at fixed centres the slack span counts. To leading order in the bending length over the
+A belt that resists bending leaves the circle early and enters a span that runs further out than the
+tangent of the circle. Its path is longer than that of a string, more so in a looser span: at fixed
+centres the slack span dominates. The result holds to leading order in the bending length over the
 radius.
 """
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def extra_length(drive: Drive, laid: Layout, P: Array) -> float:
-    """Length that the loop has beyond that of a string [m], (D15).
+    """Return the length of the loop beyond that of a string [m], (D15).
 
     Parameters
     ----------
@@ -35,19 +35,19 @@ def extra_length(drive: Drive, laid: Layout, P: Array) -> float:
     for i, force in enumerate(P.tolist()):
         ends = (i, (i + 1) % P.size)
         total += sum(extra_at_end(drive, k, force) for k in ends)
-        # both ends of the span run further out, each on its side; it tilts by the difference
-        out = [laid.senses[k] * further_out(drive, k, force) for k in ends]
-        total -= (out[0] - out[1]) ** 2 / (2.0 * laid.spans[i])
+        # both ends of the span move outwards, each to its side; the span tilts by the difference
+        offsets = [laid.senses[k] * further_out(drive, k, force) for k in ends]
+        total -= (offsets[0] - offsets[1]) ** 2 / (2.0 * laid.spans[i])
     return float(total)
 
 
 def further_out(drive: Drive, i: int, P: float) -> float:
-    """By how much a span runs further out than the tangent of pulley i, ``b²/(2R)`` [m]."""
+    """Return the offset of a span outwards from the tangent of pulley i, ``b²/(2R)`` [m]."""
     return drive.belt.EI / (2.0 * P * drive.pulleys[i].R)
 
 
 def extra_at_end(drive: Drive, i: int, P: float) -> float:
-    """Length beyond that of a string at one end of the arc of pulley i [m].
+    """Return the length beyond that of a string at one end of the arc of pulley i [m].
 
     ``b³/(12 R²)`` with ``b = sqrt(EI/P)`` on a rigid pulley; on a bed that of a beam under tension.
     """
@@ -58,8 +58,8 @@ def extra_at_end(drive: Drive, i: int, P: float) -> float:
     bed = P / (R * float(drive.law.penetration(P / R)))
     m = math.sqrt(bed / EI)  # product of the decay rates on the bed
     s = math.sqrt(1.0 / b**2 + 2.0 * m)  # their sum
-    # at the end of the contact, all times R: penetration of the bed there without bending, slope
-    # and curvature against the circle, distance from the tangent point
+    # at the end of the contact, all times R: penetration of the bed without bending, slope and
+    # curvature relative to the circle, distance from the tangent point
     delta = 1.0 / (b * m) ** 2
     slope = (1.0 / b + (s + 1.0 / b) * m * delta) / (s * s + s / b - m)
     curvature = s * slope - m * delta

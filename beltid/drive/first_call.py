@@ -1,4 +1,4 @@
-"""Compile a drive ahead: a call with arguments of the types that it has, ``python -m`` this."""
+"""Compile the kernels of a drive ahead: ``python -m`` this module calls them once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltid.rigsim.kernel_cache import compile_for_caller
 
 
 def first_call() -> None:
-    """Run two pulleys, by the string and by rods."""
+    """Solve a drive of two pulleys at string and rod level."""
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
     friction = FrictionSurface.constant(0.5)
     drive = Drive(Belt(1e5, 0.02, 0.1), NormalLaw(1e8), friction, pulleys)

@@ -1,4 +1,4 @@
-"""Where the belt lies: tangent spans, wrap angles, and the arm of the tensioner.
+"""Geometry of the belt path: tangent spans, wrap angles, and the arm of the tensioner.
 
 The belt runs from pulley to pulley in their order. A pulley turns anticlockwise (sense +1) or
 clockwise (-1); ribs and back of the belt turn opposite ways. With the direction ``t`` of a span and
@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 
 
 def preceding(values: NDArray[Any]) -> NDArray[Any]:
-    """Of each in a ring the value of the one before it; several times as fast as `numpy.roll`."""
+    """Shift a ring: each entry becomes its predecessor. Several times faster than `numpy.roll`."""
     return np.concatenate((values[-1:], values[:-1]))
 
 
 def following(values: NDArray[Any]) -> NDArray[Any]:
-    """Of each in a ring the value of the one behind it."""
+    """Shift a ring: each entry becomes its successor."""
     return np.concatenate((values[1:], values[:1]))
 
 
@@ -62,7 +62,7 @@ class Layout:
     senses: Array
 
     def hub_forces(self, P: Array) -> Array:
-        """Force of the belt on the axis of each pulley [N], shape (n, 2).
+        """Return the force of the belt on the axis of each pulley [N], shape (n, 2).
 
         Parameters
         ----------
@@ -81,40 +81,40 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
     drive : Drive
         Pulleys in the order of the belt.
     arm_angle : float, optional
-        Angle of the tensioner's arm [rad]; its pulley stands where it is stated if there is none.
+        Angle of the tensioner's arm [rad]; without it the pulley keeps its stated centre.
 
     Raises
     ------
     InputError
-        If pulleys overlap or the belt cannot lie as stated.
+        If pulleys overlap or no belt path fits them.
     """
     pulleys = list(drive.pulleys)
     if arm_angle is not None and drive.tensioner is not None:
         moved = drive.tensioner.pulley
         x, y = arm_end(drive.tensioner, arm_angle)
         pulleys[moved] = replace(pulleys[moved], x=x, y=y)
-    _refuse_overlaps(pulleys)
-    laid = _fitting(pulleys)
+    _check_overlaps(pulleys)
+    laid = _find_layout(pulleys)
     if laid is None:
-        raise InputError(_why_none_fits(pulleys))
+        raise InputError(_explain_misfit(pulleys))
     return laid
 
 
 def arm_end(tensioner: Tensioner, angle: float) -> tuple[float, float]:
-    """Centre of the pulley on the arm [m]."""
+    """Return the centre of the pulley on the arm [m]."""
     x, y = tensioner.pivot
     return x + tensioner.arm * math.cos(angle), y + tensioner.arm * math.sin(angle)
 
 
 def arm_lever(tensioner: Tensioner, laid: Layout, P: Array) -> float:
-    """Moment of the belt about the pivot of the arm [N m], anticlockwise > 0."""
+    """Return the moment of the belt about the pivot of the arm [N m], anticlockwise > 0."""
     arm = laid.centres[tensioner.pulley] - tensioner.pivot
     force = laid.hub_forces(P)[tensioner.pulley]
     return float(arm[0] * force[1] - arm[1] * force[0])
 
 
 def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
-    """Moment of the spring on the arm [N m], anticlockwise > 0.
+    """Return the moment of the spring on the arm [N m], anticlockwise > 0.
 
     Parameters
     ----------
@@ -123,27 +123,26 @@ def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
     angle : float
         Angle of the arm [rad].
     side : float
-        +1 where the arm works beyond its free angle anticlockwise, -1 clockwise.
+        +1 if the arm works anticlockwise from its free angle, -1 if clockwise.
     """
     return -side * tensioner.preload - tensioner.rate * (angle - tensioner.free_angle)
 
 
-def _refuse_overlaps(pulleys: list[Pulley]) -> None:
+def _check_overlaps(pulleys: list[Pulley]) -> None:
     problems = []
-    for i, one in enumerate(pulleys):
-        for other in pulleys[i + 1 :]:
-            distance = math.hypot(other.x - one.x, other.y - one.y)
-            if distance <= one.R + other.R:
-                problems.append(
-                    f"pulleys {one.name} and {other.name} overlap: their centres are "
-                    f"{distance:g} m apart, must be more than {one.R + other.R:g} m"
-                )
+    for a, b in combinations(pulleys, 2):
+        distance = math.hypot(b.x - a.x, b.y - a.y)
+        if distance <= a.R + b.R:
+            problems.append(
+                f"pulleys {a.name} and {b.name} overlap: their centres are "
+                f"{distance:g} m apart, must be more than {a.R + b.R:g} m"
+            )
     if problems:
         raise InputError(problems)
 
 
 def _lay(pulleys: list[Pulley], sense: float) -> Layout:
-    """Lay the belt on with rib pulleys that turn in the given sense."""
+    """Lay the belt on, with the rib pulleys turning in the given sense."""
     centres = np.array([(p.x, p.y) for p in pulleys])
     senses = np.array([sense if p.ribs else -sense for p in pulleys])
     offsets = senses * np.array([p.R for p in pulleys])
@@ -160,52 +159,52 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
 
 
-def _fitting(pulleys: list[Pulley]) -> Layout | None:
-    """Lay the belt on both ways round: one that crosses itself is wrong; None if both are."""
-    # as a rule the ribs turn the way round in which the pulleys stand
+def _find_layout(pulleys: list[Pulley]) -> Layout | None:
+    """Lay the belt on in both senses; return the path that does not cross itself, if any."""
+    # the rib pulleys usually turn in the sense of the pulley order
     area = sum(
         a.x * b.y - b.x * a.y for a, b in zip(pulleys, [*pulleys[1:], pulleys[0]], strict=True)
     )
     likely = -1.0 if area < 0.0 else 1.0
-    both = (_lay(pulleys, sense) for sense in (likely, -likely))
-    possible = (one for one in both if _turns_once(one) and not _crosses_itself(one))
-    return next(possible, None)
+    layouts = (_lay(pulleys, sense) for sense in (likely, -likely))
+    valid = (laid for laid in layouts if _turns_once(laid) and not _crosses_itself(laid))
+    return next(valid, None)
 
 
-def _why_none_fits(pulleys: list[Pulley]) -> str:
-    """Whether the belt runs past a pulley, or crosses itself.
+def _explain_misfit(pulleys: list[Pulley]) -> str:
+    """Explain why no path fits: the belt misses a pulley, or crosses itself.
 
     A belt that would have to turn back to touch a pulley turns by nearly a revolution there, and
     can be laid on without that pulley.
     """
     for i, pulley in enumerate(pulleys):
         others = pulleys[:i] + pulleys[i + 1 :]
-        fits = _fitting(others) if len(others) > 1 else None
+        fits = _find_layout(others) if len(others) > 1 else None
         if fits is not None:
             sense = fits.senses[0] if others[0].ribs else -fits.senses[0]
             if _lay(pulleys, float(sense)).wraps[i] > 1.5 * np.pi:
                 return (
                     f"the belt does not reach pulley {pulley.name}: it runs past it on the other "
-                    "side; its place must be in the way of the belt, its side that of the belt"
+                    "side; check the pulley's centre and the side of the belt that touches it"
                 )
     return (
-        "the belt crosses itself: the pulleys must stand in the order of the belt, "
-        "each with the side of the belt that is on it"
+        "the belt crosses itself: the pulleys must be listed in the order of the belt, "
+        "each with the side of the belt that touches it"
     )
 
 
 def _turns_once(laid: Layout) -> bool:
-    """Whether the direction of the belt turns by one revolution over the loop."""
+    """Return whether the direction of the belt turns by one revolution over the loop."""
     return bool(abs(abs(np.sum(laid.senses * laid.wraps)) - 2.0 * np.pi) < 1e-6)
 
 
 def _crosses_itself(laid: Layout) -> bool:
-    """Whether any two spans cross."""
+    """Return whether any two spans cross."""
     pairs = list(combinations(zip(laid.starts, laid.ends, strict=True), 2))
-    return any(_cross(a, b, c, d) and _cross(c, d, a, b) for (a, b), (c, d) in pairs)
+    return any(_separates(a, b, c, d) and _separates(c, d, a, b) for (a, b), (c, d) in pairs)
 
 
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    """Whether points c and d lie on two sides of the line through a and b."""
+def _separates(a: Array, b: Array, c: Array, d: Array) -> bool:
+    """Return whether points c and d lie on opposite sides of the line through a and b."""
     (x, y), (cx, cy), (dx, dy) = b - a, c - a, d - a
     return bool((x * cy - y * cx) * (x * dy - y * dx) < 0.0)

@@ -1,4 +1,4 @@
-"""How much torque a drive carries: where adhesion ends, and where slipping has no end."""
+"""Torque limits of a drive: the end of adhesion, and the onset of unbounded slip."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from beltid.errors import ConvergenceError
 Array = NDArray[np.float64]
 
 TOLERANCE: Final = 2e-5
-"""Of a limit, relative."""
+"""Relative tolerance of a limit."""
 LARGEST_FACTOR: Final = 2.0**20
 MOST_RESERVE: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class SlipLimit:
-    """Limits of the torques of an operating point, all torques and powers scaled together.
+    """Torque limits of an operating point, with all torques and powers scaled together.
 
     Attributes
     ----------
     adhesion : float
-        Factor on the torques with which the first pulley has no adhesion arc left [-].
+        Factor on the torques at which the first pulley loses its adhesion arc [-].
     slip : float
-        Factor beyond which no steady sliding within the measured speeds carries them [-].
+        Factor beyond which no steady sliding within the measured speeds transmits them [-].
     """
 
     adhesion: float
@@ -40,19 +40,19 @@ class SlipLimit:
 
 
 def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
-    """Find how far the torques of a point may grow.
+    """Find the largest factors on the torques of a point.
 
     Parameters
     ----------
     simulator : Simulator
-        Of the drive.
+        Simulator of the drive.
     point : DrivePoint
-        Speed, tension and the proportion of the torques; not all zero.
+        Speed, tension and the proportion of the torques, which must not all be zero.
 
     Notes
     -----
-    Torques with which no steady state is found count as not carried: just below gross slip the
-    sliding speed grows without bound over the torque.
+    Torques without a steady state count as not transmitted: just below gross slip the sliding speed
+    grows without bound with the torque.
     """
     return SlipLimit(
         _largest(simulator, point, lambda result: result.reserve),
@@ -63,12 +63,12 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
 def _largest(
     simulator: Simulator, point: DrivePoint, reserve: Callable[[DriveResult], Array]
 ) -> float:
-    """Largest factor on the torques with which every pulley keeps a reserve of 1."""
+    """Find the largest factor on the torques at which every pulley keeps a reserve of 1."""
     near: DriveResult | None = None
 
     def margin(factor: float) -> float:
         nonlocal near
-        # a state that is not steady is no good start
+        # from the last steady state, then from scratch
         starts = (near, None) if near is not None else (None,)
         for start in starts:
             try:
@@ -80,11 +80,11 @@ def _largest(
             return -1.0
         if SLACK in result.status:
             return -1.0
-        # an idling pulley has an infinite reserve, and it could not be interpolated
-        left = min(float(reserve(result).min()), MOST_RESERVE) - 1.0
-        if left > 0.0:
+        # bounded: the infinite reserve of an idling pulley could not be interpolated
+        excess = min(float(reserve(result).min()), MOST_RESERVE) - 1.0
+        if excess > 0.0:
             near = result
-        return left
+        return excess
 
     low, high = 0.0, 1.0
     while margin(high) > 0.0:

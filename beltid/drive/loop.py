@@ -1,8 +1,8 @@
-"""The closed loop: span forces, flow of belt and arm of the tensioner, by Newton's method.
+"""Solve the closed loop for span forces, belt flow and tensioner arm by Newton's method.
 
-Unknowns are an effective force per span, the stress-free length of belt per second, and the angle
-of the tensioner's arm. Equations (D7) to (D9): the torque of every pulley but the driver, the
-length of the belt or a given force, the moment of the arm, the speed of the driver.
+The unknowns are an effective force per span, the stress-free length of belt per second, and the
+angle of the tensioner's arm. The equations are (D7) to (D9): the torque of every pulley except the
+driver, the length of the belt or a given force, the moment of the arm, the speed of the driver.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ Array = NDArray[np.float64]
 MOST_ITERATIONS: Final = 60
 TOLERANCE: Final = 1e-11
 """Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
-AS_GOOD_AS_ROUNDING: Final = 1e-7
-"""Residual that may stay where no step makes it smaller: the strain of a stiff belt is rounded."""
+ROUNDING_RESIDUAL: Final = 1e-7
+"""Residual accepted if no step reduces it: the strain of a stiff belt is limited by rounding."""
 MOST_HALVINGS: Final = 12
-WAYS: Final = 3
-"""Slopes that are tried from one state: those that are known, and of both sides anew."""
+MOST_JACOBIANS: Final = 3
+"""Jacobians tried from one state: the present one, and new ones by differences to both sides."""
 DIFFERENCE: Final = 1e-7
 SLACK: Final = 1e-5
 """A span with less than this share of the largest span force is slack."""
 
 
 class Level(Protocol):
-    """How the belt on the pulleys is computed."""
+    """Model of the belt on the pulleys."""
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """State of the belt on every pulley, from the effective forces before and behind it."""
+        """Compute the belt on every pulley from the effective forces before and after it."""
         ...
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Length of the loop beyond that of a belt that does not bend [m]."""
+        """Return the length of the loop beyond that of a belt that does not bend [m]."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class RestState:
-    """The belt at rest, under one tension everywhere.
+    """The belt at rest under a uniform tension.
 
     Attributes
     ----------
@@ -87,13 +87,13 @@ class LoopState:
     arcs : Arcs
         State of the belt on the pulleys.
     slack : bool
-        Whether the torques leave a span without force; then no number of the state means anything.
+        Whether the torques leave a span without force; the other values are then meaningless.
     iterations : int
         Newton steps.
     rods : tuple of RodState or None
-        Rod on each pulley; empty at string level, None where the string stays.
+        Rod on each pulley; empty at string level, None for a pulley that stays at string level.
     slopes : ndarray or None
-        Last Jacobian of the iteration, in its scaled unknowns.
+        Last Jacobian of the iteration, in scaled unknowns.
     """
 
     P: Array
@@ -113,26 +113,26 @@ class LoopState:
 
 
 def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
-    """Tighten the belt at rest, which says how long it is.
+    """Tighten the belt at rest, which determines its length.
 
     Parameters
     ----------
     drive : Drive
         Pulleys and installation.
     level : Level
-        Their laws.
+        Model of the belt on the pulleys.
     T_0 : float
         Tension at rest [N]; nan with a tensioner whose mean position sets it.
 
     Raises
     ------
     InputError
-        If the belt cannot lie as stated, no tension is stated where one is needed, or the arm of
-        the tensioner finds no equilibrium.
+        If no belt path fits, a required tension is missing, or the arm of the tensioner has no
+        equilibrium.
     """
     if drive.tensioner is None:
         if math.isnan(T_0):
-            raise InputError("initial tension: must be stated where there is no tensioner")
+            raise InputError("initial tension: must be stated if there is no tensioner")
         return _laid_at_rest(drive, level, T_0, None)
     angle = _stated_angle(drive)
     if math.isnan(T_0):
@@ -144,14 +144,14 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
             )
         return _laid_at_rest(drive, level, T_0, angle)
     try:
-        found = root_scalar(
+        solution = root_scalar(
             lambda a: _tension_of_arm(drive, a) / T_0 - 1.0, x0=angle, x1=angle + 1e-3, xtol=1e-13
         )
     except InputError:
-        found = None
-    if found is None or not found.converged:
+        solution = None
+    if solution is None or not solution.converged:
         raise InputError(f"tensioner: no equilibrium with a belt tension of {T_0:g} N at rest")
-    return _laid_at_rest(drive, level, T_0, float(found.root))
+    return _laid_at_rest(drive, level, T_0, float(solution.root))
 
 
 def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -> RestState:
@@ -165,7 +165,7 @@ def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -
 
 
 def _stated_angle(drive: Drive) -> float:
-    """Mean angle of the arm, where its pulley is stated [rad], within pi of the free angle."""
+    """Return the mean arm angle, towards the stated pulley [rad], within pi of the free angle."""
     arm = drive.tensioner
     assert arm is not None
     pulley = drive.pulleys[arm.pulley]
@@ -173,22 +173,22 @@ def _stated_angle(drive: Drive) -> float:
     return arm.free_angle + math.remainder(angle - arm.free_angle, 2.0 * math.pi)
 
 
-def _side(drive: Drive) -> float:
-    """Sense in which the arm has left its free angle: +1 anticlockwise."""
+def _arm_side(drive: Drive) -> float:
+    """Return the sense in which the arm has left its free angle: +1 anticlockwise."""
     assert drive.tensioner is not None
     return math.copysign(1.0, _stated_angle(drive) - drive.tensioner.free_angle)
 
 
 def _tension_of_arm(drive: Drive, angle: float) -> float:
-    """Uniform belt force that holds the arm at an angle [N]; negative if it would have to push."""
+    """Return the uniform belt force that balances the arm [N]; negative if the belt had to push."""
     assert drive.tensioner is not None
     laid = layout(drive, angle)
     per_newton = arm_lever(drive.tensioner, laid, np.ones(laid.spans.size))
-    return -spring_moment(drive.tensioner, angle, _side(drive)) / per_newton
+    return -spring_moment(drive.tensioner, angle, _arm_side(drive)) / per_newton
 
 
 class _Loop:
-    """The equations of an operating point; forces are scaled by T_0, the flow by the driver."""
+    """Equations of an operating point; forces are scaled by T_0, the flow by the driver."""
 
     def __init__(self, drive: Drive, point: DrivePoint, level: Level, rest: RestState) -> None:
         self.drive, self.point, self.level, self.rest = drive, point, level, rest
@@ -200,7 +200,7 @@ class _Loop:
         self.laid = rest.arm_angle, rest.laid  # the last angle of the arm and its layout
 
     def state(self, u: Array) -> LoopState:
-        """Unpack the unknowns and find the belt on its pulleys."""
+        """Unpack the unknowns and compute the belt on its pulleys."""
         n = self.R.size
         angle = None if self.rest.arm_angle is None else float(u[n + 1])
         if angle is not None and angle != self.laid[0]:
@@ -211,7 +211,7 @@ class _Loop:
         return LoopState(P, v0, angle, laid, self.level.arcs(P_in, P, v0, laid.wraps))
 
     def residual(self, state: LoopState) -> Array:
-        """Residuals of (D7) to (D9), of order one where nothing is met."""
+        """Return the residuals of (D7) to (D9), scaled to order one."""
         drive, rest, arcs, driver = self.drive, self.rest, state.arcs, self.drive.driver
         speeds = arcs.W * state.v0
         r = np.empty(self.R.size + (1 if state.arm_angle is None else 2))
@@ -227,12 +227,12 @@ class _Loop:
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
         if drive.tensioner is not None and state.arm_angle is not None:
             moment = arm_lever(drive.tensioner, state.laid, state.P)
-            moment += spring_moment(drive.tensioner, state.arm_angle, _side(drive))
+            moment += spring_moment(drive.tensioner, state.arm_angle, _arm_side(drive))
             r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
         return r
 
     def jacobian(self, u: Array, r: Array, difference: float) -> Array:
-        """Derivatives of the residual by one-sided differences, shape (n_u, n_u)."""
+        """Compute the Jacobian of the residual by one-sided differences, shape (n_u, n_u)."""
         columns = []
         for k in range(u.size):
             moved = u.copy()
@@ -241,9 +241,9 @@ class _Loop:
         return np.stack(columns, axis=1)
 
     def first_guess(self, near: LoopState | None) -> Array:
-        """Unknowns of a state nearby, or of a belt that neither stretches nor seats.
+        """Return the unknowns of a similar state, or of a belt that neither stretches nor seats.
 
-        The forces of the latter rise by steps of M/R about the mean T_0.
+        The forces of the latter change by steps of M/R about the mean T_0.
         """
         if near is not None:
             arm = () if near.arm_angle is None else (near.arm_angle,)
@@ -268,21 +268,22 @@ def solve_loop(
 ) -> LoopState:
     """Find the steady state of an operating point.
 
-    Newton's method with a Jacobian by differences, kept as long as it serves. A span force may fall
-    to a fifth in a step, so that none becomes negative; one that goes on falling is slack.
+    Uses Newton's method with a difference Jacobian that is reused while the residual falls fast. A
+    span force may fall to a fifth in a step, so none becomes negative; a span whose force keeps
+    falling is slack.
 
     Parameters
     ----------
     drive : Drive
         The drive, its belt running in the order of the pulleys.
     point : DrivePoint
-        The operating point; of its speed the magnitude counts.
+        The operating point; only the magnitude of its speed is used.
     level : Level
-        Belt on a pulley.
+        Model of the belt on the pulleys.
     rest : RestState
         The belt at rest.
     near : LoopState, optional
-        State of a drive that differs little, from which the iteration is begun.
+        State of a similar drive, from which the iteration starts.
 
     Raises
     ------
@@ -312,7 +313,7 @@ def solve_loop(
         for _ in range(MOST_HALVINGS):
             try:
                 trial = loop.state(u + share * step)
-            except InputError:  # the arm would swing to where the belt cannot lie
+            except InputError:  # no belt path fits at the trial angle of the arm
                 share *= 0.5
                 continue
             r_trial = loop.residual(trial)
@@ -321,12 +322,12 @@ def solve_loop(
                 break
             share *= 0.5
         else:
-            if size <= AS_GOOD_AS_ROUNDING:
+            if size <= ROUNDING_RESIDUAL:
                 return replace(state, iterations=iteration, slopes=J)
             stuck += 1
-            if stuck > WAYS:
+            if stuck > MOST_JACOBIANS:
                 break
-            # where a pulley begins to slip as a whole, the slopes of both sides differ
+            # at the onset of full slip of a pulley the one-sided derivatives differ
             J, difference = None, -difference if fresh else difference
             continue
         stuck = 0

@@ -1,4 +1,4 @@
-"""A belt drive: pulleys in the order of the belt, how it is tightened, and an operating point."""
+"""Describe a belt drive: pulleys in the order of the belt, tensioning, and operating point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
 
 ARM_MISFIT: Final = 0.03
-"""Share of the arm by which the stated place of its pulley may miss it; its direction counts."""
+"""Largest error of a tensioner pulley's distance from the pivot, relative to the arm length.
+
+Only the direction from the pivot to the stated centre is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +33,15 @@ class Pulley:
     Parameters
     ----------
     name : str
-        Its name in tables and messages.
+        Name in tables and messages.
     x, y : float
-        Centre [m]; of the pulley on the tensioner's arm in the mean position of the arm.
+        Centre [m]; for the pulley on the tensioner's arm, at the mean position of the arm.
     R : float
         Radius of the belt's centreline without load [m].
     ribs : bool
-        Whether the ribs of the belt are on the pulley, or its back.
+        Whether the ribs of the belt touch the pulley, rather than its back.
     drag : float
-        Torque of its bearing [N m], >= 0, there also when the drive idles.
+        Drag torque of the bearing [N m], >= 0, also present when the drive idles.
     """
 
     name: str
@@ -52,7 +54,7 @@ class Pulley:
 
 @dataclass(frozen=True, slots=True)
 class Tensioner:
-    """A sprung arm that carries one of the pulleys.
+    """A spring-loaded arm that carries one of the pulleys.
 
     The spring turns the arm towards its free angle with the moment
     ``preload + rate |angle - free_angle|``.
@@ -93,25 +95,25 @@ class Drive:
     surface : FrictionSurface
         Friction coefficient of the ribs, as measured.
     pulleys : tuple of Pulley
-        In the order in which the belt passes them, at least two.
+        Pulleys in the order in which the belt passes them, at least two.
     driver : int
         Index of the pulley that drives the belt.
     installation : {"fixed_centres", "slack_force", "tensioner"}
-        What holds the tension: centres that stay where they are, a given force in the span that
-        leaves the driver, or the arm of a tensioner.
+        What sets the tension: fixed pulley centres, a given force in the span that leaves the
+        driver, or the arm of a tensioner.
     tensioner : Tensioner, optional
-        Only with that installation.
+        Required with the installation "tensioner", not allowed otherwise.
     back_friction : float
-        Friction coefficient of the back of the belt, which is taken as rigid.
+        Friction coefficient of the back of the belt, which is assumed to be rigid.
     shear_stiffness : float
         Tangential force of the ribs per stress-free length and shear displacement [N/m²]; infinite
-        where they do not shear.
+        for ribs that do not shear.
     slow_trend : float
-        Share of the trend at the slowest measured speed with which friction goes on below it, (D14)
-        [-], 0 to 1; with 0 the nearest measured value holds.
+        Share of the trend at the slowest measured speed with which friction is extrapolated below
+        it, (D14) [-], 0 to 1; with 0 the nearest measured value applies.
     bent_length : bool
-        Whether the loop of rods is closed with the length of a belt that bends, (D15), and not with
-        that of a string.
+        Whether the loop of rods is closed with the length of a belt that bends, (D15), rather than
+        with that of a string.
 
     Attributes
     ----------
@@ -121,7 +123,7 @@ class Drive:
     Raises
     ------
     InputError
-        With everything that is wrong with the pulleys.
+        If a parameter is out of range; lists all errors.
     """
 
     belt: Belt
@@ -162,7 +164,7 @@ class Drive:
             distance = math.hypot(pulley.x - arm.pivot[0], pulley.y - arm.pivot[1])
             if abs(distance - arm.arm) > ARM_MISFIT * arm.arm:
                 problems.append(
-                    f"pulley {pulley.name} stands {distance:g} m from the pivot of the tensioner, "
+                    f"pulley {pulley.name} is {distance:g} m from the pivot of the tensioner, "
                     f"must be the length of the arm, {arm.arm:g} m"
                 )
         if problems:
@@ -170,7 +172,7 @@ class Drive:
         object.__setattr__(self, "friction", continued(self.surface, self.slow_trend))
 
     def stretch(self, P: Array | float, v0: float) -> Array:
-        """Stretch 1 + eps of the belt, (D1) [-].
+        """Return the stretch 1 + eps of the belt, (D1) [-].
 
         Parameters
         ----------
@@ -182,7 +184,7 @@ class Drive:
         return np.asarray((self.belt.EA + P) / (self.belt.EA - self.belt.rhoA * v0**2))
 
     def reversed(self) -> Drive:
-        """The same drive with the belt running the other way: the pulleys in reverse order."""
+        """Reverse the running direction of the belt: the pulleys in reverse order."""
         last, arm = len(self.pulleys) - 1, self.tensioner
         return replace(
             self,
@@ -202,9 +204,9 @@ class DrivePoint:
         Speed of the driver [rad/s]; negative if the belt runs against the order of the pulleys.
     T_0 : float
         Belt tension at rest [N]; with a given slack force the effective force P of that span in
-        motion, less than its tension by m v²; nan where the mean position of a tensioner sets it.
+        motion, less than its tension by m v²; nan if the mean position of a tensioner sets it.
     torque : tuple of float
-        Torque taken off at each pulley [N m], braking > 0; what stands at the driver is not used.
+        Torque taken off at each pulley [N m], braking > 0; the driver's entry is ignored.
     power : tuple of float
         Power taken off at each pulley [W], in addition to the torque; empty for none.
     """
@@ -226,7 +228,7 @@ class DrivePoint:
             raise InputError(problems)
 
     def scaled(self, factor: float) -> DrivePoint:
-        """The same point with all torques and powers times a factor; 0 when the drive idles."""
+        """Multiply all torques and powers by a factor; 0 lets the drive idle."""
         return replace(
             self,
             torque=tuple(factor * torque for torque in self.torque),
@@ -234,5 +236,5 @@ class DrivePoint:
         )
 
     def reversed(self) -> DrivePoint:
-        """The same point for :meth:`Drive.reversed`, whose pulleys stand in reverse order."""
+        """Reverse the order of the pulleys, to match :meth:`Drive.reversed`."""
         return replace(self, torque=self.torque[::-1], power=self.power[::-1])

@@ -1,4 +1,4 @@
-"""Line force and sliding speed along the arc of each pulley of a solved operating point."""
+"""Compute line force and sliding speed along the arc of each pulley of a solved point."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from beltid.drive.string import StringLevel
 Array = NDArray[np.float64]
 
 PLACES: Final = 60
-"""Places along the sliding arc of the string."""
+"""Number of points along the sliding arc of the string."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArcProfile:
-    """The contact along the arc of a pulley, from the entry on; arrays of one length.
+    """Contact along the arc of a pulley, starting at the entry; arrays of equal length.
 
     Attributes
     ----------
     angle : ndarray
-        From the tangent point of the entering span [rad].
+        Angle from the tangent point of the entering span [rad].
     normal_force : ndarray
         Line force [N/m].
     slip_speed : ndarray
@@ -39,7 +39,7 @@ class ArcProfile:
 
 
 def arc_profiles(result: DriveResult) -> list[ArcProfile | None]:
-    """Contact along the arcs; None without a steady state. Pulleys as in ``result.drive``."""
+    """Compute the contact of each pulley of ``result.drive``; None without a steady state."""
     state, n = result.state, len(result.drive.pulleys)
     profiles: list[ArcProfile | None] = []
     for i, rod in enumerate(state.rods or (None,) * n):
@@ -51,7 +51,7 @@ def arc_profiles(result: DriveResult) -> list[ArcProfile | None]:
 
 
 def _of_rod(rod: RodState) -> ArcProfile:
-    """Contact points of a rod."""
+    """Read the profile from the contact points of a rod."""
     contact = rod.contact
     touches = contact.line_force > 0.0
     angle = contact.angle[touches] + 0.5 * contact.model.path.beta
@@ -59,7 +59,7 @@ def _of_rod(rod: RodState) -> ArcProfile:
 
 
 def _of_string(result: DriveResult, i: int) -> ArcProfile:
-    """Adhesion arc, then the sliding arc with (D4) summed over steps of ln P."""
+    """Join the adhesion arc and the sliding arc, with (D4) summed over steps of ln P."""
     state, drive = result.state, result.drive
     P_in, P_out = float(state.P_in[i]), float(state.P[i])
     P = np.geomspace(P_in, P_out, PLACES)

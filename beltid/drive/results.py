@@ -1,8 +1,8 @@
-"""What an operating point of a drive comes to: speeds and their losses, forces, reserves.
+"""Results of a drive at an operating point: speeds, speed losses, forces, reserves.
 
-A loss is counted from idling, as on the bench: a radius off by 0.2 % is as large as the whole loss
-and drops out. Its logarithm is a sum of what the strains, the penetrations and the sliding of whole
-pulleys do to the ratio of the speeds (D10); the loss is shared out in that proportion.
+The loss is relative to idling, as on the bench: an error of a radius of 0.2 % is as large as the
+whole loss and cancels. The logarithm of the speed ratio is a sum of contributions of the strains,
+the penetrations and the sliding of whole pulleys (D10); the loss is divided in that proportion.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ class SpeedLoss:
     Attributes
     ----------
     total : ndarray
-        Speed when idling less speed under load, at the same speed of the driver; positive where a
+        Speed when idling less speed under load, at the same speed of the driver; positive if a
         pulley falls behind.
     creep : ndarray
-        Of it, by the strains of the belt.
+        Part due to the strains of the belt.
     seating : ndarray
-        Of it, by the penetrations.
+        Part due to the penetrations.
     slip : ndarray
-        Of it, by pulleys that slide as a whole.
+        Part due to pulleys that slide as a whole.
     """
 
     total: Array
@@ -57,7 +57,7 @@ class SpeedLoss:
 
 @dataclass(frozen=True, slots=True)
 class DriveResult:
-    """One operating point; arrays (n,) follow the pulleys in the order of the drive.
+    """Result at one operating point; arrays (n,) follow the pulleys in the order of `drive`.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class DriveResult:
     rest : RestState
         The belt at rest.
     state, idle : LoopState
-        Under load, and without the torques that are taken off.
+        States under load, and without the torques that are taken off.
     """
 
     point: DrivePoint
@@ -78,12 +78,12 @@ class DriveResult:
     idle: LoopState
 
     def in_order(self, values: Array) -> Array:
-        """Values (n, ...) of the pulleys in the order of the drive as it was stated."""
+        """Reorder values (n, ...) of the pulleys to the order in which the user stated them."""
         return values[::-1] if self.point.omega < 0.0 else values
 
     @property
     def status(self) -> tuple[str, ...]:
-        """Of each pulley: adhesion, full slip, gross slip; slack if a span has no force."""
+        """State of each pulley: adhesion, full slip, gross slip; slack if a span has no force."""
         if self.state.slack or self.idle.slack:
             return (SLACK,) * len(self.drive.pulleys)
         slip = self.state.arcs.slip
@@ -92,27 +92,27 @@ class DriveResult:
 
     @property
     def speed(self) -> Array:
-        """Angular speeds [rad/s], all in the sign of the driver's; nan where none is steady."""
+        """Angular speeds [rad/s], all with the driver's sign; nan without a steady state."""
         return np.sign(self.point.omega) * self._magnitude(self.state)
 
     @property
     def loss(self) -> SpeedLoss:
-        """Speed loss against idling and its parts, (D10)."""
+        """Speed loss relative to idling, and its parts, (D10)."""
         driver = self.drive.driver
         idling = self._magnitude(self.idle)
         behind = [
             (idle - idle[driver]) - (now - now[driver])
             for idle, now in zip(self._logs(self.idle), self._logs(self.state), strict=True)
         ]
-        whole = np.sum(behind, axis=0)
-        total = np.where(np.isnan(self.speed), np.nan, -idling * np.expm1(-whole))
-        # of the logarithm each part is a summand; the loss is shared out in their proportion
-        per_log = np.divide(total, whole, out=idling.copy(), where=whole != 0.0)
+        log_ratio = np.sum(behind, axis=0)
+        total = np.where(np.isnan(self.speed), np.nan, -idling * np.expm1(-log_ratio))
+        # the parts add up to the logarithm; the loss is divided in their proportion
+        per_log = np.divide(total, log_ratio, out=idling.copy(), where=log_ratio != 0.0)
         return SpeedLoss(total, *(per_log * part for part in behind))
 
     @property
     def tensions(self) -> tuple[Array, Array]:
-        """Axial forces of the belt before and behind each pulley [N]."""
+        """Axial forces of the belt before and after each pulley [N]."""
         leaving = self.drive.belt.EA * (self.drive.stretch(self.state.P, self.state.v0) - 1.0)
         leaving = np.where(self.state.slack, np.nan, leaving)
         return preceding(leaving), leaving
@@ -125,34 +125,34 @@ class DriveResult:
 
     @property
     def torque(self) -> Array:
-        """Torque at each pulley [N m]: what the driver delivers, what the others take off."""
-        given = np.where(self.state.slack, np.nan, self.state.arcs.torque)
-        return np.where(np.arange(given.size) == self.drive.driver, given, -given)
+        """Torque at each pulley [N m]: delivered by the driver, taken off by the others."""
+        on_belt = np.where(self.state.slack, np.nan, self.state.arcs.torque)
+        return np.where(np.arange(on_belt.size) == self.drive.driver, on_belt, -on_belt)
 
     @property
     def load(self) -> float:
         """Largest torque that a pulley takes off [N m]; 0 when the drive idles or is slack."""
-        asked = np.delete(self.torque, self.drive.driver)
-        return float(np.nanmax(asked, initial=0.0))
+        taken_off = np.delete(self.torque, self.drive.driver)
+        return float(np.nanmax(taken_off, initial=0.0))
 
     @property
     def reserve(self) -> Array:
         """Wrap over the arc that the change of force needs; infinite on an idler."""
         arcs = self.state.arcs
-        free = np.full(arcs.needed.size, np.inf)
-        reserve = np.divide(self.state.laid.wraps, arcs.needed, out=free, where=arcs.needed > 0.0)
+        idler = np.full(arcs.needed.size, np.inf)
+        reserve = np.divide(self.state.laid.wraps, arcs.needed, out=idler, where=arcs.needed > 0.0)
         return np.where(self.state.slack, np.nan, reserve)
 
     @property
     def largest_reserve(self) -> Array:
-        """Reserve with the sliding speed, of all that were measured, at which friction does most.
+        """Reserve at the measured sliding speed with the most effective friction.
 
-        Below 1 no steady sliding is known that would carry the forces.
+        Below 1 no measured sliding speed can carry the forces steadily.
         """
         state = self.state
         least = StringLevel(self.drive).least_arcs(state.P_in, state.P, state.v0)
-        free = np.full(least.size, np.inf)
-        return np.divide(state.laid.wraps, least, out=free, where=least > 0.0)
+        idler = np.full(least.size, np.inf)
+        return np.divide(state.laid.wraps, least, out=idler, where=least > 0.0)
 
     @property
     def arc_used(self) -> Array:
@@ -162,19 +162,19 @@ class DriveResult:
 
     @property
     def shares(self) -> SlidingShares:
-        """Sliding speeds, line forces, and what acts outside the measured range; nan if slack."""
+        """Sliding speeds, line forces, shares outside the measured range; nan if slack."""
         state = self.state
-        found = StringLevel(self.drive).shares(
+        shares = StringLevel(self.drive).shares(
             state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
         )
         for i, rod in enumerate(state.rods):
             if rod is not None:
                 touches = rod.points.f_N > 0.0
-                found.slip_speed_max[i] = np.abs(rod.points.slip[touches]).max()
-                found.normal_force_min[i] = rod.points.f_N[touches].min()
-                found.normal_force_max[i] = rod.points.f_N[touches].max()
+                shares.slip_speed_max[i] = np.abs(rod.points.slip[touches]).max()
+                shares.normal_force_min[i] = rod.points.f_N[touches].min()
+                shares.normal_force_max[i] = rod.points.f_N[touches].max()
         if not state.slack:
-            return found
+            return shares
         unknown = np.full(state.P.size, np.nan)
         return SlidingShares(*(unknown,) * 5, np.zeros(state.P.size, dtype=np.int64))
 
@@ -182,15 +182,15 @@ class DriveResult:
     def friction_power(self) -> Array:
         """Power lost to friction on each pulley [W], (D11).
 
-        What the axis gives, less what the belt takes along; the sum over all pulleys is that of
-        torque times speed.
+        The power of the shaft less the power that the belt carries away; the sum over all pulleys
+        equals that of torque times speed.
         """
         state = self.state
         taken_along = self._energy_flow(state.P_in) - self._energy_flow(state.P)
         return state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
 
     def _magnitude(self, state: LoopState) -> Array:
-        """Speeds of the pulleys without their sign [rad/s]."""
+        """Return the absolute speeds of the pulleys [rad/s]."""
         slips = np.isnan(state.arcs.slip)
         speed = np.where(slips, np.nan, state.arcs.W * state.v0)
         driver = self.drive.driver
@@ -200,20 +200,20 @@ class DriveResult:
         return speed
 
     def _logs(self, state: LoopState) -> tuple[Array, Array, Array]:
-        """Summands of ln(omega / v0): of stretch, of seating, of slip of a whole pulley."""
+        """Return the summands of ln(omega / v0): stretch, seating, slip of a whole pulley."""
         stretch = self.drive.stretch(state.P_in, state.v0)
         rate, W = state.arcs.rate, state.arcs.W
         return np.log(stretch), np.log(rate / stretch), np.log(W / rate)
 
     def _energy_flow(self, P: Array) -> Array:
-        """Integral of (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
+        """Integrate (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
         stretch = self.drive.stretch(P, self.state.v0)
         stiffness = self.drive.belt.EA - self.drive.belt.rhoA * self.state.v0**2
         return 0.5 * stiffness * (stretch**2 - 1.0)
 
 
 class Simulator:
-    """Solves operating points of a drive; points share the belt at rest and the idling drive.
+    """Solve operating points of a drive; the belt at rest and the idling drive are cached.
 
     Parameters
     ----------
@@ -238,15 +238,15 @@ class Simulator:
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
         """Find the steady state of a point, and of the drive that idles at its speed.
 
-        Where the speed of the driver is negative the belt runs against the order of the pulleys:
-        such a result holds the reversed drive and the reversed point.
+        At a negative speed of the driver the belt runs against the order of the pulleys: the result
+        then contains the reversed drive and the reversed point.
 
         Parameters
         ----------
         point : DrivePoint
             The operating point.
         near : DriveResult, optional
-            The same point of a drive that differs little, from which the search is begun.
+            Result at the same point of a similar drive, from which the search starts.
 
         Raises
         ------
@@ -271,14 +271,14 @@ class Simulator:
         InputError
             If the belt cannot be laid on or tightened as stated.
         """
-        T_0 = _key(point)
+        T_0 = _rest_key(point)
         if T_0 not in self._rest:
             self._rest[T_0] = rest_state(self.drive, self._rods or self.level, point.T_0)
         return self._rest[T_0]
 
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
-        rest, T_0 = self.at_rest(point), _key(point)
+        rest, T_0 = self.at_rest(point), _rest_key(point)
         if (point.omega, T_0) not in self._idle:
             idle = None if near is None else near.idle
             self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest, idle)
@@ -291,8 +291,8 @@ class Simulator:
         return self._rods.solve(point, rest, near)
 
 
-def _key(point: DrivePoint) -> float | None:
-    """Tension at rest, by which the belt at rest is remembered; None where a tensioner sets it."""
+def _rest_key(point: DrivePoint) -> float | None:
+    """Return the cache key of the belt at rest: its tension, or None if a tensioner sets it."""
     return None if math.isnan(point.T_0) else point.T_0
 
 

@@ -1,10 +1,10 @@
-"""The loop at rod level: what the bending stiffness of the belt changes on each pulley.
+"""Solve the loop at rod level: the effect of the bending stiffness of the belt on each pulley.
 
-Spans longer than six bending lengths part the pulleys, so a drive is a chain of one-pulley maps
-that span forces, flow and levers couple. Of the torque and the speed of a pulley the string misses
-little, and this little hardly changes with the forces. So the loop of the string is solved with the
-difference of rod and string added to each pulley (D12), the rods are solved with its forces, and
-so on until the forces stay: twice, as a rule.
+Spans longer than six bending lengths decouple the pulleys, so a drive is a chain of one-pulley maps
+coupled by span forces, flow and levers. The string nearly reproduces the torque and the speed of a
+pulley, and its error hardly changes with the forces. So the loop of the string is solved with the
+difference of rod and string added to each pulley (D12), then the rods are solved with its forces.
+This repeats until the forces no longer change, usually twice.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ Array = NDArray[np.float64]
 
 MOST_ROUNDS: Final = 12
 FORCE_TOLERANCE: Final = 1e-4
-"""Change of the span forces over the tension at rest with which the rods need no other round."""
+"""Change of the span forces over the tension at rest at which the rods have converged."""
 TENSION_STEP: Final = 0.05
-"""Of the logarithm of the tension: nearly the same tensions share a mesh."""
+"""Step of the logarithm of the tension within which tensions share a mesh."""
 REMEMBERED: Final = 12
-"""States of a pulley of which the nearest is where the next one is begun from."""
+"""Number of stored states per pulley; the next solution starts from the nearest one."""
 BY_HAND: Final = 0.01
 """Flow of a belt that is turned by hand while it is tightened [m/s]."""
 FASTEST_WITHOUT_RANGE: Final = 0.05
-"""Sliding speed over that of the belt taken for the limit of a friction without a speed range."""
+"""Largest sliding speed over belt speed, for friction without a speed range [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corrected:
-    """Pulleys at string level with the difference to the rods added, (D12) and (D15).
+    """Pulleys at string level plus the difference to the rods, (D12) and (D15).
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ class Corrected:
     level : StringLevel
         The string.
     torque : ndarray (n,)
-        To be added to the torques [N m].
+        Correction added to the torques [N m].
     speed : ndarray (n,)
         Factor on the speeds of the pulleys [-].
     length : float
-        To be added to the length of the loop, beside that of a belt that bends [m].
+        Correction added to the length of the loop, in addition to (D15) [m].
     """
 
     drive: Drive
@@ -66,32 +66,32 @@ class Corrected:
     length: float
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """State of the belt on every pulley, as :meth:`StringLevel.arcs`."""
+        """Return the corrected state of the belt on every pulley, as :meth:`StringLevel.arcs`."""
         arcs = self.level.arcs(P_in, P_out, v0, wraps)
         return arcs._replace(
             torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
         )
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Length of the loop beyond that of a string [m], (D15), if the drive counts it."""
+        """Return the length of the loop beyond that of a string [m], (D15), or 0 if not used."""
         if not self.drive.bent_length:
             return 0.0
         return extra_length(self.drive, laid, P) + self.length
 
 
 @dataclass(slots=True)
-class _Known:
-    """Rod of one pulley, and the states that were found."""
+class _CachedRod:
+    """Rod of one pulley, and its latest solutions."""
 
     pulley: RodPulley
     states: deque[RodState] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
 
     def fits(self, state: RodState | None) -> bool:
-        """Whether a state has as many nodes."""
+        """Return whether a state has the same number of nodes."""
         return state is not None and state.contact.q.size == 4 * self.pulley.model.nodes.size
 
     def nearest(self, v0: float, P_in: float, P_out: float) -> RodState | None:
-        """The state with the nearest forces and flow."""
+        """Return the stored state with the nearest forces and flow."""
 
         def distance(state: RodState) -> float:
             steps = (state.P_in / P_in, state.P_out / P_out, state.v0 / v0)
@@ -103,29 +103,27 @@ class _Known:
 class RodLevel:
     """The pulleys of a drive at rod level.
 
-    The back of the belt is taken as rigid: such pulleys stay those of the string.
+    Pulleys on the back of the belt stay at string level, because the back is assumed to be rigid.
 
     Parameters
     ----------
     drive : Drive
         Belt, laws and pulleys.
     level : StringLevel
-        The same at string level.
+        The pulleys at string level.
 
     Raises
     ------
     InputError
-        If there is no contact law, as a rigid pulley has no bed.
+        If there is no contact law, because a rigid pulley has no bed.
     """
 
     def __init__(self, drive: Drive, level: StringLevel) -> None:
         if drive.law is None:
-            raise InputError(
-                "rod level: a contact law of the ribs is needed; rigid pulleys have none"
-            )
+            raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
-        self._known: dict[tuple[int, float, float], _Known] = {}
-        self._rested: dict[tuple[float, tuple[float, ...]], float] = {}
+        self._cache: dict[tuple[int, float, float], _CachedRod] = {}
+        self._lengths_at_rest: dict[tuple[float, tuple[float, ...]], float] = {}
         fastest = drive.surface.validity["slip_speed_m_s"][1]
         self.fastest = float(fastest)
 
@@ -139,12 +137,12 @@ class RodLevel:
         rest : RestState
             The belt at rest.
         near : LoopState, optional
-            State of a drive that differs little, from which the search is begun.
+            State of a similar drive, from which the search starts.
 
         Raises
         ------
         ConvergenceError
-            If the loop or a rod has no steady state, or both do not come together.
+            If the loop or a rod has no steady state, or their forces do not converge.
         """
         n, length = len(self.drive.pulleys), self._beyond_bending_at_rest(rest.laid, rest.T_0)
         first = Corrected(self.drive, self.level, np.zeros(n), np.ones(n), length)
@@ -162,16 +160,16 @@ class RodLevel:
             if moved <= FORCE_TOLERANCE:
                 return replace(state, arcs=self._arcs(state, slip), rods=rods)
         raise ConvergenceError(
-            f"drive at {point.omega:g} rad/s: forces of loop and rods do not come together in "
+            f"drive at {point.omega:g} rad/s: the forces of loop and rods did not converge in "
             f"{MOST_ROUNDS} rounds; they still change by {moved:.2g} of the tension at rest",
             iterations=MOST_ROUNDS,
             residual=moved,
         )
 
     def _arcs(self, state: LoopState, slip: Array) -> Arcs:
-        """Arcs of a state with what the rods say of slip.
+        """Return the arcs of a state with the slip of the rods.
 
-        By how much a pulley is ahead of a belt whose ribs shear, the string says.
+        If the ribs shear, the lead of the pulley over the belt stays that of the string.
         """
         arcs, R = state.arcs, np.array([pulley.R for pulley in self.drive.pulleys])
         ahead = np.where(state.P_in > state.P, slip, -slip) / (R * state.v0)
@@ -180,14 +178,14 @@ class RodLevel:
         return arcs._replace(rate=rate, slip=slip, needed=needed)
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """State of the belt on the pulleys before a rod is known: that of the string."""
+        """Return the state of the belt on the pulleys at string level, before any rod is solved."""
         return self.level.arcs(P_in, P_out, v0, wraps)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Length of the loop at rest, under one force, beyond that of a string [m], (D15).
+        """Return the length of the loop at rest beyond that of a string [m], (D15).
 
-        The belt is tightened while it is turned by hand, and friction at the entries is that of a
-        drive that idles.
+        The force is uniform. The belt is tightened while it is turned by hand, with the friction at
+        the entries of an idling drive.
         """
         if not self.drive.bent_length:
             return 0.0
@@ -198,18 +196,18 @@ class RodLevel:
         if not self.drive.bent_length or self.drive.installation == "slack_force":
             return 0.0
         key = (T_0, tuple(laid.wraps.tolist()))
-        if key not in self._rested:
+        if key not in self._lengths_at_rest:
             P = np.full(len(self.drive.pulleys), T_0)
             arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
             state = LoopState(P, BY_HAND, None, laid, arcs)
             rods, _ = self._rods(state, T_0, None)
-            self._rested[key] = self._corrected(state, arcs, rods).length
-        return self._rested[key]
+            self._lengths_at_rest[key] = self._corrected(state, arcs, rods).length
+        return self._lengths_at_rest[key]
 
     def _corrected(
         self, state: LoopState, of_string: Arcs, rods: tuple[RodState | None, ...]
     ) -> Corrected:
-        """What the rods have beyond the string, and their length beyond (D15), with its forces."""
+        """Compute the difference of the rods to the string, and their length beyond (D15)."""
         torque, speed, length = np.zeros(len(rods)), np.ones(len(rods)), 0.0
         for i, rod in enumerate(rods):
             if rod is None:
@@ -221,11 +219,11 @@ class RodLevel:
         return Corrected(self.drive, self.level, torque, speed, length)
 
     def _beyond_bending(self, i: int, rod: RodState, on_arc: float) -> float:
-        """Length of a rod beyond that of the string, with ``on_arc`` on the arc, and (D15) [m]."""
+        """Return the length of a rod beyond (D15) and the string's ``on_arc`` on the arc [m]."""
         path = rod.contact.model.path
         length = rod.contact.stretch * path.length - on_arc
         for P in (rod.P_in, rod.P_out):
-            # the far end of the span that is computed stays on the tangent of the circle
+            # the far end of the computed span stays on the tangent of the circle
             tilts = further_out(self.drive, i, P) ** 2 / (2.0 * path.span)
             bent = path.span + extra_at_end(self.drive, i, P) - tilts
             length -= bent / float(self.drive.stretch(P, rod.v0))
@@ -234,7 +232,7 @@ class RodLevel:
     def _rods(
         self, state: LoopState, T_0: float, near: LoopState | None
     ) -> tuple[tuple[RodState | None, ...], Array]:
-        """Rods with the forces of a loop, and the sliding speed of each pulley as a whole [m/s]."""
+        """Solve the rods with the forces of a loop; also return each pulley's whole slip [m/s]."""
         rods: list[RodState | None] = []
         slip = np.zeros(len(self.drive.pulleys))
         for i, pulley in enumerate(self.drive.pulleys):
@@ -242,38 +240,38 @@ class RodLevel:
                 rods.append(None)
                 slip[i] = state.arcs.slip[i]
                 continue
-            known = self._rod(i, state.laid, T_0)
+            cached = self._rod(i, state.laid, T_0)
             P_in, P_out = float(state.P_in[i]), float(state.P[i])
-            start = known.nearest(state.v0, P_in, P_out)
-            if near is not None and near.rods and known.fits(near.rods[i]):
+            start = cached.nearest(state.v0, P_in, P_out)
+            if near is not None and near.rods and cached.fits(near.rods[i]):
                 start = near.rods[i]
             try:
-                rod = pulley_map(known.pulley, state.v0, P_in, P_out=P_out, start=start)
+                rod = pulley_map(cached.pulley, state.v0, P_in, P_out=P_out, start=start)
             except ConvergenceError:
-                if not self._is_beyond_limit(known.pulley, state, i):
+                if not self._is_beyond_limit(cached.pulley, state, i):
                     raise
                 rods.append(None)
                 slip[i] = math.nan
                 continue
-            known.states.append(rod)
+            cached.states.append(rod)
             rods.append(rod)
             slip[i] = rod.whole_slip
             if slip[i] > self.fastest:
                 slip[i] = math.nan
         return tuple(rods), slip
 
-    def _rod(self, i: int, laid: Layout, T_0: float) -> _Known:
-        """Rod of a pulley; near tensions and the same wrap share a mesh."""
+    def _rod(self, i: int, laid: Layout, T_0: float) -> _CachedRod:
+        """Return the rod of a pulley; similar tensions at the same wrap share a mesh."""
         wrap = float(laid.wraps[i])
         tension = math.exp(round(math.log(T_0) / TENSION_STEP) * TENSION_STEP)
         key = (i, wrap, tension)
-        if key not in self._known:
+        if key not in self._cache:
             drive = self.drive
             assert drive.law is not None
             half = 0.5 * float(min(laid.spans[i], laid.spans[i - 1]))
             shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, tension)
             span = max(half, shortest)
-            self._known[key] = _Known(
+            self._cache[key] = _CachedRod(
                 RodPulley(
                     drive.belt,
                     drive.law,
@@ -286,10 +284,10 @@ class RodLevel:
                     slow_trend=drive.slow_trend,
                 )
             )
-        return self._known[key]
+        return self._cache[key]
 
     def _is_beyond_limit(self, pulley: RodPulley, state: LoopState, i: int) -> bool:
-        """Whether even the fastest known sliding of the whole arc cannot hold the forces."""
+        """Return whether even sliding at the fastest measured speed cannot hold the forces."""
         P_in, P_out, v0 = float(state.P_in[i]), float(state.P[i]), state.v0
         fastest = self.fastest if math.isfinite(self.fastest) else FASTEST_WITHOUT_RANGE * v0
         ahead = math.copysign(fastest, P_in - P_out) / (pulley.R * v0)

@@ -1,10 +1,10 @@
-"""The belt on its pulleys as an extensible string on an elastic bed: one quadrature per pulley.
+"""Model the belt on its pulleys as an extensible string on an elastic bed: one quadrature each.
 
-All forces of a pulley follow from the effective span force P = N - m v0^2 (1 + eps) (D1): strain,
-penetration, angular rate, line force. Where the belt slides, P itself is the coordinate along the
-arc (D4), so an arc is an integral over ln P. The rate of the belt is that of the entry over the
-adhesion arc; a pulley that slides as a whole runs ahead of the belt, or behind it, by the sliding
-speed x at its entry (D5).
+Strain, penetration, angular rate and line force follow from the effective span force
+P = N - m v0^2 (1 + eps) (D1). Where the belt slides, P itself is the coordinate along the arc (D4),
+so an arc is an integral over ln P. On the adhesion arc the belt keeps its angular rate at the
+entry; a pulley that slides as a whole runs ahead of the belt, or behind it, by the sliding speed x
+at its entry (D5).
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ Array = NDArray[np.float64]
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
 WIDEST_PANEL = 0.4  # of ln P
-SLIP_GRID = 24  # sliding speeds at which the full slip of a pulley is looked for
-SLOWEST_SHEAR = 1e-14  # over the speed of the belt: ribs this slow stick for good
-SLOWEST_SLIP = 0.02  # the first of them, over the lowest measured speed
+SLIP_GRID = 24  # number of sliding speeds of the search for full slip
+SLOWEST_SHEAR = 1e-14  # over the speed of the belt: slower ribs stick
+SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
 
 class Section(NamedTuple):
-    """What the law of the belt and the bed are made of, for compiled code.
+    """Parameters of belt and bed on one pulley, for compiled code.
 
     ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
     [N/m³]; ``R`` [m]; ``k_shear`` of the ribs [N/m²] (infinite without shear).
@@ -61,13 +61,13 @@ class Pulleys(NamedTuple):
     Attributes
     ----------
     EA, m : float
-        Of the belt, the same everywhere.
+        Axial stiffness [N] and mass per length [kg/m] of the belt.
     beds : ndarray (n, 2)
         k1 and k2 of each contact.
     R : ndarray (n,)
         Radius of the centreline without load [m].
     ribs : ndarray (n,) of bool
-        Whether the ribs are on the pulley, not the back.
+        Whether the ribs touch the pulley, rather than the back.
     k_shear : ndarray (n,)
         Shear stiffness of the ribs [N/m²], infinite where they do not shear.
     """
@@ -82,15 +82,15 @@ class Pulleys(NamedTuple):
 
 @leaf
 def _section(pulleys: Pulleys, i: int) -> Section:
-    """The belt on pulley i."""
+    """Return the parameters of pulley i."""
     beds = pulleys.beds
     return Section(pulleys.EA, pulleys.m, beds[i, 0], beds[i, 1], pulleys.R[i], pulleys.k_shear[i])
 
 
 class Friction(NamedTuple):
-    """Friction law for compiled code: tables, the limits of what was measured, and its sense.
+    """Friction law for compiled code: tables, measured limits, and whether mu falls with speed.
 
-    Unless mu ``falls`` with the speed somewhere, an arc has one steady state at most.
+    Unless mu ``falls`` with the speed somewhere, an arc has at most one steady state.
     """
 
     tables: SurfaceTables
@@ -107,15 +107,15 @@ class Arcs(NamedTuple):
     Attributes
     ----------
     torque : ndarray
-        What the axis gives to the belt [N m]: > 0 on a driver, < 0 where power is taken off.
+        Torque of the shaft on the belt [N m]: > 0 on a driver, < 0 where power is taken off.
     W : ndarray
-        omega / v0 of the pulley [1/m]; in gross slip as at the fastest measured sliding.
+        omega / v0 of the pulley [1/m]; in gross slip, its value at the fastest measured sliding.
     rate : ndarray
         theta' / v0 of the belt at the entry [1/m].
     length : ndarray
         Stress-free length of belt on the arc [m].
     needed : ndarray
-        Arc that the change of force needs with the entry sticking [rad], (D4).
+        Arc that the change of force needs if the entry sticks [rad], (D4).
     slip : ndarray
         Sliding speed at the entry [m/s]: 0 with an adhesion arc, nan in gross slip.
     """
@@ -136,13 +136,14 @@ class SlidingShares(NamedTuple):
     slip_speed_max : ndarray
         Largest sliding speed, at the exit [m/s].
     normal_force_min, normal_force_max : ndarray
-        Line force at both ends of the arc [N/m].
+        Line force at the two ends of the arc [N/m], sorted.
     below_speed_range : ndarray
         Share of the sliding friction below the lowest measured sliding speed [-].
     outside_force_range : ndarray
         Share of the sliding friction outside the measured line forces [-].
     steady_states : ndarray of int
-        States with which the arc carries its forces; more than one only where mu falls with speed.
+        Number of states in which the arc carries its forces; more than one only if mu falls with
+        speed.
     """
 
     slip_speed_max: Array
@@ -154,9 +155,9 @@ class SlidingShares(NamedTuple):
 
 
 class Bracket(NamedTuple):
-    """Two places between which a function changes its sign, the later one ``high``, and its values.
+    """Two points between which a function changes sign, the newer one ``high``, and its values.
 
-    The Illinois rule: a secant, with the value of an end that stays for long halved.
+    The Illinois rule: a secant, with the value halved at an end that does not move.
     """
 
     low: float
@@ -167,13 +168,13 @@ class Bracket(NamedTuple):
 
 @leaf
 def _secant(b: Bracket) -> float:
-    """Where the line through both values crosses zero."""
+    """Return the zero of the line through both values."""
     return (b.low * b.at_high - b.high * b.at_low) / (b.at_high - b.at_low)
 
 
 @leaf
 def _narrowed(b: Bracket, place: float, value: float) -> Bracket:
-    """The bracket with one more place."""
+    """Narrow the bracket with a new point."""
     if value * b.at_high <= 0.0:
         return Bracket(b.high, b.at_high, place, value)
     return Bracket(b.low, 0.5 * b.at_low, place, value)
@@ -181,14 +182,14 @@ def _narrowed(b: Bracket, place: float, value: float) -> Bracket:
 
 @leaf
 def strain(P: float, v0: float, EA: float, m: float) -> float:
-    """Strain under an effective force: P = EA eps - m v0^2 (1 + eps), (D1) [-]."""
+    """Return the strain under an effective force: P = EA eps - m v0^2 (1 + eps), (D1) [-]."""
     flow = m * v0 * v0
     return (P + flow) / (EA - flow)
 
 
 @leaf
 def penetration(load: float, R: float, k_linear: float, k_quadratic: float) -> float:
-    """Penetration with f(delta) (R - delta) = load = P (1 + eps), (D2) [m]."""
+    """Solve f(delta) (R - delta) = load = P (1 + eps) for the penetration, (D2) [m]."""
     if math.isinf(k_linear):
         return 0.0
     delta = 2.0 * load / R
@@ -205,14 +206,14 @@ def penetration(load: float, R: float, k_linear: float, k_quadratic: float) -> f
 
 @leaf
 def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
-    """Stretch 1 + eps [-] and radius R - delta [m] of the belt under an effective force."""
+    """Return stretch 1 + eps [-] and radius R - delta [m] of the belt under an effective force."""
     stretch = 1.0 + strain(P, v0, s.EA, s.m)
     return stretch, s.R - penetration(P * stretch, s.R, s.k_linear, s.k_quadratic)
 
 
 @leaf
 def lever(P: float, radius: float, s: Section) -> float:
-    """Lever of a span force about the axis, (D6) [m]."""
+    """Return the lever of a span force about the axis, (D6) [m]."""
     if math.isinf(s.k_linear):
         return radius
     return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
@@ -220,14 +221,14 @@ def lever(P: float, radius: float, s: Section) -> float:
 
 @leaf
 def force_and_speed(P: float, v0: float, entry: float, s: Section) -> tuple[float, float]:
-    """Line force [N/m] and speed of creep against the entry [m/s], (D3)."""
+    """Return line force [N/m] and creep speed relative to the entry [m/s], (D3)."""
     stretch, radius = seat(P, v0, s)
     return P * stretch / radius, s.R * v0 * abs(entry - stretch / radius)
 
 
 @leaf
 def _coefficient(f: float, v: float, tables: SurfaceTables) -> float:
-    """Friction coefficient at a line force [N/m] and a sliding speed [m/s]."""
+    """Look up the friction coefficient at a line force [N/m] and a sliding speed [m/s]."""
     i, s, _ = locate(tables.x_nodes, tables.f_ref, f)
     j, t, _ = locate(tables.y_nodes, tables.v_ref, v)
     mu, _, _ = evaluate_cell(tables.C, i, j, s, t)
@@ -238,7 +239,7 @@ def _coefficient(f: float, v: float, tables: SurfaceTables) -> float:
 def crossing(
     limit: float, P_in: float, P_out: float, v0: float, s: Section, of_speed: int
 ) -> float:
-    """Where line force or creep speed crosses a limit, as a share of the way in ln P.
+    """Find where line force or creep speed crosses a limit, as a fraction of the range of ln P.
 
     Both are monotonic in P.
 
@@ -268,12 +269,12 @@ def crossing(
 def _breaks(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float, float, float, float, float]:
-    """Ends of the panels on which mu is smooth, as shares of the way in ln P, in order."""
+    """Return the ends of the panels on which mu is smooth, as fractions of ln P, ascending."""
     f_low = crossing(friction.f_low, P_in, P_out, v0, s, 0)
     f_high = crossing(friction.f_high, P_in, P_out, v0, s, 0)
     v_low = crossing(friction.v_low - x, P_in, P_out, v0, s, 1)
     v_high = crossing(friction.v_high - x, P_in, P_out, v0, s, 1)
-    # the pairs in order, then the two of each in the middle
+    # sort each pair, then the two inner points
     f_1, f_2, v_1, v_2 = (
         min(f_low, f_high),
         max(f_low, f_high),
@@ -288,12 +289,12 @@ def _breaks(
 def sliding_arc(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float]:
-    """Angle (D4) and stress-free length of an arc that slides from P_in to P_out.
+    """Integrate angle (D4) and stress-free length of an arc that slides from P_in to P_out.
 
     Parameters
     ----------
     P_in, P_out : float
-        Effective forces at both ends [N], > 0.
+        Effective forces at the two ends [N], > 0.
     v0 : float
         Stress-free length of belt per second [m/s].
     x : float
@@ -301,7 +302,7 @@ def sliding_arc(
     s : Section
         Belt and bed on this pulley.
     friction : Friction
-        mu of line force and sliding speed; the nearest measured value outside.
+        mu as a function of line force and sliding speed.
 
     Returns
     -------
@@ -336,7 +337,7 @@ def sliding_arc(
 
 @leaf
 def _slip_of_grid(k: int, friction: Friction) -> float:
-    """Speeds at which full slip is looked for, geometric up to the fastest measured one [m/s]."""
+    """Return speed k of the full-slip search, geometric up to the fastest measured one [m/s]."""
     first = SLOWEST_SLIP * friction.tables.v_ref
     return first * (friction.v_high / first) ** (k / (SLIP_GRID - 1.0))
 
@@ -345,12 +346,12 @@ def _slip_of_grid(k: int, friction: Friction) -> float:
 def full_slip(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> float:
-    """Sliding speed at the entry with which the arc (D4) is the whole wrap, (D5).
+    """Find the sliding speed at the entry at which the arc (D4) equals the whole wrap, (D5).
 
     Returns
     -------
     float
-        The smallest one [m/s]; nan if none within the measured speeds gives way enough.
+        The smallest such speed [m/s]; nan if there is none within the measured speeds.
     """
     if friction.tables.y_nodes.size == 1:  # mu does not depend on the speed
         return math.nan
@@ -375,9 +376,9 @@ def full_slip(
 
 @shared_leaf
 def rate_deficit(P_in: float, P: float, v0: float, x: float, s: Section) -> float:
-    """Integral of |W - theta'/v0| over P from the entry on, for (D13) [N/m].
+    """Integrate |W - theta'/v0| over P from the entry on, for (D13) [N/m].
 
-    ``x`` is by how much the pulley's surface differs from that of the belt at the entry [m/s].
+    ``x`` is the speed of the pulley's surface relative to the belt at the entry [m/s].
     """
     stretch, radius = seat(P_in, v0, s)
     entry = stretch / radius
@@ -392,7 +393,7 @@ def rate_deficit(P_in: float, P: float, v0: float, x: float, s: Section) -> floa
 def _shear_excess(
     P_in: float, P: float, v0: float, x: float, s: Section, friction: Friction
 ) -> float:
-    """Shear force over the friction limit, less one, where the force has come to P."""
+    """Return shear force over friction limit, less one, where the effective force is P."""
     stretch, radius = seat(P_in, v0, s)
     f, creep = force_and_speed(P, v0, stretch / radius, s)
     mu = _coefficient(f, x + creep, friction.tables)
@@ -404,12 +405,12 @@ def _shear_excess(
 def sheared_arc(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float]:
-    """Angle and stress-free length of an arc whose ribs shear until they slide, (D13).
+    """Integrate angle and stress-free length of an arc whose ribs shear until they slide, (D13).
 
     Parameters
     ----------
     x : float
-        Speed of the pulley's surface against the belt at the entry [m/s], > 0.
+        Speed of the pulley's surface relative to the belt at the entry [m/s], > 0.
     P_in, P_out, v0, s, friction
         As in :func:`sliding_arc`.
 
@@ -434,8 +435,8 @@ def sheared_arc(
     if P_slides != P_out:
         ahead = x + s.R * v0 * abs(entry - end_stretch / end_radius)
         angle, length = sliding_arc(P_slides, P_out, v0, ahead, s, friction)
-    # near the entry the force grows with the root of the change of P, or with it: P - P_in goes
-    # with sinh² of the variable of integration
+    # near the entry the shear force grows as the square root of P - P_in, or linearly: substitute
+    # P - P_in ~ sinh² of the variable of integration
     change = abs(P_slides - P_in)
     if change == 0.0:
         return angle, length
@@ -461,16 +462,16 @@ def sheared_arc(
 def sheared_speed(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> float:
-    """Speed of the pulley's surface against the belt at the entry with ribs that shear [m/s].
+    """Find the speed of the pulley's surface relative to the belt at the entry, with shear [m/s].
 
-    With it the arc (D13) is the whole wrap; nan if that takes more than the measured speeds.
+    At this speed the arc (D13) equals the whole wrap; nan if it exceeds the measured speeds.
     """
     low = math.log(SLOWEST_SHEAR * v0)
     fastest = friction.v_high if math.isfinite(friction.v_high) else v0
     high = math.log(fastest)
     at_low = sheared_arc(P_in, P_out, v0, math.exp(low), s, friction)[0] - wrap
     at_high = sheared_arc(P_in, P_out, v0, math.exp(high), s, friction)[0] - wrap
-    if at_low <= 0.0:  # shear decays long before the entry: the string without it
+    if at_low <= 0.0:  # shear decays long before the entry: as without shear
         return 0.0
     if at_high > 0.0:
         return math.nan
@@ -485,7 +486,7 @@ def sheared_speed(
 
 @shared_leaf
 def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Friction) -> float:
-    """Least arc (D4), or (D13), with which a sliding within the measured speeds holds the forces.
+    """Find the smallest arc, (D4) or (D13), that holds the forces at any measured sliding speed.
 
     Returns
     -------
@@ -510,18 +511,18 @@ def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Fricti
 def steady_states(
     P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
 ) -> int:
-    """Number of steady states of an arc: more than one only where mu falls with the speed."""
+    """Count the steady states of an arc: more than one only if mu falls with the speed."""
     above = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] > wrap
-    found = 0 if above else 1
+    count = 0 if above else 1
     if friction.tables.y_nodes.size == 1:
-        return found
+        return count
     for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
         x = _slip_of_grid(k, friction)
         now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
         if now != above:
-            found += 1
+            count += 1
         above = now
-    return found
+    return count
 
 
 @kernel
@@ -557,7 +558,7 @@ def arcs_of_pulleys(
             arcs.length[i] = sliding + (wraps[i] - needed) * radius / stretch
         else:
             slip = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
-            # in gross slip the forces are those that the torque asks for, at the fastest known mu
+            # in gross slip the torque sets the forces, with mu at the fastest measured speed
             fastest = friction.v_high if math.isfinite(friction.v_high) else 0.0
             x = fastest if math.isnan(slip) else slip
             angle, sliding = sliding_arc(P_in[i], P_out[i], v0, x, s, friction)
@@ -577,7 +578,7 @@ def least_arcs_of_pulleys(
     of_back: Friction,
     least: Array,
 ) -> None:
-    """Write the least arc of every pulley [rad] into ``least`` (n,); see :func:`least_arc`."""
+    """Write the smallest arc of every pulley [rad] into ``least`` (n,); see :func:`least_arc`."""
     for i in range(least.size):
         friction = of_ribs if pulleys.ribs[i] else of_back
         least[i] = least_arc(P_in[i], P_out[i], v0, _section(pulleys, i), friction)
@@ -585,7 +586,7 @@ def least_arcs_of_pulleys(
 
 @leaf
 def _share_before(u: float, P_in: float, P_out: float) -> float:
-    """Share of the change of P up to a place in ln P."""
+    """Return the share of the change of P up to a fraction u of ln P."""
     return (1.0 - (P_out / P_in) ** u) / (1.0 - P_out / P_in)
 
 
@@ -593,7 +594,7 @@ def _share_before(u: float, P_in: float, P_out: float) -> float:
 def _shares(
     P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
 ) -> tuple[float, float]:
-    """Shares of the sliding friction below the measured speeds and outside the measured forces."""
+    """Return the shares of friction below the measured speeds and outside the measured forces."""
     if P_in == P_out:
         return 0.0, 0.0
     below = 0.0
@@ -619,7 +620,7 @@ def shares_of_pulleys(
     of_back: Friction,
     shares: SlidingShares,
 ) -> None:
-    """Write where the friction of every pulley acts into ``shares``."""
+    """Write force, speed and range shares of every pulley's friction into ``shares``."""
     for i in range(wraps.size):
         s = _section(pulleys, i)
         friction = of_ribs if pulleys.ribs[i] else of_back
@@ -665,12 +666,12 @@ class StringLevel:
         object.__setattr__(self, "_laws", (arrays, of_ribs, of_back))
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """State of the belt on every pulley.
+        """Compute the state of the belt on every pulley.
 
         Parameters
         ----------
         P_in, P_out : ndarray (n,)
-            Effective span forces before and behind each pulley [N], > 0.
+            Effective span forces before and after each pulley [N], > 0.
         v0 : float
             Stress-free length of belt per second [m/s], > 0.
         wraps : ndarray (n,)
@@ -681,11 +682,11 @@ class StringLevel:
         return arcs
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """A string does not bend: none of the length (D15)."""
+        """Return zero: a string does not bend, so (D15) does not apply."""
         return 0.0
 
     def least_arcs(self, P_in: Array, P_out: Array, v0: float) -> Array:
-        """Arcs [rad] that sliding at the best of the measured speeds needs, shape (n,).
+        """Return the arcs [rad] needed at the most effective measured sliding speed, shape (n,).
 
         Parameters are those of :meth:`arcs`.
         """
@@ -694,9 +695,9 @@ class StringLevel:
         return least
 
     def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
-        """Line force [N/m], sliding speed [m/s] and mu on pulley i where the belt has P (n,) [N].
+        """Return line force [N/m], sliding speed [m/s] and mu on pulley i at forces P (n,) [N].
 
-        The first is the force at the entry, where it slides with x [m/s].
+        ``P[0]`` is the force at the entry, where the belt slides with x [m/s].
         """
         pulleys, of_ribs, of_back = self._laws
         friction, s = of_ribs if pulleys.ribs[i] else of_back, _section(pulleys, i)
@@ -711,7 +712,7 @@ class StringLevel:
     def shares(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array
     ) -> SlidingShares:
-        """Sliding speeds, line forces, and how much of the friction lies outside measurements.
+        """Compute sliding speeds, line forces, and the shares of friction outside measurements.
 
         Parameters
         ----------

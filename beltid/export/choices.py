@@ -1,4 +1,4 @@
-"""What the user chose for a file: units and reference point; and what became of it."""
+"""User choices for an export, units and reference point, and the resulting files."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from beltid.export.reduction import Deviation, ReferencePoint
 
 @dataclass(frozen=True, slots=True)
 class UnitSystem:
-    """Units of a target file; a value in SI times a factor is the value in these units.
+    """Units of a target file, with conversion factors from SI.
 
     Attributes
     ----------
     name : str
-        As the option names it.
+        Value of the command-line option.
     length, line_force, stiffness, speed, pressure : str
         Names of the units.
     metre : float
-        Units of length in a metre.
+        Units of length per metre.
     pascal : float
-        Units of pressure in a pascal.
+        Units of pressure per pascal.
     """
 
     name: str
@@ -35,7 +35,7 @@ class UnitSystem:
 
     @property
     def newton_per_metre(self) -> float:
-        """Units of line force in 1 N/m."""
+        """Units of line force per N/m."""
         return 1.0 / self.metre
 
 
@@ -51,9 +51,9 @@ class Choices:
     Attributes
     ----------
     point : ReferencePoint
-        Where one-point reductions are exact.
+        Point at which one-point reductions are exact.
     units : UnitSystem
-        Units of the files that may be in others than SI.
+        Units of the files that support units other than SI.
     """
 
     point: ReferencePoint
@@ -69,7 +69,7 @@ class Export:
     files : dict of str to bytes
         Content by file name.
     reductions : dict of str to Deviation
-        What was simplified, and how far it is from the law.
+        Deviation from the law, by name of the simplification.
     """
 
     files: dict[str, bytes]

@@ -1,8 +1,8 @@
-"""The whole law as C and Fortran functions, and as user subroutines of multibody codes.
+"""Write the whole law as C and Fortran functions, and as user subroutines of multibody codes.
 
-The functions evaluate the very polynomials of the surface, so that they agree with it to rounding;
-they need nothing but the mathematics of their language. Wrappers for MBDyn, RecurDyn, Adams and
-MotionSolve hand them the normal force and the sliding velocity of a contact.
+The functions evaluate the same polynomials as the surface and agree with it to rounding; they need
+only the mathematics library of their language. Wrappers for MBDyn, RecurDyn, Adams and MotionSolve
+pass them the normal force and the sliding velocity of a contact.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
 
 LONGEST_NAME: Final = 40
-"""Letters of a prefix: names of Fortran may have 63."""
+"""Longest prefix in characters: Fortran names may have 63."""
 PER_LINE: Final = 4
 EXACT: Final = "The functions are the law itself, to rounding; nothing is reduced."
 PARAMETERS: Final = (
-    "USER(length, metre, still): length of belt that a contact point stands for, in units of "
-    "length of the model; metres in such a unit (0.001 for mm); speed, in units of the model, "
-    "below which friction falls to 0 along a straight line, as a penalty method needs it."
+    "USER(length, metre, still): length of belt that a contact point represents, in the length "
+    "unit of the model; metres per length unit (0.001 for mm); speed, in units of the model, "
+    "below which friction falls linearly to 0, as a penalty method requires."
 )
 
 
 def c(law: ContactLaw, choices: Choices) -> Export:
-    """Functions in C99: line force, friction coefficient, friction."""
+    """Write C99 functions: line force, friction coefficient, friction."""
     return Export(_c_files(law))
 
 
 def fortran(law: ContactLaw, choices: Choices) -> Export:
-    """The same in Fortran 2003, with the names of C."""
+    """Write the same functions in Fortran 2003, with the names of C."""
     return Export(_fortran_file(law))
 
 
 def mbdyn(law: ContactLaw) -> dict[str, bytes]:
-    """Module of MBDyn with drive callers of two drives, line force and sliding speed."""
+    """Write an MBDyn module of drive callers with two drives: line force and sliding speed."""
     name, prefix = identifier(law.belt.name), _prefix(law)
     own = [
         f'Holds: drive callers "{prefix}_mu" and "{prefix}_friction"; each takes two drives, the '
-        "line force [N/m] and the sliding speed [m/s]. Friction [N/m] is against the sliding; "
+        "line force [N/m] and the sliding speed [m/s]. Friction [N/m] opposes the sliding; "
         "multiply it by the length of belt of a contact point.",
         f"Use: put this file and {name}_law.c, {name}_law.h into modules/module-{name} of the "
-        f'sources of MBDyn, build it as its other modules, and say module load: "libmodule-{name}" '
-        f"in the input; then {prefix}_friction, <drive of the force>, <drive of the speed>.",
+        f'MBDyn sources, build it like the other modules, and put module load: "libmodule-{name}" '
+        f"into the input; then {prefix}_friction, <drive of the force>, <drive of the speed>.",
         EXACT,
     ]
     module = _written(law, "MBDyn", own, "mbdyn.cc", "//")
@@ -54,15 +54,15 @@ def mbdyn(law: ContactLaw) -> dict[str, bytes]:
 
 
 def recurdyn(law: ContactLaw, choices: Choices) -> Export:
-    """User subroutine CONTACT_FORCE of RecurDyn: normal force and friction of a contact."""
+    """Write the RecurDyn user subroutine CONTACT_FORCE: normal force and friction of a contact."""
     name = identifier(law.belt.name)
     own = [
-        "Holds: contact_force, a user subroutine of the contact: normal force of the penetration, "
-        "friction of normal force and relative velocity.",
+        "Holds: contact_force, a user subroutine of the contact: normal force from the "
+        "penetration, friction from normal force and relative velocity.",
         f"Use: compile it with {name}_law.c to a library and name it as CONTACT_FORCE of the "
         "contact. " + PARAMETERS.replace("USER(", "Parameters (").replace("still):", "still, n):"),
         "n is the axis of the contact frame along the normal force, 1 to 3, negative if the force "
-        "points against it: check it with a block at rest before you trust a model.",
+        "points against it: check it with a block at rest before trusting a model.",
         EXACT,
     ]
     subroutine = _written(law, "RecurDyn", own, "recurdyn.c", "//")
@@ -70,11 +70,11 @@ def recurdyn(law: ContactLaw, choices: Choices) -> Export:
 
 
 def motionsolve(law: ContactLaw, choices: Choices) -> Export:
-    """User subroutine CFFSUB of MotionSolve in C: friction of velocity and normal force."""
+    """Write the MotionSolve user subroutine CFFSUB in C: friction by velocity and normal force."""
     name = identifier(law.belt.name)
     own = [
-        "Holds: CFFSUB, friction of the sliding velocity (xdot, x and y) and the normal force; the "
-        f"normal force of a penetration is {_prefix(law)}_line_force.",
+        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force; "
+        f"the normal force of a penetration is {_prefix(law)}_line_force.",
         f"Use: compile it with {name}_law.c to a library and name it in Force_Contact: "
         'cff_type="UserCFF", cff_fnc_name="CFFSUB". Its cff_param_string is ' + PARAMETERS,
         EXACT,
@@ -85,10 +85,10 @@ def motionsolve(law: ContactLaw, choices: Choices) -> Export:
 
 
 def cffsub(law: ContactLaw) -> dict[str, bytes]:
-    """User subroutine CFFSUB in Fortran, with the calling sequence of Adams and MotionSolve."""
+    """Write CFFSUB in Fortran, with the calling sequence of Adams and MotionSolve."""
     name = identifier(law.belt.name)
     own = [
-        "Holds: CFFSUB, friction of the sliding velocity (xdot, x and y) and the normal force.",
+        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force.",
         f"Use: compile {name}_law.f90, then this file, to a library of Adams Solver, and name it "
         "as the friction function of CONTACT: FRICTION_FUNCTION = " + PARAMETERS,
         EXACT,
@@ -102,7 +102,7 @@ def _c_files(law: ContactLaw) -> dict[str, bytes]:
     name, prefix = identifier(law.belt.name), _prefix(law)
     own = [
         f"Holds: {prefix}_line_force, {prefix}_mu and {prefix}_friction, in SI units.",
-        f"Use: compile {name}_law.c (C99, no library but the mathematics), include {name}_law.h.",
+        f"Use: compile {name}_law.c (C99, needs only the math library), include {name}_law.h.",
         EXACT,
     ]
     return {
@@ -116,7 +116,7 @@ def _fortran_file(law: ContactLaw) -> dict[str, bytes]:
     own = [
         f"Holds: module {prefix}_law with {prefix}_line_force, {prefix}_mu and {prefix}_friction, "
         "in SI units; they have the names and arguments of the C functions.",
-        f"Use: compile {name}_law.f90 (Fortran 2003) and say: use {prefix}_law.",
+        f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {prefix}_law.",
         EXACT,
     ]
     return {f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")}
@@ -127,7 +127,7 @@ def _prefix(law: ContactLaw) -> str:
 
 
 def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, sign: str) -> bytes:
-    """A source file: the comment, and the template with the numbers of the law."""
+    """Compose a source file: the comment, and the template with the numbers of the law."""
     folder = files("beltid.export") / "templates"
     text = Template((folder / f"{template}.txt").read_text("utf-8"))
     values = _fortran_values(law) if template.endswith("f90") else _c_values(law)
@@ -149,7 +149,7 @@ def _values(law: ContactLaw) -> dict[str, str]:
         "k_quadratic": repr(law.normal.k_quadratic_N_m3),
         "mu_min": repr(min(mu)),
         "mu_max": repr(max(mu)),
-        # an axis of one node is never looked up
+        # an axis with a single node is never looked up
         "f_ref": repr(part.f_ref_N_m or 1.0),
         "v_ref": repr(part.v_ref_m_s or 1.0),
     }
@@ -189,7 +189,7 @@ def _fortran_values(law: ContactLaw) -> dict[str, str]:
 
 
 def _lines(values: Sequence[float], kind: str) -> list[str]:
-    """Numbers with the suffix of their kind, a few to a line."""
+    """Format numbers with the suffix of their kind, `PER_LINE` to a line."""
     return [
         ", ".join(f"{value!r}{kind}" for value in values[first : first + PER_LINE])
         for first in range(0, len(values), PER_LINE)

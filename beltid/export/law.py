@@ -77,20 +77,22 @@ class NormalPart(Part):
 
 
 class Contribution(Part):
-    """What one source of error contributes to the uncertainty of mu."""
+    """Contribution of one source of error to the uncertainty of mu."""
 
     source: str = Field(description="name of the source; combined: all of them together")
     basis: str = Field(default="", description="stated, assumed or fitted")
     contribution_percent: NonNegativeFloat = Field(
         description="RMS over the measured range, percent of mu, k = 1"
     )
-    largest_percent: NonNegativeFloat | None = Field(default=None, description="at worst")
+    largest_percent: NonNegativeFloat | None = Field(
+        default=None, description="largest value over the measured range, percent of mu, k = 1"
+    )
 
 
 class FrictionPart(Part):
     """Friction coefficient mu over line force f_N and sliding speed v, bicubic between nodes.
 
-    Outside the nodes the nearest node's value holds; mu is even in v.
+    Outside the nodes the value of the nearest node applies; mu is even in v.
     """
 
     method: str = Field(description="refined (rig simulated) or published (Eqs. 6 and 8)")
@@ -103,9 +105,9 @@ class FrictionPart(Part):
         default=None, description="combined standard uncertainty of mu, k = 1 [-]"
     )
     mu_se: tuple[tuple[NonNegativeFloat | None, ...], ...] | None = Field(
-        default=None, description="part of it by the scatter of the runs alone; null where unknown"
+        default=None, description="part due to the scatter of the runs alone; null if unknown"
     )
-    budget: tuple[Contribution, ...] = Field(default=(), description="where mu_u comes from")
+    budget: tuple[Contribution, ...] = Field(default=(), description="contributions to mu_u")
     factor: tuple[Matrix, ...] | None = Field(
         default=None,
         description="factor[i][j] is the row S of node i, j: the covariance of ln mu at two nodes "
@@ -136,17 +138,17 @@ class FrictionPart(Part):
 
 
 class Validity(Part):
-    """Ranges: what was measured, what the refined surface infers; beyond, nothing is known.
+    """Measured ranges, and the range that the refined surface infers; beyond, nothing is known.
 
-    Line forces between `measured_force_N_m` and `normal_force_N_m` act within the contact of the
+    Line forces between `measured_force_N_m` and `normal_force_N_m` occur within the contact of the
     measured runs: mu is inferred there. The normal law beyond `press_force_N_m` is extrapolated.
     """
 
     measured_force_N_m: Range | None = Field(
-        default=None, description="mean line force of the measured runs, of friction [N/m]"
+        default=None, description="mean line force of the measured friction runs [N/m]"
     )
     normal_force_N_m: Range | None = Field(
-        default=None, description="line force for which mu is given, inferred included [N/m]"
+        default=None, description="line force for which mu is given, including inferred mu [N/m]"
     )
     slip_speed_m_s: Range | None = Field(default=None, description="sliding speed [m/s]")
     penetration_m: Range | None = Field(
@@ -158,37 +160,34 @@ class Validity(Part):
 
 
 class Provenance(Part):
-    """What the law was made from."""
+    """Origin of the law: software, artifacts, recordings and config."""
 
     software: str = Field(description="program and version that wrote the file")
     software_sha256: str = Field(
-        default="", description="hash of the sources that made the artifacts"
+        default="", description="hash of the sources that built the artifacts"
     )
     artifacts: dict[str, Sha256] = Field(default={}, description="SHA-256 of the artifacts")
     recordings: dict[str, Sha256] = Field(default={}, description="SHA-256 of the bench recordings")
     config: str | None = Field(default=None, description="name of the config")
     config_sha256: str = Field(default="", description="hash of the config's values")
-    notes: tuple[str, ...] = Field(
-        default=(), description="what the identification said about itself"
-    )
+    notes: tuple[str, ...] = Field(default=(), description="messages of the identification")
 
 
 class ContactLaw(Part):
     """Contact law between a belt and a pulley: normal stiffness, friction, range, origin.
 
-    All values in SI units, per metre of belt. `surface` and `normal_law` are the laws to compute
-    with.
+    All values in SI units, per metre of belt. Compute with `surface` and `normal_law`.
     """
 
     format: Literal["beltlaw"] = FORMAT
     version: Literal[1] = VERSION
     about: str = Field(default="", description="what this file is and how to use it")
     origin: Origin | None = Field(
-        default=None, description="where the data come from; null: not said"
+        default=None, description="where the data come from; null: not stated"
     )
     belt: BeltFacts
     conditions: dict[str, str] = Field(
-        default={}, description="under which the friction was measured, such as condition: wet"
+        default={}, description="conditions of the friction runs, such as condition: wet"
     )
     normal: NormalPart
     friction: FrictionPart
@@ -207,7 +206,7 @@ class ContactLaw(Part):
 
     @property
     def synthetic(self) -> bool:
-        """Whether the data are those of a virtual bench."""
+        """Whether the data come from a virtual bench."""
         return self.origin == "synthetic"
 
 
@@ -221,12 +220,12 @@ def _surface(part: FrictionPart) -> UncertainSurface:
 
 
 def ribbed_width(belt_type: str | None, ribs: int | None) -> float | None:
-    """Width [m] of a belt whose type names its profile, such as 5PK or PJ; None where it does not.
+    """Compute the width [m] of a belt from its profile, such as 5PK or PJ; None if not named.
 
     Parameters
     ----------
     belt_type : str or None
-        Type as the maker writes it.
+        Type as written by the manufacturer.
     ribs : int or None
         Number of ribs.
     """
@@ -242,23 +241,23 @@ def friction_part(
     budget: tuple[Contribution, ...] = (),
     sticking: tuple[float, float] | None = None,
 ) -> FrictionPart:
-    """The friction part of a law, from its surface.
+    """Build the friction part of a law from its surface.
 
     Parameters
     ----------
     surface : FrictionSurface
-        The surface; an `UncertainSurface` brings its covariance along.
+        The surface; an `UncertainSurface` also supplies its covariance.
     method : str
-        How it was found.
+        Identification method.
     budget : tuple of Contribution
-        Where its uncertainty comes from.
+        Contributions to its uncertainty.
     sticking : tuple of float, optional
         Ratio of sticking peak and sliding coefficient: mean and standard deviation of the runs.
     """
     tables = surface.tables()
     se = surface.mu_se_nodes
-    known = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    factor, members = known.factor, known.members
+    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
+    factor, members = uncertain.factor, uncertain.members
     return FrictionPart(
         method=method,
         normal_force_N_m=_plain(surface.normal_force_N_m),
@@ -268,7 +267,7 @@ def friction_part(
         mu_se=None if se is None else _plain(se, none_for_nan=True),
         budget=budget,
         factor=None if factor is None else _plain(factor),
-        sources=known.sources,
+        sources=uncertain.sources,
         sticking_ratio=None if sticking is None else sticking[0],
         sticking_ratio_sd=None if sticking is None else sticking[1],
         ensemble=None if members is None else _plain(members),
@@ -281,7 +280,7 @@ def friction_part(
 
 
 def _plain(values: Any, none_for_nan: bool = False) -> Any:
-    """Nested tuples of floats of an array."""
+    """Convert an array to nested tuples of floats."""
 
     def cell(value: Any) -> Any:
         if isinstance(value, list):

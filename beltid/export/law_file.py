@@ -1,7 +1,7 @@
-"""The law as JSON text, and back; the JSON Schema of that text.
+"""Write and read the law as JSON text, and build the JSON Schema of that text.
 
-The text carries the SHA-256 of its content, so that a law that was changed by hand is not taken
-for the identified one: who edits it removes the key ``content_sha256``, and it is read as his own.
+The text contains the SHA-256 of its content, so that a law edited by hand is not mistaken for the
+identified one. To use an edited law, remove the key ``content_sha256``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SHOWN: Final = 20
 
 
 def law_text(law: ContactLaw) -> str:
-    """JSON text of a law: the same law gives the same bytes.
+    """Write a law as JSON text; the same law gives the same bytes.
 
     Parameters
     ----------
@@ -37,24 +37,24 @@ def law_text(law: ContactLaw) -> str:
 
 
 def law_from_text(text: str, name: str) -> ContactLaw:
-    """Law of a JSON text.
+    """Read a law from JSON text.
 
     Parameters
     ----------
     text : str
         The text.
     name : str
-        Name of the file in messages.
+        File name for messages.
 
     Raises
     ------
     ArtifactError
-        If it is no contact law, is damaged, or was changed by hand and still claims to be whole.
+        If the text is not a contact law, is damaged, or was edited without removing its checksum.
     """
     try:
         values = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
-        text = f"{name}: not a contact law: no JSON ({error})"
+        text = f"{name}: not a contact law: not valid JSON ({error})"
         raise ArtifactError(text, code="law-file") from None
     if not isinstance(values, dict) or values.get("format") != "beltlaw":
         raise ArtifactError(
@@ -70,11 +70,12 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
         raise ArtifactError(
-            f"{name}: was changed after beltid wrote it; if that is meant, remove its key {SEAL}",
+            f"{name}: was changed after beltid wrote it; if this is intended, remove its key "
+            f"{SEAL}",
             code="law-file",
         )
     try:
-        # strict, and as JSON: a text in the place of a number is none, a list stands for a tuple
+        # strict and as JSON: text is not accepted as a number, a list is accepted as a tuple
         law = ContactLaw.model_validate_json(json.dumps(values), strict=True)
         surface = law.surface
         law.normal_law  # noqa: B018  (raises if there is no stiffness)
@@ -87,23 +88,23 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of the file."""
-    made = ContactLaw.model_json_schema(mode="validation")
-    made["properties"] = {
-        "$schema": {"const": SCHEMA_ID, "description": "which schema the file keeps to"},
-        **made["properties"],
+    """Build the JSON Schema (2020-12) of the file."""
+    generated = ContactLaw.model_json_schema(mode="validation")
+    generated["properties"] = {
+        "$schema": {"const": SCHEMA_ID, "description": "schema of this file"},
+        **generated["properties"],
         SEAL: {
             "type": "string",
             "pattern": "^[0-9a-f]{64}$",
             "description": "SHA-256 of all other keys as JSON with sorted keys and no spaces "
-            "($schema left out); remove it after a change by hand",
+            "(without $schema); remove this key after editing the file by hand",
         },
     }
-    made["required"] = ["format", "version", *made["required"]]
+    generated["required"] = ["format", "version", *generated["required"]]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
-        **made,
+        **generated,
         "title": "Contact law between a belt and a pulley",
     }
 
@@ -114,22 +115,22 @@ def _seal(values: dict[str, Any]) -> str:
 
 
 def _refuse_constant(word: str) -> float:
-    raise ValueError(f"{word} is no number in JSON")
+    raise ValueError(f"{word} is not a valid JSON number")
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if math.isinf(number):
-        raise ValueError(f"{text[:20]} is too large a number")
+        raise ValueError(f"the number {text[:20]} is too large")
     return number
 
 
 def _check_shapes(law: ContactLaw, expected: np.ndarray, name: str) -> None:
-    """Nodes and patches tell the same surface, or neither can be trusted; each mu has its mu_u."""
+    """Check that nodes and patches describe the same surface, and that mu_u has the shape of mu."""
     part = law.friction
     if part.mu_u is not None and [*map(len, part.mu_u)] != [*map(len, part.mu)]:
         raise ArtifactError(
-            f"{name}: friction.mu_u: must have a row per force and a column per speed, as mu has"
+            f"{name}: friction.mu_u: must have a row per force and a column per speed, like mu"
         )
     try:
         given = np.array(part.patches, dtype=float)
@@ -138,23 +139,23 @@ def _check_shapes(law: ContactLaw, expected: np.ndarray, name: str) -> None:
     if given.shape != expected.shape or not np.allclose(given, expected, rtol=1e-7, atol=1e-9):
         raise ArtifactError(
             f"{name}: friction.patches do not belong to the nodes friction.mu; "
-            "`beltid.FrictionSurface` makes a surface of nodes alone",
+            "`beltid.FrictionSurface` builds a surface from nodes alone",
             code="law-file",
         )
 
 
 def validation_problems(error: ValidationError, name: str) -> list[str]:
-    """What does not fit into a law, a line per problem."""
+    """List the validation errors of a law, one line per problem."""
     problems = [
         f"{name}: {problem(detail, tuple(detail['loc']))}"
         for detail in error.errors(include_url=False)
     ]
-    more = len(problems) - SHOWN
-    return [*problems[:SHOWN], f"{name}: and {more} more"] if more > 0 else problems
+    hidden = len(problems) - SHOWN
+    return [*problems[:SHOWN], f"{name}: and {hidden} more"] if hidden > 0 else problems
 
 
 def _indented(value: Any, indent: str = "") -> str:
-    """JSON with one key per line, and every list of plain values on a line of its own."""
+    """Format JSON with one key per line, and one line per list of plain values."""
     inner = indent + "  "
     if isinstance(value, dict) and value:
         lines = [

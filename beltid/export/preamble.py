@@ -1,4 +1,4 @@
-"""The comment that every exported file begins with: what, whence, how far, how to use."""
+"""Write the comment at the start of every exported file: content, origin, validity, usage."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ ORIGINS: Final = {
 
 
 def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem = SI) -> list[str]:
-    """Lines of the comment, plain ASCII without comment signs.
+    """Compose the lines of the comment, in plain ASCII without comment signs.
 
     Parameters
     ----------
     law : ContactLaw
         The law.
     target : str
-        The program that the file is for.
+        Name of the target program.
     own : sequence of str
-        Paragraphs of this target: what it holds, how to use it, how far it is from the law.
+        Paragraphs for this target: content, usage, deviation from the law.
     units : UnitSystem
         Units of the file.
     """
@@ -46,19 +46,19 @@ def preamble(law: ContactLaw, target: str, own: Sequence[str], units: UnitSystem
         *_sticking(law),
         "Outside these ranges take the nearest value of mu: never extrapolate.",
         f"Units: {units.length}, N, s. Line force [{units.line_force}] is the normal force per "
-        "length of belt; friction is mu times it, against the sliding.",
+        "length of belt; friction is mu times the line force and opposes the sliding.",
         *own,
     ]
     return [line for text in paragraphs for line in _wrapped(text)]
 
 
 def commented(sign: str, lines: Iterable[str]) -> str:
-    """The lines as comments that begin with a sign."""
+    """Turn lines into comments that begin with a sign."""
     return "".join(f"{sign} {line}".rstrip() + "\n" for line in lines)
 
 
 def identifier(name: str) -> str:
-    """Name of a belt as a name that every program takes: letters, digits, underscores."""
+    """Convert the name of a belt to letters, digits and underscores, valid in every program."""
     return "belt_" + "".join(c if c.isascii() and c.isalnum() else "_" for c in name).lower()
 
 
@@ -74,19 +74,19 @@ def _belt(law: ContactLaw) -> str:
 
 
 def _conditions(law: ContactLaw) -> list[str]:
-    """Under which conditions the friction was measured, where somebody stated them."""
+    """State the conditions under which the friction was measured, if known."""
     stated = ", ".join(f"{name} {word}" for name, word in law.conditions.items())
-    return [f"Friction measured with: {stated}. It holds for no other."] if stated else []
+    return [f"Friction measured with: {stated}. Valid for no other conditions."] if stated else []
 
 
 def _hashes(law: ContactLaw) -> str:
-    made_from = {**law.provenance.artifacts, **law.provenance.recordings}
-    shown = ", ".join(f"{name} {sha[:12]}" for name, sha in made_from.items())
-    return f"SHA-256 of what it was made from: {shown}." if shown else ""
+    inputs = {**law.provenance.artifacts, **law.provenance.recordings}
+    shown = ", ".join(f"{name} {sha[:12]}" for name, sha in inputs.items())
+    return f"SHA-256 of the inputs: {shown}." if shown else ""
 
 
 def _validity(law: ContactLaw) -> list[str]:
-    """What was measured, what the refined surface infers, what is extrapolated; a line each."""
+    """State the measured, inferred and extrapolated ranges, one line each."""
     ranges = law.validity
     inferred, end = ranges.normal_force_N_m, press_end(law)
     parts = [
@@ -125,19 +125,19 @@ def _sticking(law: ContactLaw) -> list[str]:
 def _uncertainty(law: ContactLaw) -> str:
     part, mu = law.friction, np.array(law.friction.mu)
     if part.mu_u is not None:
-        known, what = np.array(part.mu_u) / mu, "Standard uncertainty of mu (k = 1)"
+        relative, label = np.array(part.mu_u) / mu, "Standard uncertainty of mu (k = 1)"
         largest = max(
             (row for row in part.budget if row.source != "combined"),
             key=lambda row: row.contribution_percent,
             default=None,
         )
-        more = "" if largest is None else f" Largest contribution: {largest.source}."
+        note = "" if largest is None else f" Largest contribution: {largest.source}."
     elif part.mu_se is not None and any(cell is not None for row in part.mu_se for cell in row):
-        known, what = np.array(part.mu_se, dtype=float) / mu, "Standard error of mu"
-        more = " Scatter of the runs alone."
+        relative, label = np.array(part.mu_se, dtype=float) / mu, "Standard error of mu"
+        note = " Scatter of the runs alone."
     else:
-        return "Standard uncertainty of mu: not known."
+        return "Standard uncertainty of mu: unknown."
     return (
-        f"{what}: {percent(100.0 * np.nanmedian(known))} in the middle, "
-        f"{percent(100.0 * np.nanmax(known))} at worst.{more}"
+        f"{label}: median {percent(100.0 * np.nanmedian(relative))}, "
+        f"{percent(100.0 * np.nanmax(relative))} at worst.{note}"
     )

@@ -1,4 +1,4 @@
-"""Python modules for Exudyn and Project Chrono: the whole law as functions, and what they hold."""
+"""Write Python modules for Exudyn and Project Chrono, with the whole law as functions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CONSTANT = "constant mu"
 
 
 def exudyn(law: ContactLaw, choices: Choices) -> Export:
-    """Module that builds ObjectContactFrictionCircleCable2D and follows the law."""
+    """Write a module that creates ObjectContactFrictionCircleCable2D and updates it to the law."""
     reductions = _reductions(law, choices)
     lines = preamble(
         law,
@@ -31,9 +31,9 @@ def exudyn(law: ContactLaw, choices: Choices) -> Export:
             "touch the pulley.",
             "The object holds a linear normal law and a constant friction coefficient. "
             + _stated(law, choices, reductions),
-            "update_contacts(mbs, contacts, slip_speed) takes these reductions back: called "
-            "between solutions or before each step, it gives every element the stiffness and "
-            "friction of the whole law at its state. What is left is one value per element.",
+            "update_contacts(mbs, contacts, slip_speed) removes these reductions: called between "
+            "solutions or before each step, it gives every element the stiffness and friction of "
+            "the whole law at its state. What remains is one value per element.",
             "line_force(), penetration() and mu() are the whole law.",
         ],
     )
@@ -42,7 +42,7 @@ def exudyn(law: ContactLaw, choices: Choices) -> Export:
 
 
 def chrono(law: ContactLaw, choices: Choices) -> Export:
-    """Module with a contact material of Chrono, and the force of the whole law."""
+    """Write a module with a contact material of Chrono, and the force of the whole law."""
     reductions = _reductions(law, choices)
     lines = preamble(
         law,
@@ -51,7 +51,7 @@ def chrono(law: ContactLaw, choices: Choices) -> Export:
             "Use: contact_material(chrono, contact_length) for the contact of Chrono itself, which "
             "holds a linear normal law and a constant friction coefficient. "
             + _stated(law, choices, reductions),
-            "contact_force() is the whole law at a contact point, for a load of your own. "
+            "contact_force() is the whole law at a contact point, for a custom load. "
             "line_force(), penetration() and mu() are its parts.",
         ],
     )
@@ -77,7 +77,7 @@ def _stated(law: ContactLaw, choices: Choices, reductions: dict[str, Deviation])
 
 
 def _module(law: ContactLaw, choices: Choices, lines: list[str], target: str) -> bytes:
-    """Source of a module: comment, law with its numbers, functions for the target."""
+    """Compose the source of a module: comment, law with its numbers, functions for the target."""
     part, surface = law.friction, law.surface
     folder = files("beltid.export") / "templates"
     patches = surface.tables().C

@@ -1,8 +1,8 @@
-"""Simpler laws for programs that cannot hold the whole one, and how far they are from it.
+"""Simplify the law for programs that cannot represent all of it, and compute the deviation.
 
-A program may know a linear normal law, a constant friction coefficient, or straight lines between
-the nodes of a table. Each is a reduction; its deviation is computed over the range of the surface,
-evenly in its logarithmic coordinates.
+A program may support only a linear normal law, a constant friction coefficient, or straight lines
+between the nodes of a table. Each is a reduction; its deviation is sampled over the range of the
+surface, evenly in its logarithmic coordinates.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ SAMPLES: Final = 121
 TABLE_TOLERANCE: Final = 1.0e-3
 PENETRATIONS: Final = 65
 FINEST: Final = 8
-"""Most parts that a cell of the surface is cut into for a table."""
+"""Largest number of table intervals per cell of the surface."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """How far a reduction is from the law.
+    """Deviation of a reduction from the law.
 
     Attributes
     ----------
     rms, worst : float
         Root mean square and largest magnitude of (reduction - law)/law [-].
     where : str
-        Place of the worst in words.
+        Location of the worst deviation, as text.
     """
 
     rms: float
@@ -56,7 +56,7 @@ class ReferencePoint:
     Attributes
     ----------
     normal_force_N_m, slip_speed_m_s : float
-        The point.
+        Line force [N/m] and sliding speed [m/s].
     """
 
     normal_force_N_m: float
@@ -68,7 +68,7 @@ class ReferencePoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionTable:
-    """Friction coefficients on a grid so fine that straight lines between its nodes do.
+    """Friction coefficients on a grid fine enough for linear interpolation.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class FrictionTable:
     mu : ndarray (nf, nv)
         Friction coefficients [-].
     deviation : Deviation
-        Of bilinear interpolation from the law.
+        Deviation of bilinear interpolation from the law.
     """
 
     normal_force_N_m: Array
@@ -89,12 +89,12 @@ class FrictionTable:
 
     @property
     def reductions(self) -> dict[str, Deviation]:
-        """What a file simplifies that holds this table."""
+        """Simplifications of a file that contains this table."""
         return {"straight lines between nodes": self.deviation}
 
     def with_nodes(self, fewest: int) -> FrictionTable:
-        """The same with at least so many nodes on each axis; those beyond hold the nearest mu."""
-        f, v = (_held_on(axis, fewest) for axis in (self.normal_force_N_m, self.slip_speed_m_s))
+        """Extend each axis to at least `fewest` nodes; the new ones take the nearest mu."""
+        f, v = (_extended(axis, fewest) for axis in (self.normal_force_N_m, self.slip_speed_m_s))
         missing = f.size - self.normal_force_N_m.size, v.size - self.slip_speed_m_s.size
         mu = np.pad(self.mu, ((0, missing[0]), (0, missing[1])), mode="edge")
         return FrictionTable(f, v, mu, self.deviation)
@@ -103,7 +103,7 @@ class FrictionTable:
 def reference_point(
     law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None
 ) -> ReferencePoint:
-    """The point that was asked for; by default the middle of the measured range, in logarithms.
+    """Return the requested point; by default the logarithmic middle of the measured range.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def reference_point(
         ("--normal-force", "N/m", normal_force_N_m, surface.normal_force_N_m),
         ("--speed", "m/s", slip_speed_m_s, surface.slip_speed_m_s),
     ):
-        # one node 0 states that mu does not depend on this variable: any value is measured
+        # a single node 0 means that mu does not depend on this variable: any value is valid
         low, high = (0.0, math.inf) if nodes[-1] == 0.0 else (float(nodes[0]), float(nodes[-1]))
         if value is not None and not (low <= value <= high and 0.0 < value < math.inf):
             text = (
@@ -132,15 +132,15 @@ def reference_point(
 
 
 def linear_stiffness(law: ContactLaw, point: ReferencePoint) -> float:
-    """Stiffness of the linear normal law through the origin and the reference force [N/m²]."""
+    """Return the stiffness of the line through the origin and the reference force [N/m²]."""
     force = point.normal_force_N_m
     return force / float(law.normal_law.penetration(force))
 
 
 def linear_normal_deviation(law: ContactLaw, point: ReferencePoint) -> Deviation:
-    """Deviation of the linear normal law, in force at the same penetration.
+    """Compute the deviation of the linear normal law, in force at the same penetration.
 
-    Over the penetrations at which friction was measured.
+    Samples the penetrations at which friction was measured.
     """
     f = sample_points(law.surface)[0][:, 0]
     f = f[f > 0.0]  # without contact both laws are zero
@@ -150,14 +150,14 @@ def linear_normal_deviation(law: ContactLaw, point: ReferencePoint) -> Deviation
 
 
 def constant_deviation(surface: FrictionSurface, point: ReferencePoint) -> Deviation:
-    """Deviation of the friction coefficient at the reference point, taken everywhere."""
+    """Compute the deviation of a constant mu, equal to that at the reference point."""
     f, v = sample_points(surface)
     ratio = surface.mu(point.normal_force_N_m, point.slip_speed_m_s) / surface.mu(f, v)
     return _deviation(ratio, lambda i: _place(f, v, i))
 
 
 def friction_table(surface: FrictionSurface) -> FrictionTable:
-    """Nodes between which straight lines are within a thousandth of the law, if any do."""
+    """Refine a table until linear interpolation is within 0.1 % of the law, if `FINEST` allows."""
     for parts in range(1, FINEST + 1):
         f = _finer(surface.normal_force_N_m, parts)
         v = _finer(surface.slip_speed_m_s, parts)
@@ -169,26 +169,26 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
 
 
 def press_end(law: ContactLaw) -> float | None:
-    """Line force at which the press ended [N/m]; beyond, the normal law is extrapolated."""
+    """Return the largest line force of the press [N/m]; beyond, the normal law is extrapolated."""
     pressed = law.validity.press_force_N_m
     return None if pressed is None else pressed[1]
 
 
 def penetration_nodes(law: ContactLaw) -> Array:
-    """Evenly spaced penetrations [m] from 0 to at least that of the largest line force of the law.
+    """Space penetrations [m] evenly from 0 to at least that of the largest line force of the law.
 
-    One of them is where the press ended: no straight line joins what was measured with what is
-    extrapolated.
+    One node is at the end of the press test: no straight line joins measured and extrapolated
+    values.
     """
     largest, end = float(law.surface.normal_force_N_m[-1]), press_end(law) or 0.0
     deepest = float(law.normal_law.penetration(max(largest, end, 1.0)))
-    ended = float(law.normal_law.penetration(end)) or deepest
-    step = ended / max(round((PENETRATIONS - 1) * ended / deepest), 1)
+    measured = float(law.normal_law.penetration(end)) or deepest
+    step = measured / max(round((PENETRATIONS - 1) * measured / deepest), 1)
     return np.asarray(step * np.arange(math.ceil(deepest / step - 1e-9) + 1), dtype=float)
 
 
 def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
-    """Whether penetrations (n,) are deeper than the press went."""
+    """Return whether penetrations (n,) are deeper than those of the press test."""
     end = press_end(law)
     if end is None:
         return np.zeros(penetration_m.shape, dtype=bool)
@@ -196,20 +196,20 @@ def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
 
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
-    """What straight lines between the nodes of both tables miss, in words."""
+    """Describe the error of straight lines between the nodes of both tables."""
     return f"{between_penetrations(law)} Straight lines of mu are off by {table.deviation}."
 
 
 def between_penetrations(law: ContactLaw) -> str:
-    """What straight lines between the penetrations of a table miss, in words."""
+    """Describe the error of straight lines between the penetrations of a table."""
     width = float(penetration_nodes(law)[1])
     # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
     above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
-    return f"Straight lines between its penetrations give a line force up to {above:.2g} N/m high."
+    return f"Straight lines between penetrations overestimate the line force by <= {above:.2g} N/m."
 
 
 def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:
-    """Points over the measured range, even in logarithms: forces (n, 1) and speeds (1, m)."""
+    """Sample the measured range evenly in logarithms: forces (n, 1) and speeds (1, m)."""
     return (
         _even(surface.normal_force_N_m, SAMPLES)[:, None],
         _even(surface.slip_speed_m_s, SAMPLES)[None, :],
@@ -223,7 +223,7 @@ def _middle(nodes: Array) -> float:
 
 
 def _even(nodes: Array, count: int) -> Array:
-    """Values from the first node to the last, even in ln(1 + x/reference); those of one node."""
+    """Space values evenly in ln(1 + x/reference) from the first node to the last."""
     if nodes.size == 1:
         return nodes if nodes[0] > 0.0 else np.ones(1)
     reference = nodes[nodes > 0.0][0]
@@ -233,7 +233,7 @@ def _even(nodes: Array, count: int) -> Array:
 
 
 def _finer(nodes: Array, parts: int) -> Array:
-    """The nodes and, between each pair, values that cut their logarithmic distance in parts."""
+    """Divide each interval between nodes into equal logarithmic parts."""
     if nodes.size == 1:
         return nodes
     reference = nodes[nodes > 0.0][0]
@@ -242,8 +242,8 @@ def _finer(nodes: Array, parts: int) -> Array:
     return np.sort(np.concatenate([nodes, *cuts]))
 
 
-def _held_on(nodes: Array, fewest: int) -> Array:
-    """Nodes with as many more beyond the last one as are missing, each twice the one before."""
+def _extended(nodes: Array, fewest: int) -> Array:
+    """Append nodes until there are `fewest`, each twice the one before."""
     missing = np.arange(1, fewest - nodes.size + 1)
     return np.concatenate([nodes, (nodes[-1] or 1.0) * 2.0**missing])
 

@@ -1,4 +1,4 @@
-"""Texts for programs with an input language: MBDyn, Adams, Abaqus."""
+"""Write input for programs with an input language: MBDyn, Adams, Abaqus."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 FORCE_SPLINE = 1001
 FRICTION_SPLINE = 1002
 FEWEST_POINTS = 4
-"""Fewest points of a spline that Adams and RecurDyn take."""
+"""Smallest number of spline points that Adams and RecurDyn accept."""
 
 
 def mbdyn(law: ContactLaw, choices: Choices) -> Export:
-    """Line force as a scalar function of MBDyn, the whole law as a module of drive callers."""
+    """Write line force as an MBDyn scalar function, and the whole law as a drive caller module."""
     name = identifier(law.belt.name)
     delta = penetration_nodes(law)
     lines = preamble(
@@ -36,7 +36,7 @@ def mbdyn(law: ContactLaw, choices: Choices) -> Export:
         "MBDyn",
         [
             f'Holds: "{name}_line_force", line force [N/m] over penetration [m], 0 while open, '
-            "along its last line beyond the table. "
+            "extrapolated linearly beyond the table. "
             f"{between_penetrations(law)} Friction is in module-{name}.cc.",
             "Use: multiply the line force by the length of belt of a contact point, such as "
             f'scalar function: "F", mul, "length", "{name}_line_force"; with "length" a const '
@@ -50,7 +50,7 @@ def mbdyn(law: ContactLaw, choices: Choices) -> Export:
 
 
 def adams(law: ContactLaw, choices: Choices) -> Export:
-    """Splines of Adams, as solver statements (.adm) and as commands of Adams View (.cmd)."""
+    """Write Adams splines, as solver statements (.adm) and as Adams View commands (.cmd)."""
     name, units = identifier(law.belt.name), choices.units
     table = friction_table(law.surface).with_nodes(FEWEST_POINTS)
     delta = penetration_nodes(law)
@@ -67,8 +67,8 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
             f"Use: AKISPL(MAX(0,penetration),0,{FORCE_SPLINE}) times the length of belt of a "
             f"contact point; AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},ABS(v))),"
             f"MAX({_g(f[0])},MIN({_g(f[-1])},f_N)),{FRICTION_SPLINE}). Keep MAX and MIN: Adams "
-            "extrapolates splines, and nothing is known outside. Paste the .adm into a dataset "
-            "before END, or read the .cmd into Adams View, with your model in place of .MODEL_1.",
+            "extrapolates splines, and mu is unknown outside. Paste the .adm into a dataset before "
+            "END, or read the .cmd into Adams View, with your model in place of .MODEL_1.",
             between_nodes(law, table),
         ],
         units,
@@ -90,19 +90,19 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
 
 
 def abaqus(law: ContactLaw, choices: Choices) -> Export:
-    """Surface interaction of Abaqus: friction over slip rate and pressure, tabular overclosure.
+    """Write an Abaqus surface interaction: friction by slip rate and pressure, overclosure table.
 
     Raises
     ------
     InputError
-        If the width of the belt is not known: pressure is line force over width.
+        If the width of the belt is unknown: pressure is line force over width.
     """
     name, units = identifier(law.belt.name), choices.units
     width = law.belt.width_m or ribbed_width(law.belt.type, law.belt.ribs)
     if width is None:
         raise InputError(
             f"{law.belt.name}: Abaqus needs the contact pressure, which is the line force over "
-            "the width of the belt; name a config with --config that says belt.width_m, or "
+            "the width of the belt; give a config with --config that states belt.width_m, or "
             "belt.type with the profile (such as 5PK) and belt.ribs",
             code="belt-width",
         )
@@ -116,9 +116,9 @@ def abaqus(law: ContactLaw, choices: Choices) -> Export:
             f"Width of the belt: {width * units.metre:.6g} {units.length}. Contact pressure "
             f"[{units.pressure}] is the line force over it.",
             "Holds: pressure over overclosure, and mu by slip rate and contact pressure. Abaqus "
-            "takes straight lines between and the nearest value outside, as it should be.",
-            f"Use: *INCLUDE this file, and name {name.upper()} in *CONTACT PAIR. The slip rate "
-            "that depends on friction needs a step in time (dynamic, or steady-state transport).",
+            "interpolates linearly and takes the nearest value outside, as required.",
+            f"Use: *INCLUDE this file, and name {name.upper()} in *CONTACT PAIR. Rate-dependent "
+            "friction needs a step in time (dynamic, or steady-state transport).",
             between_nodes(law, table),
         ],
         units,
@@ -165,7 +165,7 @@ def _sixes(values: Array) -> list[Array]:
 
 
 def _statement(key: str, values: Array) -> Iterator[str]:
-    """``, KEY=a,b,...`` of the solver's language, continued line by line."""
+    """Yield the lines of a ``, KEY=a,b,...`` statement in the solver's language."""
     for i, part in enumerate(_sixes(values)):
         start = f", {key}=" if i == 0 else ", "
         yield start + ",".join(_g(value) for value in part)

@@ -1,4 +1,4 @@
-"""Tables for programs that interpolate themselves: Modelica, MATLAB, anything that reads CSV."""
+"""Write tables for programs that interpolate: Modelica, MATLAB, anything that reads CSV."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from beltid.export.reduction import (
 Array = NDArray[np.float64]
 
 FEWEST_OF_MATLAB = 2
-"""Fewest points of an axis that griddedInterpolant takes."""
+"""Smallest number of points on an axis that griddedInterpolant accepts."""
 MAT_TEXT_BYTES = 116
 """Length of the free text at the beginning of a MAT-file of version 5."""
 
 
 def modelica(law: ContactLaw, choices: Choices) -> Export:
-    """Tables of the Modelica Standard Library: CombiTable1D and CombiTable2D from one file."""
+    """Write a table file for CombiTable1D and CombiTable2D of the Modelica Standard Library."""
     name = identifier(law.belt.name)
     table = friction_table(law.surface)
     delta = penetration_nodes(law)
@@ -43,10 +43,10 @@ def modelica(law: ContactLaw, choices: Choices) -> Export:
             "row.",
             "Use: Modelica.Blocks.Tables.CombiTable1Ds and CombiTable2Ds with tableOnFile=true, "
             f'fileName="{name}_modelica.txt", tableName="line_force" or "mu", '
-            "smoothness=LinearSegments; extrapolation=LastTwoPoints for the first, that a deeper "
-            "contact goes on to stiffen, HoldLastPoint for the second. Give max(0, penetration) to "
-            "the first, abs(speed) as u2 to the second; multiply the line force by the length of "
-            "belt of a contact point.",
+            "smoothness=LinearSegments; extrapolation=LastTwoPoints for the first, so that the "
+            "force keeps growing with depth, HoldLastPoint for the second. Give max(0, "
+            "penetration) to the first, abs(speed) as u2 to the second; multiply the line force by "
+            "the length of belt of a contact point.",
             between_nodes(law, table),
         ],
     )
@@ -60,7 +60,7 @@ def modelica(law: ContactLaw, choices: Choices) -> Export:
 
 
 def matlab(law: ContactLaw, choices: Choices) -> Export:
-    """MAT-file of version 5 with nodes, bicubic patches and a fine table."""
+    """Write a version 5 MAT-file with nodes, bicubic patches and a fine table."""
     from scipy.io import savemat
 
     name = identifier(law.belt.name)
@@ -111,7 +111,7 @@ def matlab(law: ContactLaw, choices: Choices) -> Export:
 
 
 def csv(law: ContactLaw, choices: Choices) -> Export:
-    """Plain CSV files: normal law, measured nodes of the friction surface, a fine table."""
+    """Write CSV files: normal law, measured nodes of the friction surface, a fine table."""
     name = identifier(law.belt.name)
     table = friction_table(law.surface)
     head = commented(
@@ -141,7 +141,7 @@ def _modelica_table(name: str, values: Array) -> str:
 
 
 def _with_text(data: bytes, law: ContactLaw) -> bytes:
-    """The file with our text in the place of the machine and date that scipy writes."""
+    """Replace the machine and date that scipy writes by a text about the law."""
     synthetic = ", SYNTHETIC DATA" if law.synthetic else ""
     text = f"MATLAB 5.0 MAT-file, contact law of a belt{synthetic}, {law.provenance.software}"
     return text.encode("ascii", "replace")[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
@@ -159,8 +159,8 @@ def _normal_csv(law: ContactLaw) -> str:
         variance = np.einsum("ni,ij,nj->n", powers, np.array(law.normal.covariance), powers)
         errors = [f"{se:.6g}" for se in np.sqrt(np.maximum(variance, 0.0))]
     rows += [
-        f"{d:.12g},{f:.12g},{se},{known}"
-        for d, f, se, known in zip(delta, force, errors, ranges, strict=True)
+        f"{d:.12g},{f:.12g},{se},{label}"
+        for d, f, se, label in zip(delta, force, errors, ranges, strict=True)
     ]
     return "\n".join(rows) + "\n"
 
@@ -171,12 +171,12 @@ def _nodes_csv(law: ContactLaw) -> str:
     measured = law.validity.measured_force_N_m
     for i, force in enumerate(part.normal_force_N_m):
         for j, speed in enumerate(part.slip_speed_m_s):
-            uncertainties = (None if of is None else of[i][j] for of in (part.mu_u, part.mu_se))
+            uncertainties = (None if u is None else u[i][j] for u in (part.mu_u, part.mu_se))
             cells = (force, speed, part.mu[i][j], *uncertainties)
-            known = ""  # nobody stated which forces were measured
+            label = ""  # the measured forces are unknown
             if measured is not None:
-                known = "measured" if measured[0] <= force <= measured[1] else "inferred"
-            rows.append(",".join([*("" if cell is None else repr(cell) for cell in cells), known]))
+                label = "measured" if measured[0] <= force <= measured[1] else "inferred"
+            rows.append(",".join([*("" if cell is None else repr(cell) for cell in cells), label]))
     return "\n".join(rows) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""What a law can be written for, by name."""
+"""Table of the export targets by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltid.export.law import ContactLaw
 from beltid.export.law_file import SUFFIX, law_text
 
 EVERYTHING: Final = "everything"
-"""What a target holds that takes the whole law."""
+"""Value of `Target.holds` for the whole law."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +22,15 @@ class Target:
     Attributes
     ----------
     name : str
-        As the command line names it.
+        Name on the command line.
     title : str
-        What it is.
+        Description for the user.
     holds : str
-        How much of the law it takes.
+        Part of the law that it represents.
     write : callable
-        Law and choices to files.
+        Function from law and choices to files.
     in_units : bool
-        Whether its files may be in millimetres.
+        Whether its files can be in millimetres.
     """
 
     name: str

@@ -1,16 +1,16 @@
-"""Which runs of the friction rig to make next, and when to stop.
+"""Choose the next runs of the friction rig, and decide when to stop.
 
 ================ ============================================================= ================
 Module           Responsibility                                                Equation
 ================ ============================================================= ================
-``design``       what runs would teach; choice of the best ones                (P1) to (P4)
-``prior``        the surface before any run, and between what was measured     (P5)
-``present``      what is known before the runs, and the errors they share
+``design``       expected effect of runs; selection of the best ones           (P1) to (P4)
+``prior``        the surface before any run, and between measured nodes        (P5)
+``present``      the surface known before the runs, and the errors they share
 ``candidates``   settings of the rig as rows of the linear model               (P1), (P6)
-``target``       where the surface has to be known, and regions of it          (P3)
-``advice``       what the runs bring, what remains, whether to stop            (P3)
-``session``      order of the runs, minutes
+``target``       where the surface must be known, and its regions              (P3)
+``advice``       gain from the runs, remaining uncertainty, stopping           (P3)
+``session``      order and start times of the runs
 ================ ============================================================= ================
 
-The equations are those of the page on theory, section "Planning the next runs".
+The equations are on the theory page, section "Planning the next runs".
 """

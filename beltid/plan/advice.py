@@ -1,4 +1,4 @@
-"""What the next runs bring, what remains after them, and whether to stop."""
+"""Gain from the next runs, uncertainty that remains after them, and whether to stop."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from beltid.plan.design import Knowledge, Need, RunRows, choose_runs, needed_for
 from beltid.plan.target import Target
 from beltid.uncertainty.sources import FITTED, Source
 
-WORTH = 0.1  # share of the uncertainty that runs must take off to be worth their time
-LOOK_AHEAD = 24  # runs by which it is judged whether any number of them helps
-MOSTLY = 0.5  # share of the variance from which on shared errors are what remains
+WORTH = 0.1  # share of the uncertainty that runs must remove to be worth their time
+LOOK_AHEAD = 24  # number of runs used to judge whether more runs can help at all
+MOSTLY = 0.5  # shared errors dominate above this share of the variance
 
 Stop = Literal["goal reached", "shared errors remain", "runs do not help"]
 
@@ -39,16 +39,16 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What a better statement of a shared error would bring.
+    """Gain from stating a shared error more accurately.
 
     Attributes
     ----------
     source : Source
-        The first of its name.
+        The first source of that name.
     contribution : float
-        Its part in the uncertainty after the runs [-].
+        Its contribution to the uncertainty after the runs [-].
     halved : float
-        Uncertainty after the runs if it were known twice as well [-].
+        Uncertainty after the runs if this error were half as large [-].
     """
 
     source: Source
@@ -58,29 +58,29 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The next runs and what they bring.
+    """The next runs and their expected gain.
 
     Attributes
     ----------
     chosen : tuple of int
-        Numbers of the candidates, one as often as it is repeated; empty where the plan is to stop.
+        Numbers of the candidates, listed once per repetition; empty if the plan is to stop.
     gains : tuple of float
-        Of each of these: rise of the uncertainty if it were left out, as a share; below zero only
-        where the run is needed.
+        Relative rise of the uncertainty if that run were left out; below zero only for a run that
+        the plan must contain.
     needed : dict of int to str
-        Number of a candidate that the plan has to have -> what for: its arc, its repetition.
+        Number of a candidate that the plan must contain -> reason: its arc, its repetition.
     before, after : float
         Root of the mean variance of ln mu over the target [-].
     before_at, after_at : ndarray, shape (q,)
         Standard uncertainty of ln mu at the points of the target.
     regions : tuple of Region
-        The same per region.
+        Uncertainty before and after, per region.
     shared : float
-        Share of the variance after the runs that all of them share.
+        Share of the variance after the runs that comes from shared errors.
     statements : tuple of Statement
-        Shared errors, the largest first; those that are fitted, not stated, among them.
+        Shared errors, the largest first, including those that are fitted rather than stated.
     stop : str or None
-        Why to stop; None where the runs are worth their time.
+        Reason to stop; None if the runs are worth their time.
     """
 
     chosen: tuple[int, ...]
@@ -97,9 +97,8 @@ class Plan:
 
     @property
     def best_statement(self) -> Statement | None:
-        """What would help most of all that can be stated better; None if nothing can."""
-        stated = (one for one in self.statements if one.source.basis != FITTED)
-        return next(stated, None)
+        """Stated error whose better statement would help most; None if no error is stated."""
+        return next((item for item in self.statements if item.source.basis != FITTED), None)
 
 
 def choose_plan(
@@ -110,22 +109,22 @@ def choose_plan(
     count: int,
     goal: float,
 ) -> Plan:
-    """Choose the next runs, as few as reach the goal; none where they are not worth their time.
+    """Choose the fewest runs that reach the goal; none if they are not worth their time.
 
     Parameters
     ----------
     before : Knowledge
-        What is known of the surface.
+        Present knowledge of the surface.
     runs : RunRows
         The candidates.
     target : Target
-        Where the surface has to be known.
+        Where the surface must be known.
     sources : sequence of Source
         The shared errors, in the order of the columns.
     count : int
-        Runs to plan at most, >= 1.
+        Largest number of runs, >= 1.
     goal : float
-        Root of the mean variance of ln mu over the target that is good enough [-].
+        Root of the mean variance of ln mu over the target that is accurate enough [-].
     """
     W = target.W
     now = before.variance(W)
@@ -135,11 +134,11 @@ def choose_plan(
         stop = "goal reached"
     else:
         chosen = choose_runs(before, runs, W, count)
-        chosen = _without_harm(before, runs, W, chosen, count)
+        chosen = _drop_harmful_runs(before, runs, W, chosen, count)
         reached = before.after(runs, chosen).variance(W)
         if reached <= goal**2:
-            chosen = _fewest(before, runs, W, chosen, goal**2)
-        elif not _is_worth(before, runs, W, reached):
+            chosen = _fewest_runs(before, runs, W, chosen, goal**2)
+        elif not _is_worthwhile(before, runs, W, reached):
             stop = "runs do not help"
             chosen = []
     after = before.after(runs, chosen)
@@ -148,7 +147,7 @@ def choose_plan(
     if stop == "runs do not help" and shared > MOSTLY * then:
         stop = "shared errors remain"
     variances = target.variances(before), target.variances(after)
-    without = _without_each(before, runs, W, chosen)
+    without = _variances_without_each(before, runs, W, chosen)
     return Plan(
         chosen=tuple(chosen),
         gains=tuple(float(np.sqrt(without[i] / then)) - 1.0 for i in chosen),
@@ -164,29 +163,29 @@ def choose_plan(
     )
 
 
-def _without_each(
+def _variances_without_each(
     before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int]
 ) -> dict[int, float]:
-    """Variance if one of the chosen runs were left out, by its number."""
-    found = {}
+    """Return the variance with each chosen run left out, by run number."""
+    variances = {}
     for i in sorted(set(chosen)):
         others = list(chosen)
         others.remove(i)
-        found[i] = before.after(runs, others).variance(W)
-    return found
+        variances[i] = before.after(runs, others).variance(W)
+    return variances
 
 
-def _without_harm(
+def _drop_harmful_runs(
     before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int], count: int
 ) -> list[int]:
-    """A choice less the runs that make the surface worse by what they share with the others.
+    """Drop the runs whose shared errors make the surface worse.
 
-    Those that a plan has to have stay.
+    Runs that a plan must contain stay.
     """
     chosen = list(chosen)
     while chosen:
         needed = needed_for(runs, chosen, count)
-        without = _without_each(before, runs, W, chosen)
+        without = _variances_without_each(before, runs, W, chosen)
         free = {i: variance for i, variance in without.items() if i not in needed}
         worst = min(free, key=free.__getitem__, default=None)
         if worst is None or free[worst] >= before.after(runs, chosen).variance(W):
@@ -195,25 +194,25 @@ def _without_harm(
     return chosen
 
 
-def _is_worth(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:
-    """Whether runs lower the uncertainty: those planned, or as many as a session more."""
-    wanted = before.variance(W) * (1.0 - WORTH) ** 2
-    if reached <= wanted:
+def _is_worthwhile(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:
+    """Return whether the planned runs, or `LOOK_AHEAD` runs, lower the uncertainty enough."""
+    worthwhile = before.variance(W) * (1.0 - WORTH) ** 2
+    if reached <= worthwhile:
         return True
-    more = choose_runs(before, runs, W, LOOK_AHEAD)
-    return before.after(runs, more).variance(W) <= wanted
+    many = choose_runs(before, runs, W, LOOK_AHEAD)
+    return before.after(runs, many).variance(W) <= worthwhile
 
 
-def _fewest(
+def _fewest_runs(
     before: Knowledge, runs: RunRows, W: np.ndarray, enough: list[int], goal: float
 ) -> list[int]:
-    """The smallest choice that reaches a variance, by bisection; `enough` reaches it."""
+    """Find the smallest choice that reaches a variance, by bisection; `enough` reaches it."""
     low, best = 0, enough
     while len(best) - low > 1:
         middle = (low + len(best)) // 2
-        found = choose_runs(before, runs, W, middle)
-        if before.after(runs, found).variance(W) <= goal:
-            best = found
+        trial = choose_runs(before, runs, W, middle)
+        if before.after(runs, trial).variance(W) <= goal:
+            best = trial
         else:
             low = middle
     return best
@@ -237,15 +236,15 @@ def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Reg
 def _statements(
     after: Knowledge, W: np.ndarray, sources: Sequence[Source]
 ) -> tuple[Statement, ...]:
-    """Shared errors by their part in the uncertainty, those without effect left out."""
-    whole = after.variance(W)
+    """Rank the shared errors by their contribution; those without effect are left out."""
+    total = after.variance(W)
     of_source = np.einsum("pk,pk->k", after.changes, W @ after.changes)
     names = dict.fromkeys(source.name for source in sources)
-    found = []
+    statements = []
     for name in names:
-        mine = [k for k, source in enumerate(sources) if source.name == name]
-        variance = float(of_source[mine].sum())
-        halved = float(np.sqrt(whole - 0.75 * variance))
-        found.append(Statement(sources[mine[0]], float(np.sqrt(variance)), halved))
-    found = [one for one in found if one.contribution > 1.0e-6]
-    return tuple(sorted(found, key=lambda one: one.halved))
+        columns = [k for k, source in enumerate(sources) if source.name == name]
+        variance = float(of_source[columns].sum())
+        halved = float(np.sqrt(total - 0.75 * variance))
+        statements.append(Statement(sources[columns[0]], float(np.sqrt(variance)), halved))
+    statements = [item for item in statements if item.contribution > 1.0e-6]
+    return tuple(sorted(statements, key=lambda item: item.halved))

@@ -1,13 +1,13 @@
-"""Settings of the rig as candidates: simulated once with the present surface, and differentiated.
+"""Simulate each rig setting once with the present surface, and differentiate it.
 
-The rows J, S of the linear model come from where the refined surface has its own: J from the
-sensitivities of the simulated rig, the change by a shared error as the change of measured less
-simulated ln mu (:mod:`beltid.uncertainty.refined`). The noise of a run is the law
+The rows J, S of the linear model are computed as for the refined surface: J from the
+sensitivities of the simulated rig, S as the change of measured less simulated ln mu by each
+shared error (:mod:`beltid.uncertainty.refined`). The noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
-scatter of the friction from run to run, scatter of the tensions in Eq. (6), and the error of the
-simulated coefficient that the fit of the surface allows for.
+the scatter of the friction from run to run, the scatter of the tensions in Eq. (6), and the error
+of the simulated coefficient that the surface fit allows for.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class NoiseLaw:
     tension : float
         Standard deviation s_T of the tensions of a run [N].
     scale : float
-        Factor s that the fit of the surface found [-].
+        Factor s from the fit of the surface [-].
     """
 
     friction: float = 3.0e-3
@@ -68,15 +68,15 @@ class NoiseLaw:
     scale: float = 1.0
 
     def variance(self, measured: Measured) -> Array:
-        """Variance of ln mu of runs (n,)."""
+        """Return the variance of ln mu of each run (n,)."""
         by_tension = np.square(self.tension) * _tension_share(measured)
         return np.asarray(self.scale**2 * (self.friction**2 + by_tension + MODEL_ERROR**2))
 
 
 def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
-    """The law of reduced runs: (P6) through the squares of their standard errors.
+    """Fit (P6) to the squared standard errors of reduced runs.
 
-    The misfits count relative to the squares, so that the many quiet runs do not drown.
+    The misfits are relative to the squares, so that noisy runs do not dominate the fit.
 
     Raises
     ------
@@ -84,26 +84,27 @@ def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
         If no run has a standard error.
     """
     squares = np.square(measured.mu_se / measured.mu)
-    known = squares > 0.0
-    if not known.any():
+    has_error = squares > 0.0
+    if not has_error.any():
         raise InputError(
-            "the runs have no standard errors: their noise is not known; state mu_se or "
+            "the runs have no standard errors, so their noise is unknown; state mu_se or "
             "rig.force_resolution_N when they are reduced, or plan without them"
         )
     terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
-    found, _ = nnls(terms[known] / squares[known, None], np.ones(int(known.sum())))
-    return NoiseLaw(float(np.sqrt(found[0])), float(np.sqrt(found[1])), scale)
+    scaled = terms[has_error] / squares[has_error, None]
+    variances, _ = nnls(scaled, np.ones(scaled.shape[0]))
+    return NoiseLaw(float(np.sqrt(variances[0])), float(np.sqrt(variances[1])), scale)
 
 
 def _tension_share(measured: Measured) -> Array:
-    """Variance of ln mu by a unit variance of both tensions [1/N²]."""
+    """Return the variance of ln mu per unit variance of both tensions [1/N²]."""
     squares = 1.0 / np.square(measured.tight) + 1.0 / np.square(measured.slack)
     return np.asarray(squares / np.square(measured.mu * measured.beta))
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What the rig can be set to.
+    """Available settings of the rig.
 
     Attributes
     ----------
@@ -120,28 +121,28 @@ class Settings:
     omegas: tuple[float, ...]
 
     def combined(self) -> list[tuple[float, float, float]]:
-        """Arc [deg], tension, speed of every combination, the speed running fastest."""
+        """List arc [deg], tension and speed of every combination; the speed varies fastest."""
         return list(itertools.product(self.arcs_deg, self.tensions, self.omegas))
 
     def points(self) -> list[OperatingPoint]:
-        """The same for the science."""
+        """List the combinations as operating points in SI units."""
         return [OperatingPoint(math.radians(arc), T_0, w) for arc, T_0, w in self.combined()]
 
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Candidate runs as simulated with the present surface.
+    """Candidate runs, simulated with the present surface.
 
     Attributes
     ----------
     campaign : Campaign
-        The runs, their tensions as simulated, and the bench.
+        The runs with their simulated tensions, and the bench.
     curves : Curves
         Knots and speeds of the surface.
     J, response, speed_slope : ndarray, shape (n, size), (n,), (n,)
-        Derivatives of ln mu by the parameters, by ln of a factor on the surface, by ln v.
+        Derivatives of ln mu with respect to the parameters, ln of a factor on the surface, ln v.
     slopes : ndarray, shape (n, 8)
-        Derivatives by the inputs of the simulated rig.
+        Derivatives with respect to the inputs of the simulated rig.
     """
 
     campaign: Campaign
@@ -153,23 +154,23 @@ class Candidates:
 
     @property
     def measured(self) -> Measured:
-        """The runs."""
+        """Simulated runs."""
         return self.campaign.measured
 
     def rows(
         self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
     ) -> RunRows:
-        """The runs as rows of the linear model.
+        """Build the rows of the linear model.
 
         Parameters
         ----------
         sources : sequence of Source
-            The shared errors, in the order of the columns of S. One that new runs do not follow has
-            zeros.
+            The shared errors, in the order of the columns of S. One that does not affect new runs
+            has zeros.
         noise : NoiseLaw
             Noise of a run.
         columns : mapping of str to float
-            Change of ln mu by the errors of the reduction: key of the source -> per unit.
+            Change of ln mu per unit of each reduction error, by the key of its source.
         """
         n = self.J.shape[0]
         shared = {key: np.full((n, 1), value) for key, value in columns.items()}
@@ -188,22 +189,22 @@ def simulate_candidates(
     measured: FrictionSurface | None,
     kind: RigKind = TWO_CELLS,
 ) -> Candidates:
-    """Simulate every setting once with the present surface, and differentiate it.
+    """Simulate each setting once with the present surface, and differentiate it.
 
     Parameters
     ----------
     bench : Bench
         Belt and rig; its surface is not used.
     press : PressLaw
-        The contact law and its making.
+        The contact law and the data it was fitted to.
     settings : Settings
-        What the rig can be set to.
+        Available settings of the rig.
     known_arcs_deg : sequence of float
-        Arc settings of the measured surface, as its sources count them [deg].
+        Arc settings of the measured surface, numbered as in its sources [deg].
     measured : FrictionSurface or None
-        The present surface; None before any run: then the middle of the prior.
+        The present surface; None before any run, which takes the mean of the prior.
     kind : RigKind
-        What the rig measures: which errors its tensions can have.
+        What the rig measures, and so which errors its tensions can have.
 
     Raises
     ------
@@ -211,11 +212,11 @@ def simulate_candidates(
         If a setting has no sliding state.
     """
     points = settings.points()
-    wanted = np.array([omega * bench.rig.R for omega in settings.omegas])
-    speeds = speeds_for(wanted, measured)
+    surface_speed = np.array([omega * bench.rig.R for omega in settings.omegas])
+    speeds = speeds_for(surface_speed, measured)
     arcs, _ = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs_deg)
     runs = [MeasuredRun(point, 1.0, 0.0, int(k)) for point, k in zip(points, arcs, strict=True)]
-    at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
+    at = speeds[np.argmin(np.abs(np.log(surface_speed[:, None] / speeds)), axis=1)]
     rig = RigRuns(bench, runs, np.unique(at), mesh_of(bench, runs, MESH))
     force = np.array([point.T_0 for point in points]) / bench.rig.R
     rough = np.log([0.2 * force.min(), 2.0 * force.max()])

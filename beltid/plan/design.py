@@ -1,24 +1,25 @@
-"""Choice of runs: the mean variance of ln mu over a target, as the refined surface will state it.
+"""Choose runs that minimize the mean variance of ln mu over a target.
 
-A run i of the rig is a datum of the linear model
+The variance is that which the refined surface will report. Run i of the rig is one observation of
+the linear model
 
     y_i = j_i p + s_i e + noise_i,    noise_i ~ N(0, v_i),    e ~ N(0, 1),                   (P1)
 
 with the parameters p of the surface (ln mu at its knots) and the errors e that runs share, in units
-of their standard uncertainties. The fit of the surface weighs the runs by their noise and by the
-roughness of the surface; what they share it cannot tell from friction. So two factors describe what
-is known: the covariance of p by scatter, Sigma, and the change C of p by each shared error. New
-runs (rows J, S, noise V) move both,
+of their standard uncertainties. The surface fit weighs the runs by their noise and by the roughness
+of the surface; it cannot distinguish shared errors from friction. So two factors describe the
+present knowledge: the covariance Sigma of p by scatter, and the change C of p by each shared error.
+New runs (rows J, S, noise V) update both,
 
     G = Sigma J' (V + J Sigma J')^-1,  Sigma -> Sigma - G J Sigma,  C -> C + G (S - J C),    (P2)
 
-whatever the order of the runs. Their worth is the mean variance over the target, W its weights:
+in any order of the runs. The objective is the mean variance over the target with weights W:
 
     u² = tr W (Sigma + C C').                                                                (P3)
 
-It counts shared errors as they act: a run with a larger share of one than the others can make the
-surface worse. That is why it is not the shortest arc, which has the smallest noise in tension and
-the largest error of the arc, that is always chosen.
+It includes shared errors: a run that is more sensitive to one than the others can make the surface
+worse. So the shortest arc, with the smallest noise in tension but the largest error of the arc, is
+not always chosen.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-TIE = 1.0e-9  # relative difference of two variances that is rounding: the first candidate is taken
-ARCS = 3  # that a plan has at least, where the rig has as many and the plan at least twice as many
-FEWEST_WITH_REPEAT = 3  # runs of a plan from which on one is repeated
+TIE = 1.0e-9  # relative difference of two variances that counts as equal; the first candidate wins
+ARCS = 3  # fewest arcs of a plan, if the rig has as many and the plan twice as many runs
+FEWEST_WITH_REPEAT = 3  # plans with at least so many runs repeat one
 
 Need = Literal["arc", "repetition"]
 
@@ -47,11 +48,11 @@ class RunRows:
     Attributes
     ----------
     J : ndarray, shape (n, size)
-        Derivatives of ln mu of the runs by the parameters of the surface.
+        Derivatives of ln mu of the runs with respect to the parameters of the surface.
     S : ndarray, shape (n, K)
-        Change of measured less simulated ln mu by one standard uncertainty of each shared error.
+        Change of measured less simulated ln mu per standard uncertainty of each shared error.
     variance : ndarray, shape (n,)
-        Of ln mu by the noise of the run.
+        Variance of ln mu by the noise of the run.
     arc : ndarray of int, shape (n,)
         Number of the arc setting.
     """
@@ -64,21 +65,21 @@ class RunRows:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What is known of the parameters of a surface.
+    """Knowledge of the parameters of a surface.
 
     Attributes
     ----------
     scatter : ndarray, shape (size, size)
-        Covariance by what differs from run to run, and by what was never measured.
+        Covariance by the scatter from run to run, and by what was never measured.
     changes : ndarray, shape (size, K)
-        Change of the parameters by one standard uncertainty of each shared error.
+        Change of the parameters per standard uncertainty of each shared error.
     """
 
     scatter: Array
     changes: Array
 
     def after(self, runs: RunRows, chosen: Sequence[int]) -> Knowledge:
-        """Knowledge after some of the runs, one as often as it is named, (P2)."""
+        """Update with some of the runs, (P2); a run counts as often as it is listed."""
         rows = list(chosen)
         if not rows:
             return self
@@ -91,11 +92,11 @@ class Knowledge:
         )
 
     def variance(self, W: Array) -> float:
-        """Mean variance of ln mu over a target with weights W (size, size), (P3)."""
+        """Return the mean variance of ln mu over a target with weights W (size, size), (P3)."""
         return float(np.sum(W * self.scatter) + np.sum(self.changes * (W @ self.changes)))
 
     def variance_after_one(self, runs: RunRows, W: Array) -> Array:
-        """The same after one run more, for each of the runs (n,): (P2), (P3) of rank one."""
+        """Return the variance after adding each run (n,) alone: (P2), (P3) of rank one."""
         spread = self.scatter @ runs.J.T
         total = runs.variance + np.einsum("np,pn->n", runs.J, spread)
         seen = np.einsum("pn,pn->n", spread, W @ spread)
@@ -107,12 +108,12 @@ class Knowledge:
 
 
 def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[int]:
-    """The runs with the smallest mean variance afterwards: one by one, then by exchange.
+    """Choose the runs that leave the smallest mean variance: one by one, then by exchange.
 
     Parameters
     ----------
     before : Knowledge
-        What is known.
+        Present knowledge.
     runs : RunRows
         The candidates; each may be chosen several times.
     W : ndarray, shape (size, size)
@@ -123,10 +124,10 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
     Returns
     -------
     list of int
-        Numbers of the candidates, ascending. At least two arcs (of several) and, of three runs or
-        more, one repeated run. The same for the same input.
+        Numbers of the candidates, ascending. At least two arcs (if there are several) and, in three
+        or more runs, one repeated run. Deterministic.
     """
-    chosen = _filled(before, runs, W, [], count)
+    chosen = _completed(before, runs, W, [], count)
     variance = before.after(runs, chosen).variance(W)
     improved = True
     while improved:
@@ -135,7 +136,7 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
             others = list(chosen)
             for i in dropped:
                 others.remove(i)
-            refilled = _filled(before, runs, W, others, count)
+            refilled = _completed(before, runs, W, others, count)
             lower = before.after(runs, refilled).variance(W)
             if lower < variance * (1.0 - TIE):
                 chosen, variance, improved = refilled, lower, True
@@ -144,25 +145,27 @@ def choose_runs(before: Knowledge, runs: RunRows, W: Array, count: int) -> list[
 
 
 def _singles_and_pairs(chosen: list[int]) -> list[tuple[int, ...]]:
-    """What an exchange takes out: one run; where no such exchange helps, two."""
+    """List what an exchange may remove: first single runs, then pairs."""
     singles = [(i,) for i in sorted(set(chosen))]
     return [*singles, *sorted(set(itertools.combinations(chosen, 2)))]
 
 
-def _filled(before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int) -> list[int]:
-    """A choice made complete by the best run at a time, ascending."""
+def _completed(
+    before: Knowledge, runs: RunRows, W: Array, chosen: list[int], count: int
+) -> list[int]:
+    """Complete a choice by adding the best run at a time; ascending."""
     chosen = list(chosen)
     for left in range(count - len(chosen) - 1, -1, -1):
         variance = before.after(runs, chosen).variance_after_one(runs, W)
-        variance = np.where(_lacking(runs, chosen, count) <= left, variance, np.inf)
+        variance = np.where(_missing_runs(runs, chosen, count) <= left, variance, np.inf)
         chosen.append(int(np.flatnonzero(variance <= variance.min() * (1.0 + TIE))[0]))
     return sorted(chosen)
 
 
-def _lacking(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
-    """Runs (n,) that a choice with each candidate added still needs, for arcs and repetition."""
-    mine = np.unique(runs.arc[chosen])
-    arcs = mine.size + ~np.isin(runs.arc, mine)
+def _missing_runs(runs: RunRows, chosen: list[int], count: int) -> NDArray[np.intp]:
+    """Count the runs (n,) still needed for arcs and repetition after adding each candidate."""
+    covered = np.unique(runs.arc[chosen])
+    arcs = covered.size + ~np.isin(runs.arc, covered)
     repeated = np.isin(np.arange(runs.arc.size), chosen)
     if count < FEWEST_WITH_REPEAT or len(set(chosen)) < len(chosen):
         repeated[:] = True
@@ -174,16 +177,13 @@ def _arcs_wanted(runs: RunRows, count: int) -> int:
 
 
 def needed_for(runs: RunRows, chosen: Sequence[int], count: int) -> dict[int, Need]:
-    """What a choice for a plan of `count` runs would lack without a run, by the run's number.
-
-    A run that the plan could do without is not in it.
-    """
-    found: dict[int, Need] = {}
+    """Map each indispensable run of a plan of `count` runs to what the plan needs it for."""
+    needs: dict[int, Need] = {}
     for i in set(chosen):
         others = list(chosen)
         others.remove(i)
         if np.unique(runs.arc[others]).size < _arcs_wanted(runs, count):
-            found[i] = "arc"
+            needs[i] = "arc"
         elif count >= FEWEST_WITH_REPEAT and len(set(others)) == len(others):
-            found[i] = "repetition"
-    return found
+            needs[i] = "repetition"
+    return needs

@@ -1,8 +1,8 @@
-"""What is known before the next runs: the surface that runs have shown, and the errors they share.
+"""Knowledge before the next runs: the measured surface and the shared errors.
 
-A surface holds its own sources of error, as they were stated when it was made. New runs follow
-these and, beside them, those that the surface does not know: another arc setting, an error that
-was not stated then.
+A surface stores its sources of error as stated when it was fitted. New runs are subject to these
+and to sources that the surface does not have: another arc setting, an error that was not stated
+then.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from beltid.uncertainty.sources import (
 
 @dataclass(frozen=True, slots=True)
 class KnownSurface(SurfaceUncertainty):
-    """A surface that runs have shown, with what is stored of its uncertainty.
+    """A measured surface with its stored uncertainty.
 
     Attributes
     ----------
     noise_scale : float
-        How many times their standard errors its runs scatter [-].
+        Scatter of its runs over their standard errors [-].
     """
 
     noise_scale: float = 1.0
 
     def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
-        """Names of the sources whose size was another one when the surface was made."""
+        """List the sources whose size was different when the surface was fitted."""
         now = all_sources(stated, len(self.arcs_deg), law_scatter)
         sizes = {(source.error, source.place): source.size for source in now}
-        other = (s.name for s in self.sources if sizes.get((s.error, s.place), s.size) != s.size)
-        return list(dict.fromkeys(other))
+        changed = (s.name for s in self.sources if sizes.get((s.error, s.place), s.size) != s.size)
+        return list(dict.fromkeys(changed))
 
 
 def sources_of_plan(
@@ -48,14 +48,14 @@ def sources_of_plan(
     arcs_deg: Sequence[float],
     law_scatter: bool,
 ) -> tuple[Source, ...]:
-    """The shared errors of a surface, then those that its candidates have beside them.
+    """List the shared errors of a surface, then the additional ones of its candidates.
 
     Parameters
     ----------
     known : KnownSurface or None
         The surface; None before any run.
     stated : StandardUncertainties
-        Of the bench.
+        Stated uncertainties of the bench.
     arcs_deg : sequence of float
         Arc settings of the candidates [deg].
     law_scatter : bool
@@ -65,5 +65,5 @@ def sources_of_plan(
     _, arcs = numbered_arcs(arcs_deg, () if known is None else known.arcs_deg)
     size = next((source.size for source in stored if source.error == ARC), USUAL_ARCS)
     every = (*all_sources(stated, len(arcs), law_scatter), *effect_sources(ARC, size, len(arcs)))
-    there = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in every if (s.error, s.place) not in there))
+    existing = {(source.error, source.place) for source in stored}
+    return (*stored, *(s for s in every if (s.error, s.place) not in existing))

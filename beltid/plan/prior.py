@@ -1,16 +1,17 @@
-"""The surface before any run, and what is not known of it between and beyond measured nodes.
+"""Prior of the surface: before any run, and between and beyond measured nodes.
 
 ln mu at the knots is Gaussian with the roughness of the refined surface (:mod:`beltid.refine`,
-bending over the force, difference between speeds). What that leaves free, a level at each speed and
-a common slope over the force, has a broad prior of its own:
+bending over the force, difference between speeds). The roughness leaves a level at each speed and a
+common slope over the force free; these have a separate broad prior:
 
     P = a Q_bending + b Q_difference + N' K^-1 N,                                            (P5)
 
-N the mean of each speed's curve and the mean slope, K their covariance: a level that all speeds
-share, a slope over ln v, a bend over ln v (an integrated Wiener process), a slope over ln f.
+where N gives the mean of each speed's curve and the mean slope, and K is their covariance: a level
+common to all speeds, a slope over ln v, a bend over ln v (an integrated Wiener process), a slope
+over ln f.
 
-Where a surface was measured, new knots beside its nodes follow from them by the same prior: given
-the nodes they are Gaussian with the mean -P_nn^-1 P_no p_o and the covariance P_nn^-1.
+If a surface was measured, additional knots follow from its nodes by the same prior: given the nodes
+they are Gaussian with the mean -P_nn^-1 P_no p_o and the covariance P_nn^-1.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ from beltid.uncertainty.budget import SurfaceUncertainty
 Array = NDArray[np.float64]
 
 USUAL = Smoothness(bending=float(np.exp(5.0)), difference=float(np.exp(7.0)), noise_scale=1.0)
-"""The smoothness of a surface of which nothing is known, as the refined surface begins with."""
+"""Smoothness of an unknown surface, from which the refined surface also starts."""
 USUAL_ARCS = float(np.exp(BEFORE[ARC][0]))
-"""Standard deviation of ln mu between arcs, likewise."""
+"""Standard deviation of ln mu between arcs, from the same start."""
 LEVEL = 1.0
 """mu of a dry ribbed belt at the middle of the knots [-]: 0.7 to 1.5 is typical."""
 LEVEL_WIDTH = 0.38
-"""Standard deviation of its logarithm: half of ln(1.5 / 0.7)."""
+"""Standard deviation of ln mu at that point: half of ln(1.5 / 0.7)."""
 FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
 """d ln mu / d ln f_N and its standard deviation."""
 SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
@@ -42,11 +43,11 @@ SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
 SPEED_BEND = 0.1
 """Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
 SAME_SPEED = 0.1
-"""Distance in ln v up to which a run belongs to a speed of the surface."""
+"""Largest distance in ln v at which a run belongs to a speed of the surface."""
 
 
 def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
-    """Middle of the prior: the surface that runs are simulated with where none was measured."""
+    """Return the mean of the prior, with which runs are simulated before any measurement."""
     x = log_force - log_force.mean()
     z = log_speed - log_speed.mean()
     log_mu = np.log(LEVEL) + FORCE_SLOPE * x[:, None] + SPEED_SLOPE * z
@@ -54,7 +55,7 @@ def usual_surface(log_force: Array, log_speed: Array) -> FrictionSurface:
 
 
 def prior_precision(curves: Curves, smoothness: Smoothness = USUAL) -> Array:
-    """Inverse covariance of the knot values before any run (size, size), (P5)."""
+    """Return the inverse covariance of the knot values before any run (size, size), (P5)."""
     k, m = curves.log_force.size, curves.log_speed.size
     rough = smoothness.bending * curves.bending()
     if m > 1:
@@ -72,9 +73,9 @@ def prior_precision(curves: Curves, smoothness: Smoothness = USUAL) -> Array:
 
 
 def knots_for(low: float, high: float, measured: FrictionSurface | None, count: int) -> Array:
-    """Knots in ln f from a lowest to a highest force [N/m].
+    """Place knots in ln f from a lowest to a highest force [N/m].
 
-    Those of a measured surface stay, with further ones beside them, as far apart as its last ones.
+    The knots of a measured surface stay; further ones extend it at the spacing of its end nodes.
     """
     if measured is None:
         return np.linspace(np.log(low), np.log(high), count)
@@ -92,13 +93,13 @@ def knots_for(low: float, high: float, measured: FrictionSurface | None, count: 
 
 
 def speeds_for(wanted: Array, measured: FrictionSurface | None) -> Array:
-    """Speeds [m/s] of a plan: those of a measured surface and those wanted beside them."""
+    """Return the speeds [m/s] of a plan: those of a measured surface and the new ones."""
     wanted = np.unique(wanted)
     if measured is None:
         return wanted
-    known = measured.slip_speed_m_s
-    away = np.abs(np.log(wanted[:, None] / known)).min(axis=1)
-    return np.union1d(known, wanted[away > SAME_SPEED])
+    existing = measured.slip_speed_m_s
+    distance = np.abs(np.log(wanted[:, None] / existing)).min(axis=1)
+    return np.union1d(existing, wanted[distance > SAME_SPEED])
 
 
 def knowledge_at(
@@ -107,18 +108,18 @@ def knowledge_at(
     n_errors: int,
     smoothness: Smoothness = USUAL,
 ) -> Knowledge:
-    """What is known of ln mu at the knots of a plan, before its runs.
+    """Return the knowledge of ln mu at the knots of a plan, before its runs.
 
     Parameters
     ----------
     curves : Curves
         Knots and speeds of the plan; the nodes of the measured surface are among them.
     measured : SurfaceUncertainty or None
-        What was measured; None before any run.
+        The measured surface; None before any run.
     n_errors : int
-        Shared errors, those of the measured surface first; the others change nothing on it.
+        Number of shared errors, those of the measured surface first; the others do not affect it.
     smoothness : Smoothness
-        Weights of the roughness where nothing was measured.
+        Roughness weights away from the measured nodes.
     """
     precision = prior_precision(curves, smoothness)
     size = precision.shape[0]
@@ -141,13 +142,13 @@ def knowledge_at(
 
 
 def _speed_by_speed(nodes: Array) -> Array:
-    """Values at nodes (nf, nv, r) in the order of the parameters (nv nf, r)."""
+    """Reorder values at nodes (nf, nv, r) as the parameters (nv nf, r)."""
     nf, nv, r = nodes.shape
     return nodes.transpose(1, 0, 2).reshape(nv * nf, r)
 
 
 def _places(curves: Curves, surface: FrictionSurface) -> NDArray[np.intp]:
-    """Numbers of the parameters that are nodes of a surface, in its order speed by speed."""
+    """Return the indices of the parameters that are nodes of a surface, speed by speed."""
     of_force = np.searchsorted(curves.log_force, np.log(surface.normal_force_N_m) - 1.0e-9)
     of_speed = np.searchsorted(curves.log_speed, np.log(surface.slip_speed_m_s) - 1.0e-9)
     return np.add.outer(of_speed * curves.log_force.size, of_force).ravel()

@@ -1,9 +1,9 @@
-"""The order of the runs of a session: the arc is changed least, repetitions lie far apart.
+"""Order of the runs in a session: few arc changes, repetitions far apart.
 
 Runs of one arc follow each other. Within an arc the runs of a repeated setting are spread evenly
-from the first to the last place, so that they tell a drift. The others fill the places between: up
-through every other setting and down through those left out, so that a drift over time is no trend
-over the tension.
+from the first to the last position, so that they show a drift. The others fill the gaps: up
+through every other setting and down through the remaining ones, so that a drift over time does not
+look like a trend over the tension.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ScheduledRun:
-    """A run in its place of the session.
+    """A run at its position in the session.
 
     Attributes
     ----------
     run : int
-        Number of the run, as it was chosen.
+        Number of the candidate.
     repeat, repeats : int
-        Which of how many runs at its setting, from 1.
+        Count of this run among the runs at its setting, from 1, and their number.
     start_minutes : float
         Minutes from the start of the session.
     """
@@ -43,24 +43,24 @@ def schedule(
     Parameters
     ----------
     chosen : sequence of int
-        The runs, one as often as it is repeated.
+        The runs, listed once per repetition.
     settings : sequence of tuple of float
-        Arc, initial tension, speed of every run that may be chosen.
+        Arc, initial tension and speed of every candidate.
     minutes_per_run, minutes_per_arc_change : float
-        What they take [min]; the arc of the first run counts as set.
+        Durations [min]; the arc of the first run is already set.
 
     Returns
     -------
     list of ScheduledRun
-        Arcs ascending.
+        The runs with ascending arcs.
     """
     ordered: list[ScheduledRun] = []
     clock = 0.0
     for arc in sorted({settings[i][0] for i in chosen}):
         clock += minutes_per_arc_change if ordered else 0.0
-        here = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
+        on_arc = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
         seen: dict[int, int] = {}
-        for i in _spread({i: chosen.count(i) for i in here}):
+        for i in _spread({i: chosen.count(i) for i in on_arc}):
             seen[i] = seen.get(i, 0) + 1
             ordered.append(ScheduledRun(i, seen[i], chosen.count(i), clock))
             clock += minutes_per_run
@@ -68,7 +68,7 @@ def schedule(
 
 
 def _spread(counts: dict[int, int]) -> list[int]:
-    """Runs of one arc in order, from how often each is made; the settings come ascending."""
+    """Order the runs of one arc, given the number of runs per setting in ascending order."""
     places = list(range(sum(counts.values())))
     last = places[-1]
     at: dict[int, int] = {}

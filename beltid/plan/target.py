@@ -1,4 +1,4 @@
-"""Where the surface has to be known: points of (f_N, v) with weights, and regions of them."""
+"""Where the surface must be known: weighted points (f_N, v), and their regions."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from beltid.refine.curves import Curves
 
 Array = NDArray[np.float64]
 
-PLACES = 30  # of the force at each speed
+PLACES = 30  # forces at each speed
 REGIONS = 3  # along each axis
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Points at which ln mu is wanted, arrays (q,).
+    """Points at which ln mu must be known, arrays (q,).
 
     Attributes
     ----------
     normal_force, slip_speed : ndarray
-        The points [N/m], [m/s].
+        Line forces [N/m] and sliding speeds [m/s].
     weight : ndarray
-        Their weights, of sum one.
+        Weights of the points; their sum is one.
     rows : ndarray, shape (q, size)
-        ln mu there per parameter of the surface.
+        ln mu at the points per parameter of the surface.
     """
 
     normal_force: Array
@@ -46,12 +46,12 @@ class Target:
         return np.asarray(self.rows.T @ (self.weight[:, None] * self.rows))
 
     def variances(self, knowledge: Knowledge) -> Array:
-        """Variance of ln mu at the points (q,)."""
+        """Return the variance of ln mu at the points (q,)."""
         scatter = np.einsum("qp,pr,qr->q", self.rows, knowledge.scatter, self.rows)
         return np.asarray(scatter + np.sum(np.square(self.rows @ knowledge.changes), axis=1))
 
     def regions(self) -> Iterator[NDArray[np.bool_]]:
-        """Masks (q,) of the regions that have weight, by force and then by speed: thirds in ln."""
+        """Yield masks (q,) of the regions with weight, by force, then speed: thirds in ln."""
         force, speed = (_thirds(np.log(x)) for x in (self.normal_force, self.slip_speed))
         for i in range(REGIONS):
             for j in range(REGIONS):
@@ -61,7 +61,7 @@ class Target:
 
 
 def _thirds(x: Array) -> NDArray[np.intp]:
-    """Number of the third of its range in which each value lies."""
+    """Return the index of the third of the range in which each value lies."""
     width = max(float(np.ptp(x)), 1.0e-12)
     number = np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9))
     return np.asarray(number, dtype=np.intp)
@@ -70,10 +70,10 @@ def _thirds(x: Array) -> NDArray[np.intp]:
 def surface_target(
     curves: Curves, force: tuple[float, float], speed: tuple[float, float]
 ) -> Target:
-    """Uniform in ln f and ln v over a range of forces [N/m] and speeds [m/s].
+    """Weigh a range of forces [N/m] and speeds [m/s] uniformly in ln f and ln v.
 
-    The speeds are those of the curves within the range, each with the half of its gaps to the next;
-    one at an end of the range was not measured at that very speed.
+    The speeds are those of the curves within the range, each weighted by half of its gaps to the
+    next ones; a curve just outside an end of the range, by up to `SAME_SPEED`, counts too.
     """
     low, high = np.log(speed)
     inside = (curves.log_speed >= low - SAME_SPEED) & (curves.log_speed <= high + SAME_SPEED)
@@ -87,10 +87,11 @@ def surface_target(
 
 
 def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
-    """Where a drive rubs: every place of its sliding arcs, weighted by its friction force.
+    """Weigh every point of the sliding arcs of a drive by its friction force.
 
-    The weight of a place is mu f_N R dphi: its share of what the arc carries. The operating points
-    count alike. Forces and speeds outside the curves count at the nearest ones.
+    The weight of a point is mu f_N R dphi, its share of the force that the arc transmits. All
+    operating points have the same weight. Forces and speeds outside the curves are replaced by the
+    nearest ones.
 
     Raises
     ------
@@ -99,13 +100,13 @@ def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
     """
     parts = [part for result in results for part in _sliding_places(result)]
     if not parts:
-        raise InputError("drive: no rib slides at its operating points, no friction acts")
+        raise InputError("drive: no ribs slide at its operating points, so no friction acts")
     f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return Target(f, v, weight / weight.sum(), _rows(curves, f, v))
 
 
 def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
-    """Line force, sliding speed, share of the friction of all places of a point that slide."""
+    """Return line force, sliding speed and friction share on the sliding arcs of one point."""
     places = []
     for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True):
         if profile is None or not pulley.ribs or profile.angle.size < 2:
@@ -119,9 +120,9 @@ def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
 
 
 def _rows(curves: Curves, f: Array, v: Array) -> Array:
-    """Rows (q, size) that give ln mu at points (q,): splines over ln f, lines between the speeds.
+    """Build rows (q, size) that give ln mu at points (q,): splines over ln f, linear in ln v.
 
-    Beyond the knots and speeds the nearest one holds, as in the refined surface.
+    Beyond the knots and speeds the nearest one applies, as in the refined surface.
     """
     speeds = curves.log_speed
     basis = curves.basis(np.log(f))

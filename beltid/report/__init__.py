@@ -1,20 +1,20 @@
-"""Results to figures, pages and terminal tables; no science.
+"""Turn results into figures, pages and terminal tables; no science.
 
 =============== ======================================================
 Module          Responsibility
 =============== ======================================================
-``results``     what a report is made of
+``results``     results of a belt, the input of a report
 ``figures``     the figures, a module per topic
-``drawing``     how figures look; SVG, PNG and PDF with the same bytes
+``drawing``     style of the figures; reproducible SVG, PNG and PDF
 ``tables``      tables of a page
-``verdict``     what stands on top of a page
-``conditions``  what was tested, and how
+``verdict``     verdict and main results at the top of a page
+``conditions``  test conditions
 ``gallery``     all runs over time as small pictures
 ``belt_page``   the report of one belt
 ``belts_page``  several belts side by side
-``html``        sections to one self-contained page
-``summary``     what a stage tells its user
-``terminal``    a summary for the terminal
-``braille``     a figure for the terminal
+``html``        render sections as one self-contained page
+``summary``     result of a stage for its user
+``terminal``    print a summary in the terminal
+``braille``     draw a figure in the terminal
 =============== ======================================================
 """

@@ -1,4 +1,4 @@
-"""The report of one belt: which figures and tables, in which order."""
+"""Compose the report of one belt from figures and tables."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ SPACE: Final = "surface-space"
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
-    """The page of a belt.
+    """Compose the page of a belt.
 
     Parameters
     ----------
     results : BeltResults
-        What is known about it; what is missing is told in its place.
+        Results of the belt; the page reports missing ones in their place.
     made_from : str
-        Hash of everything that the page is made from.
+        Hash of all inputs of the page.
     """
     plot = surface.surface_plot(results)
     return Page(
@@ -38,17 +38,17 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
             Section(
                 "slip",
                 "Sliding in service",
-                "How fast the belt slides in a drive: the friction rig has to cover these speeds.",
+                "Sliding speeds of the belt in a drive: the friction rig must cover these speeds.",
                 slip.pictures(results),
-                notes=_said(results.get("slip")),
+                notes=_notes(results.get("slip")),
             ),
             _friction(results),
             _surface(results),
             _proof(results),
             *_drive(results),
             _uncertainty(results),
-            _aside(results),
-            _made(results),
+            _set_aside(results),
+            _provenance(results),
         ),
         verdict=verdict_of(results),
         conditions=conditions(results),
@@ -58,20 +58,20 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     )
 
 
-def _said(*sheets: Sheet | None) -> list[str]:
-    """Warnings and notes of some artifacts, warnings first."""
-    known = [sheet for sheet in sheets if sheet is not None]
-    warnings = [f"Warning: {line}" for sheet in known for line in sheet.metadata.warnings]
-    notes = [line for sheet in known for line in sheet.metadata.notes]
+def _notes(*sheets: Sheet | None) -> list[str]:
+    """Collect the warnings and notes of artifacts, warnings first."""
+    present = [sheet for sheet in sheets if sheet is not None]
+    warnings = [f"Warning: {line}" for sheet in present for line in sheet.metadata.warnings]
+    notes = [line for sheet in present for line in sheet.metadata.notes]
     return list(dict.fromkeys([*warnings, *notes]))
 
 
-def _said_of_both(known: Sequence[tuple[Sheet, str]]) -> list[str]:
-    """The same for a published and a refined artifact: what one alone says names it."""
-    said = {of: _said(sheet) for sheet, of in known}
-    first = next(iter(said.values()), [])
-    common = [line for line in first if all(line in lines for lines in said.values())]
-    own = [f"{of} surface: {line}" for of in said for line in said[of] if line not in common]
+def _merged_notes(sheets: Sequence[tuple[Sheet, str]]) -> list[str]:
+    """Merge the notes of a published and a refined artifact; label those of only one."""
+    notes = {of: _notes(sheet) for sheet, of in sheets}
+    first = next(iter(notes.values()), [])
+    common = [line for line in first if all(line in lines for lines in notes.values())]
+    own = [f"{of} surface: {line}" for of in notes for line in notes[of] if line not in common]
     return [*common, *own]
 
 
@@ -83,7 +83,7 @@ def _stiffness(results: BeltResults) -> Section:
         "How hard the ribs press into the grooves: line force over penetration, Eq. (3).",
         press.pictures(results),
         [tables.laws(stiffness)] if stiffness else (),
-        _said(stiffness),
+        _notes(stiffness),
     )
 
 
@@ -96,7 +96,7 @@ def _friction(results: BeltResults) -> Section:
         "mean normal force of Eq. (8).",
         [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
         [table for table in (tables.runs(sheet), tables.drift(sheet)) if table] if sheet else (),
-        _said(sheet),
+        _notes(sheet),
         tiles=gallery.tiles(results),
     )
 
@@ -106,41 +106,41 @@ def _surface(results: BeltResults) -> Section:
     pictures = surface.pictures(results)
     if best is not None:
         pictures.insert(0, surface.in_space(best))
-    known = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
+    sheets = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
     return Section(
         "surface",
         "The friction surface",
         "Friction coefficient over normal force per length and sliding speed. The published "
-        "surface averages the runs at the mean force of Eq. (8); the refined one is that with "
-        "which the simulated rig gives the measured tensions.",
+        "surface averages the runs at the mean force of Eq. (8); with the refined one the "
+        "simulated rig reproduces the measured tensions.",
         pictures,
         [
-            *(tables.nodes(sheet, of) for sheet, of in known),
-            *(table for sheet, _ in known if (table := tables.effects(sheet)) is not None),
+            *(tables.nodes(sheet, of) for sheet, of in sheets),
+            *(table for sheet, _ in sheets if (table := tables.effects(sheet)) is not None),
         ],
-        _said_of_both(known),
+        _merged_notes(sheets),
         live=SPACE if best is not None else "",
     )
 
 
 def _proof(results: BeltResults) -> Section:
-    known = [(sheet, of) for name, of in COMPARED.items() if (sheet := results.get(name))]
-    shown = [(sheet, f"{of} surface") for sheet, of in known]
+    compared = [(sheet, of) for name, of in COMPARED.items() if (sheet := results.get(name))]
+    shown = [(sheet, f"{of} surface") for sheet, of in compared]
     if predicted := results.prediction:
         shown.insert(0, (predicted, PREDICTED[predicted.stated("hold_out")]))
     return Section(
         "proof",
         "The proof: the rig, simulated",
-        "Every run again on a simulated copy of the rig, with what was identified; measured and "
-        "simulated recordings go through the same reduction.",
+        "Every run repeated on a simulated copy of the rig, with the identified parameters; "
+        "measured and simulated recordings go through the same reduction.",
         [*friction.simulated(results), *proof.pictures(results)],
         [tables.agreement(sheet, of) for sheet, of in shown],
-        _said_of_both(known),
+        _merged_notes(compared),
     )
 
 
 def _drive(results: BeltResults) -> list[Section]:
-    """The drive, where one was predicted."""
+    """Compose the section of the drive, if one was predicted."""
     predicted, compared = results.get("drive"), results.get("compare_drive")
     if predicted is None:
         return []
@@ -152,7 +152,7 @@ def _drive(results: BeltResults) -> list[Section]:
             "speed-loss bench: it tests the laws a second time.",
             [*(drive.compared(compared) if compared else ()), *drive.predicted(predicted)],
             [tables.hubs(predicted)],
-            _said(predicted, compared),
+            _notes(predicted, compared),
         )
     ]
 
@@ -163,8 +163,8 @@ def _uncertainty(results: BeltResults) -> Section:
     return Section(
         "uncertainty",
         "Uncertainty budget",
-        "Standard uncertainties (k = 1), relative to the value. What is assumed can be stated in "
-        "the config, section uncertainty."
+        "Standard uncertainties (k = 1), relative to the value. Assumed uncertainties can be "
+        "stated in the config, section uncertainty."
         if pictures
         else budget.NONE,
         pictures,
@@ -172,7 +172,7 @@ def _uncertainty(results: BeltResults) -> Section:
     )
 
 
-def _aside(results: BeltResults) -> Section:
+def _set_aside(results: BeltResults) -> Section:
     table = tables.set_aside(results)
     return Section(
         "set-aside",
@@ -183,11 +183,11 @@ def _aside(results: BeltResults) -> Section:
     )
 
 
-def _made(results: BeltResults) -> Section:
+def _provenance(results: BeltResults) -> Section:
     return Section(
         "provenance",
         "Provenance",
-        "The same inputs, settings and sources give the same files, byte by byte.",
+        "The same inputs, settings and sources give the same files, byte for byte.",
         tables=[tables.provenance(results), tables.settings(results)],
         notes=[f"Missing or damaged: {line}" for line in results.problems],
     )

@@ -1,4 +1,4 @@
-"""Several belts on one page."""
+"""Compare several belts on one page."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ AGREEMENT: Final = {
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
-    """The page that compares belts.
+    """Compose the page that compares belts.
 
     Parameters
     ----------
     belts : sequence of BeltResults
-        What is known about each of them.
+        Results of each belt.
     links : sequence of str
-        Where the report of each of them stands, from this page.
+        Link from this page to the report of each belt.
     made_from : str
-        Hash of everything that the page is made from.
+        Hash of all inputs of the page.
     """
     rows = [_row(belt) for belt in belts]
     return Page(
@@ -40,8 +40,8 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
             Section(
                 "belts",
                 "The belts",
-                "What was identified for each belt, and how far the simulated rig is from the "
-                "bench with it.",
+                "Identified parameters of each belt, and the difference between the rig "
+                "simulated with them and the bench.",
                 [figures.agreement(belts)],
                 [tables.view("Results", rows, tuple(rows[0]))],
                 notes=[f"{b.belt}: {line}" for b in belts for line in b.problems],
@@ -60,13 +60,13 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
 
 
 def _combined_percent(sheet: Sheet) -> float | None:
-    """Combined standard uncertainty of mu within the measured range [%]; None if not known."""
+    """Return the combined standard uncertainty of mu in the measured range [%]; None if unknown."""
     rows = [row for row in sheet.metadata.budget if row["source"] == "combined"]
     return rows[0]["contribution_percent"] if rows else None
 
 
 def _row(belt: BeltResults) -> dict[str, Any]:
-    """A belt in a line."""
+    """Summarize a belt in one row."""
     row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
     stiffness, friction, best = belt.get("stiffness"), belt.get("friction"), belt.best_surface
     names = ("k_linear_N_m2", "k_quadratic_N_m3")

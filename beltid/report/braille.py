@@ -1,4 +1,4 @@
-"""A figure in a terminal: its lines and points in braille, two by four dots in a cell."""
+"""Draw a figure in the terminal: lines and points in braille, two by four dots per cell."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ WIDEST: Final = 78
 HEIGHT: Final = 14
 TICKS: Final = 4
 STEPS: Final = 400
-"""Points that a segment is drawn with."""
+"""Smallest number of points along a joined line."""
 
 Colour = tuple[float, float, float, float]
 
 
 def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
-    """The lines of axes as text, with their limits and labels.
+    """Draw the lines of axes as text, with limits and labels.
 
     Parameters
     ----------
     axes : Axes
-        What to draw.
+        Axes to draw.
     width : int
         Columns of the terminal.
     height : int
@@ -63,7 +63,7 @@ def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
             last = inside[np.argmax(x[inside])]
             ends.setdefault(line.colour, (float(x[last]), float(y[last])))
     rows = [list(row.ljust(columns)) for row in _cells(dots)]
-    told = title + _put_letters(rows, {names[colour]: end for colour, end in ends.items()})
+    key = title + _put_letters(rows, {names[colour]: end for colour, end in ends.items()})
     left = [""] * height
     for at, text in levels:
         left[round((1.0 - at) * (height - 1))] = text
@@ -72,14 +72,14 @@ def drawn(axes: Axes, width: int, height: int = HEIGHT) -> str:
         for text, row in zip(left, rows, strict=True)
     ]
     foot = " " * margin + "└" + "─" * columns
-    said = textwrap.wrap(told, min(width, WIDEST)) if ends else []
+    key_lines = textwrap.wrap(key, min(width, WIDEST)) if ends else []
     xlabel = f"{axes.get_xlabel():>{margin + columns + 1}}"
     below = " " * (margin + 1) + _placed(_ticks(axes, "x"), columns)
-    return "\n".join([axes.get_ylabel(), *said, *body, foot, below.rstrip(), xlabel])
+    return "\n".join([axes.get_ylabel(), *key_lines, *body, foot, below.rstrip(), xlabel])
 
 
 def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:
-    """A few round values of an axis: their places from 0 to 1, and their texts."""
+    """Return a few round values of an axis: positions from 0 to 1, and labels."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = getattr(axes, f"get_{which}lim")()
@@ -94,7 +94,7 @@ def _ticks(axes: Axes, which: Literal["x", "y"]) -> list[tuple[float, str]]:
 
 
 def _placed(ticks: Sequence[tuple[float, str]], columns: int) -> str:
-    """Texts below their places, those left out that do not fit."""
+    """Place labels below their positions; those that do not fit are left out."""
     line = ""
     for at, text in ticks:
         start = max(0, min(round(at * (columns - 1)) - len(text) // 2, columns - len(text)))
@@ -104,28 +104,28 @@ def _placed(ticks: Sequence[tuple[float, str]], columns: int) -> str:
 
 
 def _legend(axes: Axes) -> tuple[str, dict[Colour, str]]:
-    """Title of the legends, and colour of what they tell apart -> its name."""
+    """Return the title of the legends, and the name for each colour."""
     legends = axes.get_figure(root=True).legends  # type: ignore[union-attr]
-    found: dict[Colour, str] = {}
-    titles = [title for one in legends if (title := one.get_title().get_text())]
+    names: dict[Colour, str] = {}
+    titles = [title for legend in legends if (title := legend.get_title().get_text())]
     for legend in legends:
         for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
             if isinstance(handle, Line2D):
-                found.setdefault(to_rgba(handle.get_color()), text.get_text())
-    return f"{titles[0]}:   " if titles and found else "", found
+                names.setdefault(to_rgba(handle.get_color()), text.get_text())
+    return f"{titles[0]}:   " if titles and names else "", names
 
 
 def _put_letters(rows: list[list[str]], ends: dict[str, tuple[float, float]]) -> str:
-    """A letter at the end of each line that has a name; the letters with their names."""
-    told = []
+    """Put a letter at the end of each named line; return the letters with the names."""
+    entries = []
     for letter, (name, (x, y)) in zip(ascii_lowercase, ends.items(), strict=False):
         row = rows[round((1.0 - y) * (len(rows) - 1))]
         place = round(x * (len(row) - 1))
         while place > 0 and row[place].isalpha():
             place -= 1
         row[place] = letter
-        told.append(f"{letter} {name}")
-    return "   ".join(told)
+        entries.append(f"{letter} {name}")
+    return "   ".join(entries)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,18 +139,18 @@ class _Line:
 
 
 def _lines(axes: Axes) -> list[_Line]:
-    found = []
+    lines = []
     for line in axes.get_lines():
         x, y = (np.asarray(v, dtype=float) for v in line.get_data())
         if line.get_transform() != axes.transData:  # such as a level across the whole figure
             continue
         joined = line.get_linestyle() not in ("None", "", " ")
-        found.append(_Line(x, y, joined, to_rgba(line.get_color())))
-    return found
+        lines.append(_Line(x, y, joined, to_rgba(line.get_color())))
+    return lines
 
 
 def _scaled(axes: Axes, values: np.ndarray, which: str) -> np.ndarray:
-    """Values from 0 to 1 within the limits of an axis."""
+    """Scale values to 0 to 1 within the limits of an axis."""
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     scale = axes.get_xscale() if which == "x" else axes.get_yscale()
     if scale == "log":
@@ -161,9 +161,9 @@ def _scaled(axes: Axes, values: np.ndarray, which: str) -> np.ndarray:
 
 def _mark(dots: np.ndarray, x: np.ndarray, y: np.ndarray, joined: bool) -> None:
     if joined and x.size > 1:
-        known = np.arange(x.size, dtype=float)
+        index = np.arange(x.size, dtype=float)
         fine = np.linspace(0.0, x.size - 1.0, max(STEPS, 2 * x.size))
-        x, y = np.interp(fine, known, x), np.interp(fine, known, y)
+        x, y = np.interp(fine, index, x), np.interp(fine, index, y)
     inside = np.isfinite(x) & np.isfinite(y) & (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
     rows, columns = dots.shape
     dots[

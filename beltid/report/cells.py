@@ -1,4 +1,4 @@
-"""Names and values of results as a person reads them: words, units, sensible digits."""
+"""Format names and values of results for people: words, units, sensible digits."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_s", "s"),
     ("_m", "m"),
 )
-# names that end in no unit, and the one ending that is not a force per length
+# names without a unit suffix, and the one name whose suffix is not a force per length
 WHOLE: Final = {"hours_run": "h"}
 TORQUE: Final = "torque_N_m"
 RANGES: Final = ("range", "valid", "measured")
-# what is left over of an equation: its order of magnitude matters
+# residuals of equations, of which only the order of magnitude matters
 MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
 MILLI: Final = 1e3
@@ -37,7 +37,7 @@ MICRO: Final = 1e6
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
-    """Words and unit of a public name.
+    """Split a public name into words and unit.
 
     Examples
     --------
@@ -57,14 +57,14 @@ def name_and_unit(name: str) -> tuple[str, str]:
 
 
 def heading(name: str) -> str:
-    """Heading of a column: words and the unit in brackets."""
+    """Return the heading of a column: words, and the unit in brackets."""
     words, unit = name_and_unit(name)
-    unit = unit.replace(" ", "\u00a0")  # a unit must not break
+    unit = unit.replace(" ", "\u00a0")  # do not wrap within a unit
     return f"{words} [{unit}]" if unit else words
 
 
 def cell(name: str, value: Any) -> str:
-    """A value with the digits that its quantity deserves; ``-`` where there is none."""
+    """Format a value with the digits suited to its quantity; ``-`` if missing."""
     if hasattr(value, "item"):
         value = value.item()
     if value is None:
@@ -81,24 +81,24 @@ def cell(name: str, value: Any) -> str:
 
 
 def are_numbers(cells: Iterable[str]) -> bool:
-    """Whether the cells of a column are numbers, as far as there are any."""
+    """Return whether all cells of a column that are not missing are numbers."""
     return all(text[-1:].isdigit() or text == MISSING for text in cells)
 
 
 def between(low: str, high: str) -> str:
-    """A range; a single value where both ends read the same."""
+    """Format a range; a single value if the two ends are equal."""
     return low if low == high else f"{low} to {high}"
 
 
 def sentence(text: str) -> str:
-    """A text with a capital letter at its beginning."""
+    """Capitalize the first letter of a text."""
     return text[:1].upper() + text[1:]
 
 
 def _number(name: str, value: float) -> str:
     if math.isnan(value):
         return MISSING
-    # the doubt of a doubt is large: two digits
+    # uncertainties are themselves uncertain: two digits
     if "_se_" in f"{name}_" or "_u_" in name or name in MAGNITUDES:
         return f"{value:.2g}"
     if name.startswith("mu") and math.isfinite(value):
@@ -115,14 +115,14 @@ def _number(name: str, value: float) -> str:
 
 
 def fact(name: str, value: Any) -> tuple[str, str]:
-    """Words of a single result, and its value with its unit."""
+    """Return the words of a single result, and its value with unit."""
     words, unit = name_and_unit(name)
     text = cell(name, value)
     return words, f"{text} {unit}" if unit and text != MISSING else text
 
 
 def scientific(value: float, digits: int = 4) -> str:
-    """A number with its power of ten in superscripts.
+    """Format a number with its power of ten in superscripts.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What was tested, and how: the lines on top of a report."""
+"""List the test conditions at the top of a report."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from beltid.identify.estimators.statistics import settings_of as numbered_settin
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
-"""Relative distance within which two values are one setting."""
+"""Relative distance within which two values count as one setting."""
 MOST = 12
-"""Settings that are listed; of more the range is told."""
+"""Largest number of settings that are listed; for more, the range is given."""
 
 UNKNOWN: Final = "unknown"
 UNKNOWN_TENSION: Final = -1.0
-"""Stands for a tension that is not known."""
+"""Placeholder for an unknown tension [N]."""
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
-    """Belt, rig, settings, temperatures, dates and config, each with its value.
+    """List belt, rig, settings, temperatures, dates and config, each with its value.
 
-    What is unknown is left out, but for the dates of the tests. The settings are those that the
-    runs were measured at, not those that a config planned.
+    Unknown values are left out, except the dates of the tests. The settings are those of the
+    measured runs, not those planned in a config.
     """
     friction, stiffness = results.get("friction"), results.get("stiffness")
-    found = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
     if friction is not None:
         radius = friction.pulley_radius_m
-        found += [
+        lines += [
             ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius else ""),
             ("Contact arcs", _settings(friction, "arc_deg", "°")),
             ("Initial tensions", _settings(friction, "nominal_tension_N", " N")),
@@ -43,32 +43,30 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
     if stiffness is not None:
         press: Any = stiffness.metadata.settings.get("press") or {}
         length = press.get("segment_length_cm")
-        at = stiffness["temperature_degC"]
-        found += [
+        temperature = stiffness["temperature_degC"]
+        degrees = [f"{t:.3g}" for t in np.unique(temperature[np.isfinite(temperature)])]
+        lines += [
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
-            (
-                "Press temperatures",
-                _listed([f"{t:.3g}" for t in np.unique(at[np.isfinite(at)])], " °C"),
-            ),
+            ("Press temperatures", _listed(degrees, " °C")),
             ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
     configs = {sheet.metadata.config or "" for sheet in results.sheets.values()}
-    found.append(("Config", ", ".join(sorted(filter(None, configs)))))
-    return [(name, value) for name, value in found if value]
+    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
+    return [(name, value) for name, value in lines if value]
 
 
 def _stated(friction: Sheet) -> list[tuple[str, str]]:
-    """Surface and side of the belt, where the runs state them."""
-    found = []
+    """List surface condition and side of the belt, if the runs state them."""
+    lines = []
     for column, words in (("condition", "Surface"), ("side", "Side of the belt")):
         values = friction[column] if column in friction.columns else ()
         stated = sorted({str(value) for value in values if value is not None})
-        found.append((words, ", ".join(stated)))
-    return found
+        lines.append((words, ", ".join(stated)))
+    return lines
 
 
 def settings_of(values: np.ndarray) -> list[np.ndarray]:
-    """Rows of the runs at each setting, in ascending order; every run by itself if it has its own.
+    """Group the rows of the runs by setting, ascending; one run each if values do not cluster.
 
     Runs without a value are left out.
     """
@@ -82,9 +80,9 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
 
 
 def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
-    """Rows of the points at each pair of a speed and a tension, in the order of first points.
+    """Group the rows of the points by speed and tension, in order of first appearance.
 
-    Tensions that are not known are one, -1.
+    Unknown tensions form one group, -1.
     """
     tensions = np.nan_to_num(as_set(tension), nan=UNKNOWN_TENSION)
     pairs = list(zip(as_set(speed).tolist(), tensions.tolist(), strict=True))
@@ -95,12 +93,12 @@ def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float
 
 
 def is_setting(values: np.ndarray) -> bool:
-    """Whether values are close enough to be those of one setting."""
+    """Return whether values are close enough to belong to one setting."""
     return bool(np.ptp(values) <= 2.0 * SAME * values.min())
 
 
 def classes_of(values: np.ndarray, most: int) -> list[np.ndarray]:
-    """Rows of the runs at each setting, or in classes of as many settings where they are many."""
+    """Group the rows of the runs by setting, or by `most` classes of settings if there are more."""
     settings = settings_of(values)
     if len(settings) <= most:
         return settings
@@ -109,15 +107,15 @@ def classes_of(values: np.ndarray, most: int) -> list[np.ndarray]:
 
 
 def class_name(values: np.ndarray, unit: str = "") -> str:
-    """The setting of some runs, or the range of their class."""
-    if is_setting(values):  # one that was stated is told as it was, one that scatters is rounded
+    """Name the setting of some runs, or the range of their class."""
+    if is_setting(values):  # exact settings get four digits, scattered ones three
         digits = 4 if np.ptp(values) == 0.0 else 3
         return f"{float(np.median(values)):.{digits}g}{unit}"
     return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
 
 
 def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> str:
-    """The settings of a column that the runs were measured at."""
+    """List the settings of a column of the measured runs."""
     values = scale * np.abs(np.asarray(friction[column], dtype=float))
     return _listed([class_name(values[rows]) for rows in settings_of(values)], unit)
 
@@ -131,9 +129,9 @@ def _listed(values: Sequence[str], unit: str) -> str:
 
 
 def _range(values: np.ndarray, unit: str) -> str:
-    known = np.asarray(values, dtype=float)
-    known = known[np.isfinite(known)]
-    if not known.size:
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    if not finite.size:
         return ""
-    low, high = float(known.min()), float(known.max())
+    low, high = float(finite.min()), float(finite.max())
     return f"{low:.3g}{unit}" if high - low < 0.5 else f"{low:.3g} to {high:.3g}{unit}"

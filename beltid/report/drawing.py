@@ -1,7 +1,7 @@
-"""How figures look: one style for the report, for `show`, for screen and paper.
+"""Define the style of all figures, in the report and in `show`, on screen and on paper.
 
-Colours are those of Okabe and Ito for a few groups and cividis for an ordered quantity. Groups
-differ in marker or line as well, so that a grey print tells them apart. Figures are drawn without
+Colours are those of Okabe and Ito for a few groups and cividis for an ordered quantity. Groups also
+differ in marker or line, so that they can be distinguished in grey print. Figures are drawn without
 pyplot: no state, no display, the same bytes for the same data.
 """
 
@@ -35,9 +35,9 @@ LINE_FORCE: Final = "normal force per length [N/m]"
 SPEED: Final = "sliding speed v [mm/s]"
 PENETRATION: Final = "penetration [µm]"
 PRESSED: Final = "line force [N/m]"
-"""Of the press: nothing but the normal force there."""
+"""Axis label for the press, where only a normal force acts."""
 LOGARITHMIC: Final = ", log"
-"""What the label of a logarithmic axis ends with."""
+"""Suffix of the label of a logarithmic axis."""
 WIDTH: Final = 5.2
 HEIGHT: Final = 3.9
 STYLE: Final[dict[str, Any]] = {
@@ -78,19 +78,19 @@ NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "png": {"Software": None},
 }
 WIDE: Final = 5.0
-"""Highest over lowest value of a logarithmic axis, at least."""
+"""Smallest ratio of highest to lowest value for a logarithmic axis."""
 MOST_NAMED: Final = 12
-"""Lines that a legend names."""
+"""Largest number of legend entries."""
 LOW_LEGEND: Final = 0.9
-"""Height of a legend that the usual height of a figure holds [in]."""
+"""Legend height that fits into a figure of the usual height [in]."""
 LONGEST_NAME: Final = 48
-"""Letters of a name in a line of a legend: as many as the usual width holds."""
+"""Characters per line of a legend entry at the usual width."""
 RESOLUTION: Final = 150  # of a PNG, dots per inch
 
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw and save within the style, whatever the user's own settings of matplotlib are."""
+    """Draw and save in this style, independent of the user's matplotlib settings."""
     import matplotlib as mpl
 
     with mpl.rc_context():
@@ -100,7 +100,7 @@ def style() -> Iterator[None]:
 
 
 def figure(height: float = HEIGHT, width: float = WIDTH) -> Figure:
-    """An empty figure of the usual width [in]; one that a narrow screen can still show."""
+    """Create an empty figure of the usual size [in], which still fits a narrow screen."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height))
@@ -108,14 +108,14 @@ def figure(height: float = HEIGHT, width: float = WIDTH) -> Figure:
 
 @contextmanager
 def new_axes(height: float = HEIGHT) -> Iterator[tuple[Figure, Axes]]:
-    """A figure of the usual width with one pair of axes, drawn within the style."""
+    """Create a figure of the usual width with one pair of axes, drawn in the style."""
     with style():
         fig = figure(height)
         yield fig, fig.subplots()
 
 
 def shade(position: float) -> tuple[float, float, float, float]:
-    """Colour of an ordered quantity, 0 for its lowest and 1 for its highest value."""
+    """Return the colour of an ordered quantity, 0 for its lowest and 1 for its highest value."""
     import matplotlib as mpl
 
     red, green, blue, alpha = mpl.colormaps[ORDERED](0.74 * position)
@@ -123,12 +123,12 @@ def shade(position: float) -> tuple[float, float, float, float]:
 
 
 def shades(count: int) -> list[tuple[float, float, float, float]]:
-    """Colours of an ordered quantity with so many values."""
+    """Return the colours of an ordered quantity with `count` values."""
     return [shade(i / max(count - 1, 1)) for i in range(count)]
 
 
 def group(index: int) -> dict[str, Any]:
-    """Colour, marker and line of a group; no two of 49 groups have the same colour and marker."""
+    """Return colour, marker and line of a group; colour and marker are unique up to 49 groups."""
     return {
         "color": GROUPS[index % len(GROUPS)],
         "marker": MARKERS[(index + index // len(GROUPS)) % len(MARKERS)],
@@ -137,13 +137,13 @@ def group(index: int) -> dict[str, Any]:
 
 
 def is_wide(values: np.ndarray) -> bool:
-    """Whether values span a factor of five and more: then their axis is logarithmic."""
-    known = values[np.isfinite(values)]
-    return bool(known.size and 0.0 < WIDE * known.min() <= known.max())
+    """Return whether values span a factor of five or more, which asks for a logarithmic axis."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and 0.0 < WIDE * finite.min() <= finite.max())
 
 
 def log_locator(values: np.ndarray) -> LogLocator:
-    """Numbers of a logarithmic axis: 1, 2 and 5, or powers of ten over more than two decades."""
+    """Place log-axis ticks at 1, 2 and 5, or at powers of ten over more than two decades."""
     from matplotlib.ticker import LogLocator
 
     over_decades = np.nanmax(values) > 100.0 * np.nanmin(values)
@@ -151,7 +151,7 @@ def log_locator(values: np.ndarray) -> LogLocator:
 
 
 def log_ticks(values: np.ndarray) -> np.ndarray:
-    """The numbers of such an axis within the range of its values."""
+    """Return the ticks of `log_locator` within the range of the values."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     ticks = np.asarray(log_locator(values).tick_values(low, high))
     return ticks[(ticks >= low) & (ticks <= high)]
@@ -160,16 +160,16 @@ def log_ticks(values: np.ndarray) -> np.ndarray:
 def logarithmic(axes: Axes, along: Literal["x", "y"], values: np.ndarray) -> None:
     """Make an axis logarithmic with plain numbers if its values span a wide range.
 
-    Its label, if it has one already, says so.
+    Appends `LOGARITHMIC` to an existing label.
 
     Parameters
     ----------
     axes : Axes
         The axes.
     along : {"x", "y"}
-        Which of its axes.
+        Which axis.
     values : ndarray
-        What it shows.
+        Values on that axis.
     """
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -185,44 +185,44 @@ def logarithmic(axes: Axes, along: Literal["x", "y"], values: np.ndarray) -> Non
 
 
 def legend_below(fig: Figure, every: Sequence[Axes], columns: int = 3) -> None:
-    """A legend below the axes, where it covers no data; of many lines it names the first ones."""
+    """Add a legend below the axes, clear of the data; it lists at most `MOST_NAMED` entries."""
     from matplotlib.lines import Line2D
 
-    found: dict[str, Any] = {}
-    for one in every:
-        found.update(zip(*reversed(one.get_legend_handles_labels()), strict=True))
-    if len(found) > MOST_NAMED:
-        more = len(found) - MOST_NAMED + 1
-        found = dict(list(found.items())[: MOST_NAMED - 1])
-        found[f"and {more} more"] = Line2D([], [], linestyle="none")
-    names = [broken(name, LONGEST_NAME) for name in found]
-    for ncols in range(columns, 0, -1) if found else ():
-        made = fig.legend(
-            list(found.values()), names, loc="outside lower center", ncols=ncols, frameon=False
+    handles: dict[str, Any] = {}
+    for axes in every:
+        handles.update(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    if len(handles) > MOST_NAMED:
+        hidden = len(handles) - MOST_NAMED + 1
+        handles = dict(list(handles.items())[: MOST_NAMED - 1])
+        handles[f"and {hidden} more"] = Line2D([], [], linestyle="none")
+    names = [broken(name, LONGEST_NAME) for name in handles]
+    for ncols in range(columns, 0, -1) if handles else ():
+        legend = fig.legend(
+            list(handles.values()), names, loc="outside lower center", ncols=ncols, frameon=False
         )
-        extent = made.get_window_extent()
+        extent = legend.get_window_extent()
         if ncols == 1 or extent.width <= fig.bbox.width:
-            # a long legend takes nothing from the axes
+            # a tall legend enlarges the figure instead of shrinking the axes
             fig.set_figheight(fig.get_figheight() + max(extent.height / fig.dpi - LOW_LEGEND, 0.0))
             break
-        made.remove()
+        legend.remove()
 
 
 def broken(name: str, longest: int) -> str:
-    """A name in lines of so many letters at most."""
+    """Wrap a name into lines of at most `longest` characters."""
     return "\n".join(textwrap.wrap(name, longest)) or name
 
 
 def mark_synthetic(fig: Figure) -> None:
-    """Say on top of a figure that leaves the program that its data are synthetic."""
+    """Mark an exported figure as showing synthetic data, in its title."""
     title = fig.get_suptitle()
     fig.suptitle(f"{title} (synthetic data)" if title else "synthetic data", fontsize=10)
 
 
 def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
-    """Bytes of a figure as "svg", "png" or "pdf"; the same for the same figure.
+    """Save a figure as "svg", "png" or "pdf"; the same figure gives the same bytes.
 
-    `letters` leaves the text of an SVG to the fonts of the reader; else they are outlines.
+    `letters` keeps the text of an SVG as text in the reader's fonts; otherwise it is outlined.
     """
     import matplotlib as mpl
 
@@ -230,7 +230,7 @@ def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
     with style():
         mpl.rcParams["svg.fonttype"] = "none" if letters else "path"
         engine = fig.get_layout_engine()
-        if engine is not None:  # once is enough; matplotlib would arrange it for every pass
+        if engine is not None:  # arrange once; matplotlib would repeat it in every pass
             engine.execute(fig)
             fig.set_layout_engine("none")
         fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
@@ -238,15 +238,15 @@ def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
 
 
 def _short_numbers(attribute: re.Match[str]) -> str:
-    """Coordinates with a hundredth of a point, which nobody sees."""
+    """Round coordinates to an invisible hundredth of a point."""
     return re.sub(r"(\.\d\d)\d+", r"\1", attribute[0])
 
 
 def inline_svg(fig: Figure, key: str) -> str:
-    """A figure as SVG to stand within a page.
+    """Convert a figure to SVG for embedding in a page.
 
-    Names within it begin with `key`, so that several may stand on one page. It has no size of its
-    own but a view box, and is hidden from readers of the screen: the page tells them what it shows.
+    Ids within it begin with `key`, so that one page can contain several figures. It has a view box
+    but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
     text = saved(fig, "svg", letters=True).decode()
     text = text[text.index("<svg") :]

@@ -1,4 +1,4 @@
-"""All runs over time as small pictures side by side: what a whole campaign looks like."""
+"""Show all runs of a campaign over time as small pictures side by side."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ SETTINGS: Final = (
 )
 WIDTH, HEIGHT = 200.0, 80.0
 MOST_SHOWN: Final = 99.5
-"""Percentile of mu that is the upper end of every picture: spikes flatten nothing."""
+"""Percentile of mu at the upper edge of every picture, so that spikes do not flatten curves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One run over time.
+    """Picture of one run over time.
 
     Attributes
     ----------
     key : str
-        Its name within the page.
+        HTML id within the page.
     title : str
         The run and its settings.
     why : str
-        Why it was set aside; "" for a run that was used.
+        Reason why it was excluded; "" for a run that was used.
     path : str
-        The curve within `WIDTH` x `HEIGHT`, in the language of SVG.
+        The curve within `WIDTH` x `HEIGHT`, as an SVG path.
     level : float or None
-        Height of the sliding coefficient.
+        Vertical position of the sliding coefficient.
     end_s : float
         Duration [s].
     highest : float
@@ -51,7 +51,7 @@ class Tile:
 
 
 def tiles(results: BeltResults) -> list[Tile]:
-    """Every run whose curve was kept, in the order of the friction table; one scale of mu."""
+    """Draw every run with a stored curve, in the order of the friction table, at one mu scale."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         return []
@@ -59,7 +59,7 @@ def tiles(results: BeltResults) -> list[Tile]:
     highest = max(float(np.percentile(mu, MOST_SHOWN)), 0.1) if mu.size else 1.0
     labels, places = np.unique(curves["run"].astype(str), return_inverse=True)
     rows_of = {label: np.flatnonzero(places == k) for k, label in enumerate(labels.tolist())}
-    found = []
+    pictures = []
     for row, run in enumerate(friction["run"].astype(str).tolist()):
         if run not in rows_of:
             continue
@@ -67,7 +67,7 @@ def tiles(results: BeltResults) -> list[Tile]:
         rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
         sliding = float(friction["mu_sliding"][row])
         status = str(friction["status"][row])
-        found.append(
+        pictures.append(
             Tile(
                 key=f"tile-{row}",
                 title=f"{run}: {_settings(friction, row)}",
@@ -78,7 +78,7 @@ def tiles(results: BeltResults) -> list[Tile]:
                 highest=highest,
             )
         )
-    return found
+    return pictures
 
 
 def _settings(friction: Sheet, row: int) -> str:
@@ -87,7 +87,7 @@ def _settings(friction: Sheet, row: int) -> str:
 
 
 def _path(time: np.ndarray, mu: np.ndarray, highest: float) -> str:
-    """The curve; a gap where mu is not known."""
+    """Write the curve as an SVG path, with gaps where mu is missing."""
     if time.size < 2 or time[-1] <= time[0]:
         return ""
     x = WIDTH * (time - time[0]) / (time[-1] - time[0])

@@ -1,4 +1,4 @@
-"""From sections to one self-contained page: no network, a strict policy, the same bytes again."""
+"""Render sections as one self-contained page: no network, strict policy, reproducible bytes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
 SYNTHETIC: Final = "The recordings come from a virtual bench, not from a real belt."
 MOST_NOTES: Final = 10
-"""Notes of a section that are shown at once; the others are folded."""
+"""Number of notes of a section that are shown; the others are folded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,19 +37,19 @@ class Section:
     Attributes
     ----------
     key : str
-        Its name within the page.
+        HTML id within the page.
     title, lead : str
-        Heading, and a sentence or two.
+        Heading, and a short introduction.
     pictures : sequence of Picture
-        Its figures.
+        Figures of the section.
     tables : sequence of View
-        Its tables.
+        Tables of the section.
     notes : sequence of str
-        What there is to say, a line each.
+        Notes, a line each.
     links : sequence of (str, str)
-        Where else to look: address and words.
+        Links: address and text.
     live : str
-        Key of the picture that the interactive surface takes the place of.
+        Key of the picture that the interactive surface replaces.
     tiles : sequence of Tile
         Many small pictures side by side.
     """
@@ -67,24 +67,24 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """Everything that a page shows.
+    """Content of a page.
 
     Attributes
     ----------
     kind, title : str
-        What kind of page, and of what.
+        Kind of page, and its title.
     sections : sequence of Section
-        Its parts.
+        Sections of the page.
     verdict : Verdict or None
-        What stands on top.
+        Head of the page.
     conditions : sequence of (str, str)
-        What was tested and how, each with its value.
+        Test conditions, each with its value.
     synthetic : bool
         Whether any data are synthetic.
     plot : str
         Data of the interactive surface as JSON; "" for none.
     made_from : str
-        Hash of everything that the page was made from.
+        Hash of all inputs of the page.
     """
 
     kind: str
@@ -98,7 +98,7 @@ class Page:
 
 
 def rendered(page: Page) -> str:
-    """The page as HTML."""
+    """Render the page as HTML."""
     from markupsafe import Markup
 
     css = (TEMPLATES / "page.css").read_text("utf-8")
@@ -133,7 +133,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
-        finalize=_tame,
+        finalize=_sanitized,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -143,15 +143,15 @@ def _environment() -> Environment:
 
 
 def _svg(picture: Picture) -> Any:
-    """A figure as it stands within a page; "" for one that could not be drawn."""
+    """Embed a figure in a page; "" for one that could not be drawn."""
     from markupsafe import Markup
 
     return Markup(inline_svg(picture.figure, picture.key)) if picture.figure else ""
 
 
-def _tame(value: Any) -> Any:
-    """A value of a page; a text of a file without what turns the reading order or is no sign."""
-    if type(value) is not str or value.isprintable():  # what is marked as safe is ours
+def _sanitized(value: Any) -> Any:
+    """Escape unprintable characters, such as direction overrides, in text from files."""
+    if type(value) is not str or value.isprintable():  # Markup comes from this program
         return value
     return "".join(
         c if c.isprintable() or c in "\n\t" or category(c) == "Zs" else ascii(c)[1:-1]
@@ -167,15 +167,15 @@ def _library() -> str:
 
 @functools.cache
 def _packed(script: str) -> str:
-    """A script as the page brings it along, a third as large; the page unpacks and knows it.
+    """Compress a script to a third of its size; the page unpacks it, the browser checks its hash.
 
-    The library of the figures is the same in all pages of a process, and takes a second.
+    Cached: the plotting library is the same in all pages of a process, and takes a second.
     """
     return base64.b64encode(gzip.compress(script.encode(), 9, mtime=0)).decode()
 
 
 def _policy(scripts: Sequence[str]) -> str:
-    """What the page may do: its own scripts, known by their hash, and nothing from elsewhere."""
+    """Return the content security policy: the page's own scripts by hash, and nothing external."""
     allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts) or "'none'"
     return (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "

@@ -1,4 +1,4 @@
-"""A figure with what is said about it."""
+"""A figure with its title and caption."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ class Picture:
     Attributes
     ----------
     key : str
-        Its name within the page, letters, digits and hyphens.
+        HTML id within the page: letters, digits and hyphens.
     title : str
-        What it is.
+        Title.
     caption : str
-        What one sees.
+        Description of the content.
     figure : Figure or None
-        The drawing; None if it cannot be drawn, then the caption says why.
+        The drawing; None if it cannot be drawn, with the reason in the caption.
     paper : str
-        The paper's figure that it is the counterpart of; "" for none.
+        Corresponding figure of the paper; "" for none.
     """
 
     key: str
@@ -35,5 +35,5 @@ class Picture:
 
 
 def absent(key: str, title: str, why: str, paper: str = "") -> Picture:
-    """Place of a figure that cannot be drawn, with the reason."""
+    """Return a placeholder for a figure that cannot be drawn, with the reason."""
     return Picture(key, title, why, None, paper)

@@ -1,4 +1,4 @@
-"""What a report is made of: the results of one belt, as plain tables and what they say of them."""
+"""Results of one belt, the input of a report: tables with their metadata."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from beltid.report.summary import combined_origin
 
 Columns = Mapping[str, np.ndarray]
 SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
-"""Surface -> what it is called; the better one first."""
+"""Surface artifact -> its label; the better surface first."""
 SIMULATED: Final = {"simulated": "published", "simulated_refined": "refined"}
-"""Simulated recording -> the surface that was simulated with."""
+"""Simulated recording -> label of the surface used in the simulation."""
 COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
-"""Comparison -> the surface that was simulated with."""
+"""Comparison -> label of the surface used in the simulation."""
 HELD_OUT: Final = "compare_hold_out"
 """Comparison with runs that were left out and predicted."""
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
-"""What was left out in turn, in words."""
+"""Label of the setting that was left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """One artifact as the report sees it.
+    """One artifact, as input of the report.
 
     Attributes
     ----------
     name : str
-        Name of its file without the ending, such as "surface_refined".
+        File name without the suffix, such as "surface_refined".
     kind : str
         Kind of the table.
     columns : mapping of str to ndarray
         The table.
     metadata : Metadata
-        What it states about itself.
+        Metadata of the artifact.
     sha256, software_sha256, software_version : str
-        Hash of the file; what wrote it.
+        Hash of the file; hash and version of the software that wrote it.
     """
 
     name: str
@@ -56,27 +56,27 @@ class Sheet:
     software_version: str = ""
 
     def __getitem__(self, column: str) -> np.ndarray:
-        """A column of the table; nan (or None) everywhere if the table does without it."""
+        """Return a column of the table; all nan if the table does not have it."""
         if column in self.columns:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
 
     def stated(self, name: str) -> Any:
-        """A single figure, or rows, that the artifact of its kind may state; None if it does not.
+        """Return an optional value or rows from the metadata; None if not stated.
 
-        Rows that are not stated are none: ``sheet.stated("budget") or ()``.
+        Treat missing rows as empty: ``sheet.stated("budget") or ()``.
         """
         return getattr(self.metadata, name, None)
 
     @property
     def pulley_radius_m(self) -> float | None:
-        """Radius of the pulley of the rig that it was made with [m]; None if it is not known."""
+        """Pulley radius of the rig used for this artifact [m]; None if unknown."""
         radius = self.metadata.settings.get("rig.pulley_radius_m")
         return float(radius) if radius else None
 
     @property
     def surface(self) -> FrictionSurface:
-        """The averaged surface of a surface table; its errors are the widest that are known."""
+        """Averaged surface, with combined uncertainties as its errors if they are available."""
         columns = dict(self.columns)
         if "mu_u" in columns:
             columns["mu_se"] = columns["mu_u"]
@@ -100,13 +100,13 @@ class Sheet:
 
     @property
     def too_few_compared(self) -> bool:
-        """Whether a comparison failed for the number of its runs alone, not for a difference."""
+        """Whether a comparison failed only because it has too few runs."""
         missed = [row["tolerance"] for row in self.stated("judged") or () if not row["holds"]]
         return missed == ["min_share_compared"]
 
     @property
     def rms_percent(self) -> str:
-        """RMS difference of a comparison as it is printed."""
+        """RMS difference of a comparison, formatted."""
         return cell("rms_percent", self.overall.get("rms_percent"))
 
     @property
@@ -116,21 +116,21 @@ class Sheet:
 
     @property
     def held_out(self) -> bool:
-        """Whether a comparison is one with runs that were left out and predicted."""
+        """Whether a comparison is with runs that were left out and predicted."""
         return self.stated("hold_out") in ("arc", "speed")
 
     @property
     def over_uncertainty(self) -> float | None:
-        """RMS difference in standard uncertainties; None if these are not known."""
+        """RMS difference in standard uncertainties; None if these are unknown."""
         return (self.stated("validation") or {}).get("rms_e_over_u")
 
     @property
     def uncertainty(self) -> str:
-        """What the errors of the surface are."""
+        """Name of the surface's error measure."""
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
 
     def law(self, row: int) -> NormalLaw:
-        """The normal law in a row of a stiffness table."""
+        """Return the normal law in a row of a stiffness table."""
         return NormalLaw(
             float(self.columns["k_linear_N_m2"][row]), float(self.columns["k_quadratic_N_m3"][row])
         )
@@ -144,22 +144,22 @@ class Sheet:
         return int(rows[0])
 
     def check(self) -> None:
-        """Look whether what figures and tables rely on is there.
+        """Check that the data needed by figures and tables are present.
 
         Raises
         ------
         InputError
-            If it is not.
+            If they are not.
         """
         if self.kind == "surface":
-            self.surface  # noqa: B018  (raises if its rows are no grid)
+            self.surface  # noqa: B018  (raises if its rows do not form a grid)
         elif self.kind == "stiffness":
             self.pooled_row  # noqa: B018  (raises if there is none)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcProfile:
-    """The sliding contact of one run along the arc.
+    """Sliding contact of one run along the arc.
 
     Attributes
     ----------
@@ -180,22 +180,22 @@ class ArcProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltResults:
-    """Everything that is known about one belt.
+    """All results of one belt.
 
     Attributes
     ----------
     belt : str
-        Its name.
+        Name of the belt.
     sheets : mapping of str to Sheet
-        Its artifacts by name; one that is not there is missing.
+        Available artifacts by name.
     profiles : tuple of ArcProfile
-        The contact along the arc, simulated, for a typical run of each arc.
+        Simulated contact along the arc, for a typical run of each arc.
     problems : tuple of str
-        What is missing or damaged, a line each.
+        Missing or damaged artifacts, a line each.
     belt_facts : tuple of str
-        Type and ribs of the belt, as far as its config was found.
+        Type and ribs of the belt, if its config was found.
     dates : mapping of str to str
-        Kind of recording -> the day on which it was made, where that is known.
+        Kind of recording -> day of recording, if known.
     """
 
     belt: str
@@ -206,18 +206,18 @@ class BeltResults:
     dates: Mapping[str, str] = field(default_factory=dict)
 
     def get(self, name: str) -> Sheet | None:
-        """An artifact by its name; None if it is not there."""
+        """Return an artifact by its name; None if missing."""
         return self.sheets.get(name)
 
     @property
     def pulley_radius_m(self) -> float | None:
-        """Radius of the pulley of the friction rig [m]; None if it is not known."""
+        """Radius of the pulley of the friction rig [m]; None if unknown."""
         friction = self.get("friction")
         return friction.pulley_radius_m if friction else None
 
     @property
     def best_surface(self) -> Sheet | None:
-        """The refined surface, or else the published one."""
+        """The refined surface if available, otherwise the published one."""
         return next((sheet for name in SURFACES if (sheet := self.get(name))), None)
 
     @property
@@ -228,5 +228,5 @@ class BeltResults:
 
     @property
     def origin(self) -> str | None:
-        """Where the data come from: "synthetic" if any are, "measured" if all are, else None."""
+        """Origin of the data: "synthetic" if any are, "measured" if all are, else None."""
         return combined_origin([sheet.metadata.origin for sheet in self.sheets.values()])

@@ -1,4 +1,4 @@
-"""What a stage tells its user when it has finished: facts, a table, notes, a verdict."""
+"""Summary that a finished stage shows its user: facts, a table, notes, a verdict."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltid.artifacts.metadata_models import Origin, plain
 
 
 def combined_origin(origins: Collection[str | None]) -> Origin | None:
-    """Origin of what is made from data of some origins; None if nobody said, or of no data.
+    """Combine the origins of several inputs; None if unstated or without inputs.
 
     One synthetic input makes the result synthetic.
     """
@@ -22,45 +22,45 @@ def combined_origin(origins: Collection[str | None]) -> Origin | None:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The product of a stage as a person or a program reads it.
+    """Result of a stage, for people and programs.
 
     Attributes
     ----------
     stage : str
         Name of the command, such as ``"fit-friction"``.
     title : str
-        What the table shows, in words.
+        Title of the table.
     out : Path or None
-        The artifact that holds the result.
+        The artifact with the result.
     facts : dict
-        Single results by name; the unit is the ending of the name.
+        Single results by name; the suffix of the name is the unit.
     table : list of dict
-        The complete result, one row per record: what a program gets.
+        The complete result for programs, one row per record.
     overview : list of dict
-        A short form of a long table for the terminal; empty where the table is short itself.
+        Short form of a long table for the terminal; empty if the table is short.
     shown : tuple of str
-        Columns of the complete table that a person gets to see; empty for all of them.
+        Columns of the complete table that are shown to people; empty for all.
     beside : dict of str to list of dict
-        Short further tables by their name that everybody gets to see.
+        Further short tables by title, always shown.
     details : dict of str to list of dict
-        Further tables by their name, for the curious and for programs.
+        Further tables by title, shown on request and to programs.
     notes, warnings : tuple of str
-        What the user should know; what the user should look into.
+        Information for the user; problems that the user should check.
     verdict : str
-        Final line, such as ``"PASS: ..."``; empty where nothing is judged.
+        Final line, such as ``"PASS: ..."``; empty if nothing is judged.
     exit_status : int
         Exit status of the command line.
     up_to_date : bool
-        Whether an artifact made earlier from the same inputs was kept.
+        Whether an earlier artifact from the same inputs was kept.
     origin : str or None
-        Where the data come from: "measured", "synthetic", None where nobody said. Synthetic data
-        are called so wherever they are shown.
+        Origin of the data: "measured", "synthetic", None if not stated. Synthetic data are always
+        marked as such.
     snippet : str
-        Lines to be copied into a file, such as a section of a config.
+        Lines to copy into a file, such as a section of a config.
     drawing : Figure or None
-        A figure, shown in the terminal as well as it can be.
+        A figure to draw in the terminal.
     parts : tuple of Summary
-        What is told of each of several inputs, one after the other.
+        Summaries of several inputs, one after the other.
     """
 
     stage: str
@@ -83,7 +83,7 @@ class Summary:
     parts: tuple[Summary, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """One JSON object; a missing number is null."""
+        """Convert to one JSON object; missing numbers become null."""
         return {
             "command": self.stage,
             "out": None if self.out is None else str(self.out),

@@ -1,4 +1,4 @@
-"""Tables of the report: numbers as a person reads them."""
+"""Build the tables of the report, formatted for people."""
 
 from __future__ import annotations
 
@@ -92,26 +92,26 @@ BUDGET_COLUMNS: Final = (
 )
 SHORT_HASH: Final = 12
 LONGEST_NAME: Final = 60
-# how a comparison names the runs of its two sides
+# names of the runs on the two sides of a comparison
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A table as it is printed.
+    """A formatted table.
 
     Attributes
     ----------
     title : str
-        What it holds.
+        Title.
     headings : tuple of str
         Words and units of the columns.
     rows : list of list of str
         The cells.
     numeric : tuple of bool
-        Whether a column holds numbers.
+        Whether each column contains numbers.
     folded : bool
-        Whether it is long, and shown when it is asked for.
+        Whether the table is long and starts folded.
     """
 
     title: str
@@ -122,7 +122,7 @@ class View:
 
     @property
     def file(self) -> str:
-        """Name of the table as a file to download."""
+        """Name of the file to download."""
         words = re.sub(r"[^a-z0-9]+", "_", self.title.lower()).strip("_")
         if len(words) > LONGEST_NAME:
             words = words[:LONGEST_NAME].rpartition("_")[0]
@@ -130,7 +130,7 @@ class View:
 
     @property
     def csv(self) -> str:
-        """The table as CSV, in base64: what the page shows, to download."""
+        """The table as CSV in base64, to download."""
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
         writer.writerows([self.headings, *self.rows])
@@ -145,26 +145,26 @@ def view(
     folded: bool = False,
     words: bool = False,
 ) -> View:
-    """A table of some columns of rows, of numbers where they are no words."""
+    """Build a table from named columns of rows; `words` treats all columns as text."""
     cells = [[cell(name, row.get(name)) for name in names] for row in rows]
     numeric = tuple(not words and are_numbers(row[i] for row in cells) for i in range(len(names)))
     return View(title, tuple(heading(name) for name in names), cells, numeric, folded)
 
 
 def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Rows of some columns of a sheet."""
+    """Return selected columns of a sheet as rows."""
     columns = [sheet[name].tolist() for name in names]
     return [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
 def hubs(drive: Sheet) -> View:
-    """Forces of a predicted drive, a row per point and pulley."""
+    """Tabulate the forces of a predicted drive, a row per point and pulley."""
     rows = rows_of(drive, HUB_COLUMNS)
     return view("Forces and losses of every pulley", rows, HUB_COLUMNS, folded=True)
 
 
 def laws(stiffness: Sheet) -> View:
-    """The normal law at each temperature, and the pooled one."""
+    """Tabulate the normal law at each temperature, and the pooled one."""
     rows = rows_of(stiffness, LAW_COLUMNS)
     for row in rows:
         if np.isnan(row["temperature_degC"]):
@@ -173,17 +173,17 @@ def laws(stiffness: Sheet) -> View:
 
 
 def runs(friction: Sheet) -> View:
-    """Every run of the rig, reduced."""
+    """Tabulate every reduced run of the rig."""
     return view("Every run of the rig", rows_of(friction, RUN_COLUMNS), RUN_COLUMNS, folded=True)
 
 
 def nodes(sheet: Sheet, of: str) -> View:
-    """The averaged surface, a row per force and a column per speed."""
+    """Tabulate the averaged surface, a row per force and a column per speed."""
     surface = sheet.surface
     errors = surface.mu_se_nodes
     rows = []
     for i, force in enumerate(surface.normal_force_N_m):
-        row = [cell("normal_force_N_m", float(force)), _known(sheet, float(force))]
+        row = [cell("normal_force_N_m", float(force)), _force_range(sheet, float(force))]
         for j in range(surface.slip_speed_m_s.size):
             text = cell("mu", float(surface.mu_nodes[i, j]))
             if errors is not None and np.isfinite(errors[i, j]):
@@ -200,8 +200,8 @@ def nodes(sheet: Sheet, of: str) -> View:
     )
 
 
-def _known(sheet: Sheet, force: float) -> str:
-    """Whether runs were measured at a mean force, or the surface says it of forces within them."""
+def _force_range(sheet: Sheet, force: float) -> str:
+    """Return whether a force lies in the range of the measured mean forces, or mu is inferred."""
     if sheet.measured_force is None:
         return "-"
     low, high = sheet.measured_force
@@ -209,13 +209,13 @@ def _known(sheet: Sheet, force: float) -> str:
 
 
 def agreement(sheet: Sheet, of: str) -> View:
-    """Differences of groups of points."""
+    """Tabulate the differences between simulation and measurement by group of points."""
     rows = sheet.stated("statistics") or ()
     return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
 
 
 def budget(results: BeltResults) -> View | None:
-    """The budget of every uncertainty, source by source; None if there is none."""
+    """Tabulate the uncertainty budgets, source by source; None if there are none."""
     rows = [
         {**row, "artifact": name}
         for name, sheet in results.sheets.items()
@@ -225,27 +225,27 @@ def budget(results: BeltResults) -> View | None:
 
 
 def drift(friction: Sheet) -> View | None:
-    """Whether the friction drifts over the campaign; None if that was not checked."""
+    """Tabulate the drift of friction over the campaign; None if it was not checked."""
     rows = friction.stated("drift") or ()
     title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
     return view(title, rows, DRIFT_COLUMNS) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:
-    """What shifts the friction of the runs beside the refined surface; None if it is another."""
+    """Tabulate the effects on friction apart from the refined surface; None if none are stated."""
     rows = sheet.stated("effects") or ()
     title = (
-        "What shifts the friction beside the refined surface, in percent of µ; share that force "
+        "Effects on friction apart from the refined surface, in percent of µ; share that force "
         "and speed explain"
     )
     return view(title, rows, EFFECT_COLUMNS) if rows else None
 
 
 def set_aside(results: BeltResults) -> View | None:
-    """Everything that was set aside, once, with the reason; None if nothing was.
+    """List everything that was set aside once, with the reason; None if there is nothing.
 
-    A run that `fit-friction` set aside is missing in all that follows, and a simulated run that
-    nobody measured is no loss: neither is listed for the comparisons again.
+    The comparisons do not repeat runs that `fit-friction` set aside, nor list simulated runs
+    without a measurement.
     """
     rows: dict[str, dict[str, str]] = {}
     friction = results.get("friction")
@@ -255,35 +255,35 @@ def set_aside(results: BeltResults) -> View | None:
                 rows[f"run {run}"] = {"of": "friction", "what": f"run {run}", "why": status}
     for name, sheet in results.sheets.items():
         for item in sheet.metadata.set_aside:
-            what = " ".join(f"{key} {value}" for key, value in item.items() if key != "why")
+            what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
             if sheet.kind == "compare":
                 if what.startswith(SIMULATED_RUN):
                     continue
                 what = what.replace(MEASURED_RUN, "run ", 1)
-            one = f"{name} {what}" if sheet.kind == "simulated" else what
-            rows.setdefault(one, {"of": name, "what": what, "why": item.get("why", "")})
+            key = f"{name} {what}" if sheet.kind == "simulated" else what
+            rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
     return view("Set aside", list(rows.values()), ("of", "what", "why")) if rows else None
 
 
 def provenance(results: BeltResults) -> View:
-    """Of each artifact: hashes of file, config, inputs and sources, and the version."""
+    """Tabulate each artifact's hashes of file, config, inputs and sources, and its version."""
     rows = [
         {
             "artifact": f"{sheet.name}.parquet",
             "file": short(sheet.sha256),
-            "config": f"{made.config or MISSING} {short(made.config_sha256)}",
-            "inputs": ", ".join(f"{role} {short(h)}" for role, h in sorted(made.inputs.items())),
+            "config": f"{meta.config or MISSING} {short(meta.config_sha256)}",
+            "inputs": ", ".join(f"{role} {short(h)}" for role, h in sorted(meta.inputs.items())),
             "beltid": sheet.software_version,
             "sources": short(sheet.software_sha256),
         }
         for sheet in results.sheets.values()
-        for made in [sheet.metadata]
+        for meta in [sheet.metadata]
     ]
     return view("Made from (first digits of the SHA-256)", rows, tuple(rows[0]), words=True)
 
 
 def settings(results: BeltResults) -> View:
-    """Settings that the artifacts were made with; each value with its own where they differ."""
+    """Tabulate the settings of the artifacts; values that differ name their artifacts."""
     merged: dict[str, dict[str, list[str]]] = {}
     for name, sheet in results.sheets.items():
         for key, value in _flat(sheet.metadata.settings):
@@ -303,15 +303,15 @@ def settings(results: BeltResults) -> View:
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
+    pairs: list[tuple[str, Any]] = []
     for key, value in settings.items():
         if isinstance(value, Mapping):
-            found += _flat(value, f"{prefix}{key}.")
+            pairs += _flat(value, f"{prefix}{key}.")
         else:
-            found.append((f"{prefix}{key}", value))
-    return found
+            pairs.append((f"{prefix}{key}", value))
+    return pairs
 
 
 def short(digest: str) -> str:
-    """First digits of a hash."""
+    """Return the first digits of a hash."""
     return digest[:SHORT_HASH] or MISSING

@@ -1,4 +1,4 @@
-"""Summaries for the terminal: a table where it fits, records where it does not."""
+"""Print summaries in the terminal: tables if they fit, otherwise records."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
     Parameters
     ----------
     summary : Summary
-        What the stage found.
+        Result of the stage.
     console : Console
-        Where to print; its width decides between table and records.
+        Output; its width decides between table and records.
     complete : bool
-        Whether to print a long table whole instead of its overview, and the further tables.
+        Whether to print long tables completely instead of their overview, and the further tables.
     """
     with console.capture() as capture:
         for part in renderables(summary, console, complete=complete):
-            # lines to be copied stay as they are
-            whole = getattr(part, "no_wrap", None) is True
-            console.print(part, markup=False, highlight=False, soft_wrap=whole)
-    # a table fills its last column with blanks, which only disturb what reads the output
+            # do not wrap lines that the user copies
+            unwrapped = getattr(part, "no_wrap", None) is True
+            console.print(part, markup=False, highlight=False, soft_wrap=unwrapped)
+    # strip the blanks with which a table fills its last column: they disturb programs
     lines = (line.rstrip() for line in capture.get().splitlines())
     console.file.write("\n".join(lines).strip("\n") + "\n")
 
@@ -58,12 +58,12 @@ def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
 def renderables(
     summary: Summary, console: Console, *, complete: bool = False
 ) -> Iterator[RenderableType]:
-    """Parts of a summary in their order: heading, facts, tables, verdict."""
+    """Yield the parts of a summary in order: heading, facts, tables, verdict."""
     from rich.text import Text
 
-    of_what = " (synthetic data)" if summary.origin == SYNTHETIC else ""
+    suffix = " (synthetic data)" if summary.origin == SYNTHETIC else ""
     if summary.title:
-        yield Text(f"{summary.stage}{of_what}: {summary.title}", style="bold")
+        yield Text(f"{summary.stage}{suffix}: {summary.title}", style="bold")
     for part in summary.parts:
         yield from renderables(part, console, complete=complete)
         yield Text("")
@@ -75,10 +75,10 @@ def renderables(
         rows = [{name: row.get(name) for name in shown} for row in summary.table]
     if rows:
         yield table_or_records(rows, console)
-    for name, more in {**summary.beside, **(summary.details if complete else {})}.items():
-        if more:  # what an artifact has none of is no table
+    for name, table in {**summary.beside, **(summary.details if complete else {})}.items():
+        if table:
             yield Text(name, style="bold")
-            yield table_or_records(more, console)
+            yield table_or_records(table, console)
     if summary.drawing is not None:
         from beltid.report.braille import drawn
 
@@ -91,7 +91,7 @@ def renderables(
         good = summary.exit_status == 0
         yield Text(summary.verdict, style="bold green" if good else "bold red")
     if summary.out is not None:
-        # a path must stay one word, to be copied
+        # a path must not wrap, so that it can be copied
         yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
 
 
@@ -104,7 +104,7 @@ def _facts(facts: dict[str, Any]) -> Table:
     for name, value in facts.items():
         items = value if isinstance(value, (list, tuple)) else (value,)
         if any(isinstance(item, dict) for item in items):
-            continue  # tables within the facts are for programs
+            continue  # tables within the facts are for programs only
         grid.add_row(*_texts(fact(name, value)))
     return grid
 
@@ -116,7 +116,7 @@ def _texts(cells: Sequence[str]) -> list[Any]:
 
 
 def table_or_records(rows: Rows, console: Console) -> RenderableType:
-    """A table if it fits the width of the console, else every row as a small record."""
+    """Render rows as a table if it fits the console, otherwise each row as a record."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     texts = [[cell(name, row.get(name)) for name in names] for row in rows]
     widths = _fitted(names, texts, console.width)
@@ -124,7 +124,7 @@ def table_or_records(rows: Rows, console: Console) -> RenderableType:
 
 
 def _fitted(names: list[str], texts: list[list[str]], room: int) -> list[int]:
-    """Widths of the columns: numbers whole, headings broken where they must; empty: no room."""
+    """Fit column widths: numbers stay whole, headings may wrap; empty if there is no room."""
     cells = [max(len(row[i]) for row in texts) for i in range(len(names))]
     wanted = [max(len(heading(name)), width) for name, width in zip(names, cells, strict=True)]
     if names[-1] in _WORDS_LEFT:  # words in the last column may wrap
@@ -135,12 +135,12 @@ def _fitted(names: list[str], texts: list[list[str]], room: int) -> list[int]:
     left = room - sum(widths) - GAP * len(widths)
     if left < 0:
         return []
-    # whole headings for as many columns as there is room for
+    # unwrapped headings for as many columns as fit
     for i in sorted(range(len(names)), key=lambda i: wanted[i] - widths[i]):
-        lacking = wanted[i] - widths[i]
-        if lacking <= left:
-            widths[i] += lacking
-            left -= lacking
+        missing = wanted[i] - widths[i]
+        if missing <= left:
+            widths[i] += missing
+            left -= missing
     return widths
 
 

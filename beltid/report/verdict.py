@@ -1,4 +1,4 @@
-"""What stands on top of a report: what was identified, how well it agrees, how far to trust it."""
+"""Head of a report: main results, agreement with the bench, and limits of trust."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from beltid.report.results import COMPARED, LEFT_OUT, SIMULATED, SURFACES, BeltR
 
 REFINED_FIRST: Final = ("compare_refined", "compare")
 MOST_UNCERTAINTIES: Final = 2.0
-"""Standard uncertainties within which predictions confirm what is stated of the surface."""
-UNKNOWN_UNCERTAINTY: Final = "its uncertainty is not known"
+"""Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
+UNKNOWN_UNCERTAINTY: Final = "its uncertainty is unknown"
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One result in large letters.
+    """One main result.
 
     Attributes
     ----------
     title, value : str
-        What it is, and its value.
+        Name and value of the result.
     details : tuple of str
-        What belongs to it.
+        Additional lines.
     state : str
-        "good", "bad", or "" where nothing is judged.
+        "good", "bad", or "" if nothing is judged.
     """
 
     title: str
@@ -50,7 +50,7 @@ class Verdict:
     cards : tuple of Card
         The main results.
     trust : tuple of str
-        How far the results may be trusted, a sentence each.
+        Limits of the results, a sentence each.
     """
 
     headline: str
@@ -60,7 +60,7 @@ class Verdict:
 
 
 def verdict_of(results: BeltResults) -> Verdict:
-    """The verdict on the results of a belt."""
+    """Judge the results of a belt."""
     headline, state = _headline(results)
     cards = [
         card
@@ -85,19 +85,19 @@ def _headline(results: BeltResults) -> tuple[str, str]:
             "Not proven: nothing in this folder compares the simulated rig with the bench.",
             "open",
         )
-    said = []
+    statements = []
     if predicted is not None:
-        how_well = [f"{predicted.rms_percent} % RMS", _in_units(predicted.over_uncertainty)]
-        said.append(
+        error = [f"{predicted.rms_percent} % RMS", _in_uncertainties(predicted.over_uncertainty)]
+        statements.append(
             f"friction of {LEFT_OUT[predicted.stated('hold_out')]} that was left out is predicted "
-            f"to {', '.join(filter(None, how_well))} ({_within(predicted)})"
+            f"to {', '.join(filter(None, error))} ({_within(predicted)})"
         )
     if compared:
         parts = [
             f"with the {of} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
             for of, sheet in compared
         ]
-        said.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
+        statements.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
     decisive = [sheet for sheet in (predicted, *(s for _, s in compared[:1])) if sheet is not None]
     missing = _missing_evidence(results)
     if not all(sheet.passed or sheet.too_few_compared for sheet in decisive):
@@ -106,22 +106,22 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         start, state = f"Identified, not proven ({'; '.join(missing)})", "open"
     else:
         start, state = "Identified and proven", "good"
-    first, *others = said
+    first, *others = statements
     return " ".join([f"{start}: {first}.", *(f"{sentence(other)}." for other in others)]), state
 
 
 def _within(sheet: Sheet) -> str:
     if sheet.too_few_compared:
-        return _compared(sheet)
+        return _number_compared(sheet)
     return f"{'within' if sheet.passed else 'out of'} tolerance"
 
 
-def _compared(sheet: Sheet) -> str:
+def _number_compared(sheet: Sheet) -> str:
     count = cell("n", sheet.overall.get("n_points"))
     return f"only {count} of {cell('n', sheet.stated('n_measured'))} runs compared"
 
 
-def _in_units(over_u: float | None) -> str:
+def _in_uncertainties(over_u: float | None) -> str:
     return "" if over_u is None else f"{over_u:.2g} standard uncertainties"
 
 
@@ -130,14 +130,14 @@ ENOUGH: Final = {
     "initial tension": ("initial_tension_N", 3),
     "speed": ("slip_speed_m_s", 3),
 }
-"""Settings of the rig, and how many of each the word "proven" asks for: a surface over force and
-speed needs three of each to show its shape, and two arcs to show that it is one surface."""
+"""Settings of the rig -> column, and number required for "proven": a surface over force and speed
+needs three of each to show its shape, and two arcs to show that it is one surface."""
 SAME: Final = 0.05
-"""Relative distance within which two values tell no more than one."""
+"""Relative distance within which two values count as one."""
 
 
 def _missing_evidence(results: BeltResults) -> list[str]:
-    """What keeps results that agree from being proven."""
+    """List what prevents results that agree from counting as proven."""
     missing = []
     for sheet, without, misses in (
         (
@@ -154,7 +154,7 @@ def _missing_evidence(results: BeltResults) -> list[str]:
         if sheet is None:
             missing.append(without)
         elif sheet.too_few_compared:
-            missing.append(_compared(sheet))
+            missing.append(_number_compared(sheet))
         elif (over_u := sheet.over_uncertainty) is not None and over_u > MOST_UNCERTAINTIES:
             missing.append(
                 f"{misses} {over_u:.2g} of their standard uncertainties, at most "
@@ -164,14 +164,14 @@ def _missing_evidence(results: BeltResults) -> list[str]:
     if friction is not None:
         good = friction["status"] == "ok"
         for setting, (column, enough) in ENOUGH.items():
-            n = _apart(np.abs(friction[column][good]))
+            n = _distinct(np.abs(friction[column][good]))
             if n < enough:
                 missing.append(f"{n} {setting}{'s' if n > 1 else ''}, {enough} needed")
     return missing
 
 
-def _apart(values: np.ndarray) -> int:
-    """The most values of which no two are the same: settings, or places of a random design."""
+def _distinct(values: np.ndarray) -> int:
+    """Count the values that differ by more than `SAME`, in a grid or a random design."""
     count, last = 0, 0.0
     for value in np.sort(values).tolist():
         if not count or value > (1.0 + SAME) * last:
@@ -187,21 +187,21 @@ def _normal_contact(results: BeltResults) -> Card | None:
     k_linear, k_quadratic = (
         float(stiffness[name][row]) for name in ("k_linear_N_m2", "k_quadratic_N_m3")
     )
-    known = {
-        what: [float(stiffness[f"k_{name}"][row]) for name in names]
-        for what, names in (
+    errors_by_label = {
+        label: [float(stiffness[f"k_{name}"][row]) for name in names]
+        for label, names in (
             ("u", ("linear_u_N_m2", "quadratic_u_N_m3")),
             ("s.e.", ("linear_se_N_m2", "quadratic_se_N_m3")),
         )
     }
-    what = "u" if np.isfinite(known["u"]).all() else "s.e."
+    label = "u" if np.isfinite(errors_by_label["u"]).all() else "s.e."
     first, second = (
         100.0 * u / max(k, 1e-300)
-        for u, k in zip(known[what], (k_linear, k_quadratic), strict=True)
+        for u, k in zip(errors_by_label[label], (k_linear, k_quadratic), strict=True)
     )
-    errors = f"coefficients ± {percent(first)}, ± {percent(second)} ({what})"
+    errors = f"coefficients ± {percent(first)}, ± {percent(second)} ({label})"
     if not np.isfinite([first, second]).all():
-        errors = "the errors of its coefficients are not known"
+        errors = "the errors of its coefficients are unknown"
     depth = MICRO * float(stiffness["max_penetration_m"][row])
     return Card(
         "Normal contact, N per metre of belt",
@@ -250,7 +250,7 @@ def _drive(results: BeltResults) -> Card | None:
         f"{'PASS' if sheet.passed else 'FAIL'} {percent} % RMS",
         (
             f"{cell('n', sheet.stated('n_judged'))} points",
-            _in_units(over_u) or UNKNOWN_UNCERTAINTY,
+            _in_uncertainties(over_u) or UNKNOWN_UNCERTAINTY,
         ),
         "good" if sheet.passed else "bad",
     )
@@ -272,7 +272,7 @@ def _prediction(results: BeltResults) -> Card | None:
     return _judged(
         f"Prediction, {LEFT_OUT[sheet.stated('hold_out')]} left out",
         sheet,
-        _in_units(sheet.over_uncertainty) or UNKNOWN_UNCERTAINTY,
+        _in_uncertainties(sheet.over_uncertainty) or UNKNOWN_UNCERTAINTY,
         f"{_worst(sheet)}, {cell('n', sheet.overall.get('n_points'))} runs",
     )
 
@@ -282,7 +282,7 @@ def _worst(sheet: Sheet) -> str:
 
 
 def _judged(title: str, sheet: Sheet, *details: str) -> Card:
-    """The card of a comparison."""
+    """Build the card of a comparison."""
     return Card(title, f"{sheet.judged} % RMS", details, "good" if sheet.passed else "bad")
 
 
@@ -296,48 +296,48 @@ def _runs(results: BeltResults) -> Card | None:
 
 
 def _trust(results: BeltResults) -> list[str]:
-    said = []
+    lines = []
     if results.origin == "synthetic":
-        said.append(
+        lines.append(
             "The data are synthetic: they come from a virtual bench and say nothing about a real "
             "belt."
         )
     elif results.origin is None:
-        said.append("Nobody has stated whether the data are measured or synthetic (data.origin).")
+        lines.append("It is not stated whether the data are measured or synthetic (data.origin).")
     sheet = results.best_surface
     if sheet is not None:
-        said += _known_ranges(results, sheet)
+        lines += _ranges_of_validity(results, sheet)
     if results.get("compare_refined") is not None:
-        said.append(
-            "The refined surface was fitted to these very runs: its agreement tells how well the "
-            "model follows them, not how well it predicts others."
+        lines.append(
+            "The refined surface was fitted to these runs: its agreement shows how well the model "
+            "fits them, not how well it predicts others."
         )
     predicted = results.prediction
     if predicted is not None:
-        said += [f"Prediction: {note}." for note in predicted.metadata.notes]
+        lines += [f"Prediction: {note}." for note in predicted.metadata.notes]
     for name, of in SIMULATED.items():
         if (simulated := results.get(name)) is not None:
-            said += [
+            lines += [
                 f"Simulation with the {of} surface: {note}." for note in simulated.metadata.notes
             ]
-    said += _combined_uncertainty(results)
+    lines += _combined_uncertainty(results)
     slip = results.get("slip")
     statement = (slip.stated("rig_speeds") or {}).get("statement") if slip else ""
     if statement:
-        said.append(f"{sentence(statement)}.")
-    return said
+        lines.append(f"{sentence(statement)}.")
+    return lines
 
 
 def _combined_uncertainty(results: BeltResults) -> list[str]:
-    """Combined uncertainty of the surface and the largest source of it."""
+    """State the combined uncertainty of the surface and its largest source."""
     sheet = results.best_surface
-    known = [
+    shares = [
         (share, row)
         for row in (sheet.metadata.budget if sheet else ())
         if (share := row["contribution_percent"]) is not None
     ]
-    total = next((share for share, row in known if row["source"] == "combined"), None)
-    parts = [pair for pair in known if pair[1]["source"] != "combined"]
+    total = next((share for share, row in shares if row["source"] == "combined"), None)
+    parts = [pair for pair in shares if pair[1]["source"] != "combined"]
     if total is None or not parts:
         return []
     share, largest = max(parts, key=lambda pair: pair[0])
@@ -347,8 +347,8 @@ def _combined_uncertainty(results: BeltResults) -> list[str]:
     ]
 
 
-def _known_ranges(results: BeltResults, sheet: Sheet) -> list[str]:
-    """What was measured, what the surface infers from it, what is extrapolated: a line each."""
+def _ranges_of_validity(results: BeltResults, sheet: Sheet) -> list[str]:
+    """State the measured, inferred and extrapolated ranges, a line each."""
     inferred, (v0, v1), _ = _ranges(sheet)
     speeds = ("at " if v0 == v1 else "from ") + _speed_range(v0, v1)
     lines = []
@@ -385,5 +385,5 @@ def _speed_range(low: float, high: float) -> str:
 
 
 def _newtons(value: float) -> str:
-    """A force per length with four digits, never as a power of ten."""
+    """Format a force per length with four digits, never as a power of ten."""
     return cell("normal_force_N_m", float(f"{value:.4g}"))

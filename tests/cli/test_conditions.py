@@ -62,4 +62,4 @@ def test_runs_of_two_conditions_are_refused_by_both_surfaces(bench: Path, beltid
     assert json.loads(path.read_text())["conditions"] == {"condition": "wet", "side": "rib"}
     beltid("export", "csv", ".", "-o", "law")
     text = "".join(file.read_text() for file in Path("law").glob("*.csv"))
-    assert "condition wet, side rib. It holds for no other." in text
+    assert "condition wet, side rib. Valid for no other conditions." in text

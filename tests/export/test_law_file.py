@@ -128,13 +128,13 @@ def test_the_patches_alone_tell_the_surface(law: ContactLaw) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text[: len(text) // 2], "no JSON"),
+        (lambda text: text[: len(text) // 2], "not valid JSON"),
         (lambda text: text.replace('"beltlaw",', '"other",'), '"format" must be "beltlaw"'),
         (lambda text: text.replace('"version": 1', '"version": 7'), "reads version 1"),
         (lambda text: text.replace("65000000.0", "66000000.0"), "was changed after beltid wrote"),
-        (lambda text: text.replace("65000000.0", "NaN"), "NaN is no number in JSON"),
+        (lambda text: text.replace("65000000.0", "NaN"), "NaN is not a valid JSON number"),
         (lambda text: "[]", '"format" must be "beltlaw"'),
-        (lambda text: "[" * 100000, "no JSON"),
+        (lambda text: "[" * 100000, "not valid JSON"),
     ],
 )
 def test_a_damaged_or_changed_file_is_refused(law: ContactLaw, change: Any, said: str) -> None:

@@ -117,7 +117,7 @@ def test_one_temperature_shows_no_influence_of_it() -> None:
     warm = {name: values[[0, -1]] for name, values in sheet.columns.items()}
     picture = press.deviation(replace(sheet, columns=warm))
     assert picture.figure is None
-    assert "is not known" in picture.caption
+    assert "is unknown" in picture.caption
 
 
 def test_error_of_the_law_comes_from_its_covariance() -> None:

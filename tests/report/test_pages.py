@@ -396,7 +396,7 @@ def without_errors(name: str, *columns: str) -> BeltResults:
 def test_an_error_that_is_not_known_is_no_number() -> None:
     belt = without_errors("stiffness", "k_linear_se_N_m2", "k_quadratic_se_N_m3")
     normal = next(c for c in verdict_of(belt).cards if c.title.startswith("Normal contact"))
-    assert normal.details[0] == "δ in m; the errors of its coefficients are not known"
+    assert normal.details[0] == "δ in m; the errors of its coefficients are unknown"
     (picture,) = runs.pictures(without_errors("friction", "mu_sliding_se"))
     assert "sliding 0.9250" in [text.get_text() for text in picture.figure.legends[0].get_texts()]
 

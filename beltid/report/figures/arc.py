@@ -1,4 +1,4 @@
-"""Normal force along the arc: Eq. (8) against the simulated contact (Fig. 11)."""
+"""Draw the normal force along the arc: Eq. (8) and the simulated contact (Fig. 11)."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ POSITION: Final = "position along the arc from the tight side [mm]"
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """The normal force along each arc."""
+    """Draw the normal force along each arc."""
     if not results.profiles:
         why = (
-            "Needs stiffness.parquet, a surface and a simulated recording, which tells the belt "
-            "and the rig."
+            "Needs stiffness.parquet, a surface, and a simulated recording for the data of belt "
+            "and rig."
         )
         return [absent("arc", TITLE, why, "Fig. 11")]
     return [along_arcs(results.profiles)]
 
 
 def along_arcs(profiles: tuple[ArcProfile, ...]) -> Picture:
-    """Simulated normal force and Eq. (8) for a typical run of each arc (Fig. 11)."""
+    """Draw simulated normal force and Eq. (8) for a typical run of each arc (Fig. 11)."""
     with style():
         fig = figure(height=1.0 + 1.9 * len(profiles))
         grid = fig.subplots(len(profiles), 1, sharex=True, squeeze=False)
-        for axes, found in zip(grid.flat, profiles, strict=True):
-            x = found.profile["arc_position_m"] * MILLI
+        for axes, run in zip(grid.flat, profiles, strict=True):
+            x = run.profile["arc_position_m"] * MILLI
             axes.plot(
                 x,
-                found.profile["normal_force_N_m"],
+                run.profile["normal_force_N_m"],
                 "-",
                 color=SIMULATED,
                 label="simulated contact",
             )
-            axes.plot(x, found.profile["capstan_force_N_m"], "--", color=MEASURED, label="Eq. (8)")
-            axes.axhline(found.mean_force_N_m, color=FAINT, ls=":", lw=1.4, label="mean of Eq. (8)")
+            axes.plot(x, run.profile["capstan_force_N_m"], "--", color=MEASURED, label="Eq. (8)")
+            axes.axhline(run.mean_force_N_m, color=FAINT, ls=":", lw=1.4, label="mean of Eq. (8)")
             axes.set_title(
-                f"arc {found.arc_deg:g}°, T₀ = {found.initial_tension_N:.4g} N, "
-                f"v = {MILLI * found.slip_speed_m_s:.3g} mm/s",
+                f"arc {run.arc_deg:g}°, T₀ = {run.initial_tension_N:.4g} N, "
+                f"v = {MILLI * run.slip_speed_m_s:.3g} mm/s",
                 loc="left",
             )
             axes.set_ylim(bottom=0.0)
@@ -63,10 +63,10 @@ def along_arcs(profiles: tuple[ArcProfile, ...]) -> Picture:
     return Picture(
         "arc",
         TITLE,
-        "What the simulated belt presses on the pulley while it slides, against the published "
-        "formula. Bending stiffness raises peaks where the belt enters and leaves, up to "
-        f"{worst:.2g} times the mean force that the reduction gives to the run: this is the bias "
-        "of the published surface, which the refined one does without.",
+        "Normal force of the simulated belt on the pulley while it slides, and the published "
+        "formula. Bending stiffness causes peaks where the belt enters and leaves, up to "
+        f"{worst:.2g} times the mean force that the reduction assigns to the run: this is the bias "
+        "of the published surface, which the refined one does not have.",
         fig,
         "Fig. 11",
     )

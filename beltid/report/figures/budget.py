@@ -1,4 +1,4 @@
-"""Where the uncertainty comes from: the budget of each result, source by source."""
+"""Draw the uncertainty budget of each result, source by source."""
 
 from __future__ import annotations
 
@@ -40,36 +40,36 @@ BASES: Final = {
     "stated": ("stated in the config", GROUPS[2], "..."),
     "assumed": ("assumed (default)", GROUPS[6], "///"),
 }
-NONE: Final = "No artifact in this folder carries a budget of its uncertainty."
+NONE: Final = "No artifact in this folder has an uncertainty budget."
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """A figure for the budget of every quantity, that of the surface first."""
-    found = []
+    """Draw the budget of every quantity, that of the surface first."""
+    drawn = []
     for name in WORDS:
         sheet = results.get(name)
         rows = sheet.metadata.budget if sheet else ()
         for quantity in dict.fromkeys(str(row["quantity"]) for row in rows):
-            found.append(
+            drawn.append(
                 of_quantity(name, quantity, [r for r in rows if r["quantity"] == quantity])
             )
-    return found
+    return drawn
 
 
 def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
-    """Contributions of the sources to one quantity, the largest first, and their sum."""
+    """Draw the contributions of the sources to one quantity, the largest first, and the total."""
     single = sorted(
         (row for row in rows if row["source"] != COMBINED), key=_contribution, reverse=True
     )
     total = next((row for row in rows if row["source"] == COMBINED), None)
     shown = [*single[:MOST_SOURCES]]
     with new_axes(1.3 + 0.32 * (len(shown) + 1)) as (fig, axes):
-        for basis, (label, colour, hatch) in BASES.items():
+        for basis, (words, colour, hatch) in BASES.items():
             at = [i for i, row in enumerate(shown) if row.get("basis") == basis]
             if at:
                 values = [_contribution(shown[i]) for i in at]
                 axes.barh(
-                    at, values, 0.7, color=colour, hatch=hatch, edgecolor=INK, lw=0.6, label=label
+                    at, values, 0.7, color=colour, hatch=hatch, edgecolor=INK, lw=0.6, label=words
                 )
         names = [str(row["source"]) for row in shown]
         if total is not None:
@@ -82,17 +82,17 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("standard uncertainty (k = 1) [%]")
         legend_below(fig, [axes], columns=2)
-    what = QUANTITIES.get(quantity, quantity)
-    left_out = len(single) - len(shown)
-    more = f" The table has {counted(left_out, 'smaller source')}." if left_out else ""
+    label = QUANTITIES.get(quantity, quantity)
+    hidden = len(single) - len(shown)
+    note = f" The table has {counted(hidden, 'smaller source')}." if hidden else ""
     largest = float(total.get("largest_percent") or np.nan) if total is not None else np.nan
     worst = f", {percent(largest)} at worst" if np.isfinite(largest) else ""
     return Picture(
         f"budget-{name}-{quantity}",
-        f"Uncertainty of {what} {WORDS[name]}",
-        f"What each source contributes, relative to the value, root mean square over the range of "
+        f"Uncertainty of {label} {WORDS[name]}",
+        f"Contribution of each source, relative to the value, root mean square over the range of "
         f"the runs; the combined value is the root of the sum of squares{worst}. Errors that all "
-        f"runs share do not average out.{more}",
+        f"runs share do not average out.{note}",
         fig,
     )
 

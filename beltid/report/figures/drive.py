@@ -1,4 +1,4 @@
-"""The belt drive: drawing, speed loss, arcs, slip limit, and predicted against measured."""
+"""Draw a belt drive: layout, speed loss, arcs, slip limit, and predicted against measured."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TALL: Final = 5.8
 
 
 def predicted(sheet: Sheet) -> list[Picture]:
-    """Figures of a predicted drive; those that an older table has no numbers for are left out."""
+    """Draw the figures of a predicted drive; those without data in an older table are left out."""
     return [
         *_drawing(sheet),
         _loss(sheet),
@@ -44,7 +44,7 @@ def predicted(sheet: Sheet) -> list[Picture]:
 
 
 def _drawing(sheet: Sheet) -> list[Picture]:
-    """Pulleys and belt, with the forces of the spans and on the axes at the most loaded point."""
+    """Draw pulleys and belt, with span and hub forces at the most loaded point."""
     laid, run = sheet.stated("laid") or (), _most_loaded(sheet)
     if not laid or run is None:
         return []
@@ -62,9 +62,9 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             white = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
             _write(axes, f"{leaving[i]:.0f} N", places.mean(axis=0), bbox=white)
             outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
-            beside = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
+            label_at = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
             force, angle = float(sheet["hub_force_N"][row]), np.radians(sheet["hub_angle_deg"][row])
-            _write(axes, f"{pulley['pulley']}\n{force:.0f} N", beside, color=SIMULATED)
+            _write(axes, f"{pulley['pulley']}\n{force:.0f} N", label_at, color=SIMULATED)
             axes.annotate(
                 "",
                 xy=tuple(
@@ -83,7 +83,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             "drawing",
             "The drive and its forces",
             f"Point {run}, {abs(sheet['driver_speed_rad_s'][rows[0]]):.4g} rad/s, largest torque "
-            f"{torque:.3g} N m. At the spans: tension of the belt. Arrows: force of the belt on "
+            f"{torque:.3g} N m. Numbers at the spans: belt tension. Arrows: force of the belt on "
             "each axis.",
             fig,
         )
@@ -93,7 +93,7 @@ def _drawing(sheet: Sheet) -> list[Picture]:
 def _draw_belt(
     axes: Axes, before: Mapping[str, Any], pulley: Mapping[str, Any], wrap: float
 ) -> None:
-    """A pulley, the belt around it and the span that leaves it; `before` is the one before it."""
+    """Draw a pulley, the belt on it and the span that leaves it; `before` is the last pulley."""
     from matplotlib.patches import Circle
 
     centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
@@ -111,21 +111,21 @@ def _write(axes: Axes, text: str, at: np.ndarray, **look: Any) -> None:
 
 
 def _on_circle(first: float, last: float) -> np.ndarray:
-    """Points of the unit circle from one polar angle anticlockwise to another [deg], (2, n)."""
+    """Return points of the unit circle anticlockwise between two polar angles [deg], (2, n)."""
     turned = (last - first) % 360.0 or 360.0
     angle = np.radians(first + np.linspace(0.0, turned, 73))
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[float, float]:
-    """Polar angles between which the belt lies on a pulley [deg], anticlockwise."""
+    """Return the polar angles between which the belt lies on a pulley [deg], anticlockwise."""
     first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in (arrives, leaves))
     anticlockwise = abs((last - first) % 360.0 - wrap) <= abs((first - last) % 360.0 - wrap)
     return (first, last) if anticlockwise else (last, first)
 
 
 def _along_arcs(sheet: Sheet) -> list[Picture]:
-    """Line force and sliding speed along each arc at the most loaded point."""
+    """Draw line force and sliding speed along each arc at the most loaded point."""
     arcs = sheet.stated("arcs") or ()
     if not arcs:
         return []
@@ -140,13 +140,13 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
         speed.axhline(0.0, color=FAINT, linewidth=0.8)
         force.set_ylabel("normal force [N/m]")
         force.set_ylim(bottom=0.0)
-        speed.set(xlabel="angle from where the belt runs on [°]", ylabel="sliding speed v [mm/s]")
+        speed.set(xlabel="angle from the entry of the belt [°]", ylabel="sliding speed v [mm/s]")
         legend_below(fig, [force])
     return [
         Picture(
             "along-arcs",
             "Along the arcs: normal force and sliding",
-            f"Point {arcs[0]['run']}. Above 0 the pulley is ahead of the belt; at 0 the belt "
+            f"Point {arcs[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt "
             "sticks.",
             fig,
         )
@@ -154,7 +154,7 @@ def _along_arcs(sheet: Sheet) -> list[Picture]:
 
 
 def _slip_limit(sheet: Sheet) -> list[Picture]:
-    """Torques that the drive carries over its tension at rest."""
+    """Draw the torque limits of the drive over its tension at rest."""
     rows: Any = sheet.stated("limits_over_tension") or ()
     if len(rows) < 2:
         return []
@@ -176,15 +176,15 @@ def _slip_limit(sheet: Sheet) -> list[Picture]:
         Picture(
             "slip-limit",
             "Torque that the drive carries",
-            f"At {abs(rows[0]['driver_speed_rad_s']):.4g} rad/s, by the string. Between both lines "
-            "pulleys slide as a whole, and the speed loss grows fast.",
+            f"At {abs(rows[0]['driver_speed_rad_s']):.4g} rad/s, string level. Between the two "
+            "lines pulleys slide as a whole, and the speed loss grows fast.",
             fig,
         )
     ]
 
 
 def _most_loaded(sheet: Sheet) -> str | None:
-    """The point that carries the largest torque steadily."""
+    """Return the point with the largest steady torque."""
     torque = np.abs(sheet["torque_N_m"]) * np.isfinite(sheet["speed_loss_rad_s"])
     steady = np.where(np.isfinite(torque), torque, -1.0)
     return str(sheet["run"][int(np.argmax(steady))]) if np.max(steady) > 0.0 else None
@@ -210,9 +210,8 @@ def _loss(sheet: Sheet) -> Picture:
     return Picture(
         "loss",
         title,
-        "A line per driver speed and belt tension, with a band of two standard uncertainties. The "
-        "thin lines below it: creep alone, and creep with seating; what is left is slip of whole "
-        "pulleys.",
+        "A line per driver speed and belt tension, with a band of two standard uncertainties. Thin "
+        "lines below it: creep alone, and creep with seating; the rest is slip of whole pulleys.",
         fig,
     )
 
@@ -226,21 +225,21 @@ def _arcs(sheet: Sheet) -> Picture:
             look = {**group(k), "linestyle": "none"}
             axes.plot(torque[of], 100.0 * share, label=str(pulley), **look)
         axes.axhline(100.0, color=FAINT, linewidth=0.8)
-        axes.set(xlabel=TORQUE, ylabel="part of the arc that slides [%]")
+        axes.set(xlabel=TORQUE, ylabel="sliding part of the arc [%]")
         legend_below(fig, [axes])
     return Picture(
         "arcs",
         "How much of its arc each pulley uses",
-        "Below 100 % the belt sticks where it runs on, and the loss does not depend on friction.",
+        "Below 100 % the belt sticks at the entry, and the loss does not depend on friction.",
         fig,
     )
 
 
 def compared(sheet: Sheet) -> list[Picture]:
-    """Measured against predicted speed loss over torque."""
+    """Draw measured and predicted speed loss over torque."""
     with new_axes() as (fig, axes):
-        everything = np.ones(len(sheet["run"]), dtype=bool)
-        for k, (name, rows) in enumerate(_series(sheet, everything)):
+        all_rows = np.ones(len(sheet["run"]), dtype=bool)
+        for k, (name, rows) in enumerate(_series(sheet, all_rows)):
             look = group(k)
             torque = sheet["torque_N_m"][rows]
             axes.plot(torque, sheet["loss_predicted_rad_s"][rows], **{**look, "marker": None})
@@ -258,24 +257,24 @@ def compared(sheet: Sheet) -> list[Picture]:
             "comparison",
             "Speed loss of the drive, measured and predicted",
             "Points: the bench, with two standard errors. Lines: the prediction from the "
-            "identified laws, to which nothing of this recording was fitted.",
+            "identified laws, which were not fitted to this recording.",
             fig,
         )
     ]
 
 
 def _slowest(sheet: Sheet) -> str:
-    """The pulley that takes the largest torque off; its loss is the one that counts."""
+    """Return the pulley that takes off the largest torque, whose loss matters most."""
     driven = np.abs(np.nan_to_num(sheet["torque_N_m"]))
     driven = np.where(np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0, driven, -1.0)
     return str(sheet["pulley"][int(np.argmax(driven))])
 
 
 def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Name and rows of every driver speed and belt tension, in the order of the torque."""
+    """Yield name and rows of every driver speed and belt tension, sorted by torque."""
     rows = np.flatnonzero(of)
     series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
     for (speed, tension), places in series.items():
-        mine = rows[places]
-        mine = mine[np.argsort(sheet["torque_N_m"][mine], kind="stable")]
-        yield f"{speed:.4g} rad/s, {tension:.4g} N", mine
+        members = rows[places]
+        members = members[np.argsort(sheet["torque_N_m"][members], kind="stable")]
+        yield f"{speed:.4g} rad/s, {tension:.4g} N", members

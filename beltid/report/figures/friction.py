@@ -1,4 +1,4 @@
-"""Friction coefficients over normal force and sliding speed, per arc (Figs. 12 and 16)."""
+"""Draw friction coefficients over normal force and sliding speed, per arc (Figs. 12 and 16)."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 MEASURED_TITLE: Final = "Measured friction coefficient of every run"
 SIMULATED_TITLE: Final = "Simulated friction coefficient of every run"
 MOST_SPEEDS: Final = 8
-"""Speeds that are told apart; of more, classes of as many runs."""
+"""Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
 
 
 def measured(results: BeltResults) -> list[Picture]:
-    """Measured coefficients of all runs (Fig. 12)."""
+    """Draw the measured coefficients of all runs (Fig. 12)."""
     friction = results.get("friction")
     if friction is None:
         why = "There is no friction.parquet."
@@ -39,18 +39,18 @@ def measured(results: BeltResults) -> list[Picture]:
     good = friction["status"] == "ok"
     if not good.any():
         return [absent("friction", MEASURED_TITLE, "No run could be used.", "Fig. 12")]
-    known = np.isfinite(friction["mu_sliding_u"]).any()
-    doubt = "mu_sliding_u" if known else "mu_sliding_se"
-    doubts = "combined standard uncertainties" if known else "standard errors"
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", doubt)
+    combined = np.isfinite(friction["mu_sliding_u"]).any()
+    column = "mu_sliding_u" if combined else "mu_sliding_se"
+    errors = "combined standard uncertainties" if combined else "standard errors"
+    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", column)
     fig = over_force(*(friction[name][good] for name in names))
     return [
         Picture(
             "friction",
             MEASURED_TITLE,
-            f"One point per run with two {doubts}, at the mean normal force of Eq. (8). Shade: "
-            "sliding speed; marker: contact arc. Where these repeat, a line joins the runs of one "
-            "arc and speed; where they are many, they are drawn in classes.",
+            f"One point per run with two {errors}, at the mean normal force of Eq. (8). Shade: "
+            "sliding speed; marker: contact arc. If these repeat, a line joins the runs of one "
+            "arc and speed; if there are many, they are grouped into classes.",
             fig,
             "Fig. 12",
         )
@@ -58,8 +58,8 @@ def measured(results: BeltResults) -> list[Picture]:
 
 
 def simulated(results: BeltResults) -> list[Picture]:
-    """Simulated coefficients of all runs, with either surface (Fig. 16)."""
-    found = []
+    """Draw the simulated coefficients of all runs, for each surface (Fig. 16)."""
+    drawn = []
     for name, of in SIMULATED.items():
         sheet = results.get(name)
         rows = (
@@ -67,7 +67,7 @@ def simulated(results: BeltResults) -> list[Picture]:
         )
         title = f"{SIMULATED_TITLE}, {of} surface"
         if not rows or sheet is None:
-            found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 16"))
+            drawn.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 16"))
             continue
         radius = sheet.pulley_radius_m or np.nan
         columns = {
@@ -82,7 +82,7 @@ def simulated(results: BeltResults) -> list[Picture]:
             columns["mu"],
             None,
         )
-        found.append(
+        drawn.append(
             Picture(
                 name,
                 title,
@@ -92,7 +92,7 @@ def simulated(results: BeltResults) -> list[Picture]:
                 "Fig. 16",
             )
         )
-    return found
+    return drawn
 
 
 def over_force(
@@ -102,7 +102,7 @@ def over_force(
     mu: np.ndarray,
     mu_se: np.ndarray | None,
 ) -> Figure:
-    """Coefficients over the normal force; shade for the speed, marker and line for the arc."""
+    """Draw coefficients over the normal force; shade by speed, marker and line by arc."""
     speed, arc = MILLI * np.abs(slip_speed_m_s), np.nan_to_num(arc_deg)
     by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
     named = all(is_setting(speed[rows]) for rows in by_speed)

@@ -1,4 +1,4 @@
-"""The next runs of the friction rig: where they lie, and what they take off the uncertainty."""
+"""Draw the next runs of the friction rig, and the uncertainty before and after them."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from beltid.plan.target import Target
     from beltid.uncertainty.measured import Measured
 
-LEAST_AREA, LARGEST_AREA = 18.0, 150.0  # of a mark, points²
+LEAST_AREA, LARGEST_AREA = 18.0, 150.0  # of a marker, points²
 
 
 def runs_and_uncertainty(
     candidates: Measured, target: Target, plan: Plan, synthetic: bool
 ) -> Figure:
-    """Uncertainty over force and speed before and after the runs, and the runs.
+    """Draw the uncertainty over force and speed before and after the runs, and the runs.
 
-    The area of a mark is the gain of its run, a number says how often it is repeated.
+    The area of a marker is the gain of its run; a number is its count of repetitions.
     """
     force, speed = candidates.normal_force, candidates.slip_speed * MILLI
     with style():
@@ -43,15 +43,15 @@ def runs_and_uncertainty(
         every = fig.subplots(1, 2, sharex=True, sharey=True)
         every[0].set_ylabel("sliding speed [mm/s]")
         parts = (("before", plan.before_at, plan.before), ("after", plan.after_at, plan.after))
-        both = 100.0 * np.concatenate([plan.before_at, plan.after_at])
+        values = 100.0 * np.concatenate([plan.before_at, plan.after_at])
         for axes, (word, at, mean) in zip(every, parts, strict=True):
             field = axes.scatter(
                 target.normal_force,
                 target.slip_speed * MILLI,
                 c=100.0 * at,
                 cmap="cividis_r",
-                vmin=both.min(),  # one scale: what the runs take off is seen
-                vmax=both.max(),
+                vmin=values.min(),  # one colour scale, to show the reduction
+                vmax=values.max(),
                 marker="s",
                 s=30,
                 linewidths=0,
@@ -71,27 +71,27 @@ def runs_and_uncertainty(
 
 
 def _draw_runs(axes: Axes, candidates: Measured, plan: Plan) -> None:
-    """A mark for every setting of the plan: its area the gain, a number how often it is run."""
+    """Draw a marker for every planned setting: area by gain, a number for repetitions."""
     force, speed = candidates.normal_force, candidates.slip_speed * MILLI
     chosen = Counter(plan.chosen)
-    # what the plan is told to have, a repeat or one more arc, may cost something
+    # a required run, a repetition or a further arc, can have a negative gain
     gains = {run: max(gain, 0.0) for run, gain in zip(plan.chosen, plan.gains, strict=True)}
     most = max(gains.values(), default=1.0) or 1.0
     for k, arc in enumerate(np.unique(candidates.arc)):
-        mine = [i for i in sorted(chosen) if candidates.arc[i] == arc]
-        if not mine:
+        on_arc = [i for i in sorted(chosen) if candidates.arc[i] == arc]
+        if not on_arc:
             continue
         axes.scatter(
-            force[mine],
-            speed[mine],
-            s=[LEAST_AREA + (LARGEST_AREA - LEAST_AREA) * gains[i] / most for i in mine],
+            force[on_arc],
+            speed[on_arc],
+            s=[LEAST_AREA + (LARGEST_AREA - LEAST_AREA) * gains[i] / most for i in on_arc],
             marker=MARKERS[k % len(MARKERS)],
             facecolors="none",
             edgecolors=GROUPS[k % len(GROUPS)],
             linewidths=1.6,
-            label=f"runs at {np.degrees(candidates.beta[mine[0]]):.4g}°",
+            label=f"runs at {np.degrees(candidates.beta[on_arc[0]]):.4g}°",
         )
-        for i in mine:
+        for i in on_arc:
             if chosen[i] > 1:
                 axes.annotate(
                     f"{chosen[i]}×",

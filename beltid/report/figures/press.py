@@ -1,4 +1,4 @@
-"""Force and deformation of the contact (Figs. 4 and 5), and what the law leaves unexplained."""
+"""Draw force and deformation of the contact (Figs. 4 and 5), and the influence of temperature."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 BRANCHES: Final = {"loading": "-", "unloading": "--"}
 NO_CURVES: Final = (
-    "The branches of the press are not in this folder: they are kept there when the report is "
-    "written with the recording at hand (beltid run, or beltid report --config)."
+    "The branches of the press are not in this folder: they are stored there if the recording is "
+    "available when the report is written (beltid run, or beltid report --config)."
 )
 POINTS: Final = 101
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """Figures of the normal contact."""
+    """Draw the figures of the normal contact."""
     stiffness = results.get("stiffness")
     if stiffness is None:
         why = "There is no stiffness.parquet: it comes from a recording of the press."
@@ -46,7 +46,7 @@ def pictures(results: BeltResults) -> list[Picture]:
 
 
 def by_temperature(stiffness: Sheet, curves: Sheet | None) -> Picture:
-    """Both branches at each temperature with the law fitted to them (Fig. 4)."""
+    """Draw both branches at each temperature with the fitted law (Fig. 4)."""
     title, paper = "Force and deformation at each temperature", "Fig. 4"
     if curves is None:
         return absent("press-temperature", title, NO_CURVES, paper)
@@ -67,16 +67,17 @@ def by_temperature(stiffness: Sheet, curves: Sheet | None) -> Picture:
             lowest.tick_params(labelbottom=True)
         fig.supylabel(PRESSED, fontsize=10)
         legend_below(fig, list(grid.flat))
-    both = (
-        "Measured branches, loading (solid) above unloading (dashed), and the quadratic law fitted "
-        "half-way between them (dotted). The area between the branches is the energy lost in a "
-        "cycle."
-    )
-    alone = (
-        "Measured loading branch (solid), and the quadratic law fitted to it (dotted). No test was "
-        "unloaded: how much energy a cycle loses is not known."
-    )
-    caption = both if "unloading" in curves["branch"] else alone
+    if "unloading" in curves["branch"]:
+        caption = (
+            "Measured branches, loading (solid) above unloading (dashed), and the quadratic law "
+            "fitted half-way between them (dotted). The area between the branches is the energy "
+            "lost in a cycle."
+        )
+    else:
+        caption = (
+            "Measured loading branch (solid), and the quadratic law fitted to it (dotted). No test "
+            "was unloaded: the energy loss of a cycle is unknown."
+        )
     return Picture("press-temperature", title, caption, fig, paper)
 
 
@@ -93,7 +94,7 @@ def _panel(axes: Axes, stiffness: Sheet, curves: Sheet, row: int, at: float) -> 
 
 
 def _runs_apart(curves: Sheet, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Penetration and force of some branches, a gap between any two of them."""
+    """Return penetration and force of the branches, separated by gaps."""
     x, y = curves["penetration_m"][rows], curves["line_force_N_m"][rows]
     names = curves["test"][rows].astype(str)
     numbers = np.asarray(curves["cycle"][rows])
@@ -102,7 +103,7 @@ def _runs_apart(curves: Sheet, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
-    """The pooled law through all branches (Fig. 5)."""
+    """Draw the pooled law through all branches (Fig. 5)."""
     row = stiffness.pooled_row
     with new_axes() as (fig, axes):
         if curves is not None:
@@ -119,12 +120,12 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes.plot(depth[-1] * MICRO, force[-1], "o", color=INK, ms=7, label="end of validity")
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
         legend_below(fig, [axes])
-    alone = np.isnan(stiffness["hysteresis_ratio"][row])
-    where = "follows the loading branch alone" if alone else "runs half-way between the branches"
+    no_unloading = np.isnan(stiffness["hysteresis_ratio"][row])
+    where = "follows the loading branch" if no_unloading else "runs half-way between the branches"
     caption = (
         f"The law f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
-        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}. It holds up "
-        "to the dot, the deepest penetration measured."
+        f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}. It is valid up "
+        "to the dot, the largest measured penetration."
     )
     if curves is None:
         caption += f" {NO_CURVES}"
@@ -132,7 +133,7 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
 
 
 def force_se(stiffness: Sheet, row: int, depth: np.ndarray) -> np.ndarray:
-    """Standard error of the law's force [N/m] at penetrations [m], from its covariance."""
+    """Return the standard error of the law's force [N/m] at penetrations [m], by its covariance."""
     values = stiffness["covariance"][row]
     covariance = np.array([np.nan if v is None else v for v in values], dtype=float).reshape(2, 2)
     basis = np.stack([depth, depth**2])
@@ -141,11 +142,11 @@ def force_se(stiffness: Sheet, row: int, depth: np.ndarray) -> np.ndarray:
 
 
 def deviation(stiffness: Sheet) -> Picture:
-    """How far the law of each temperature is from the pooled one."""
+    """Draw the deviation of the law at each temperature from the pooled one."""
     row, at = stiffness.pooled_row, stiffness["temperature_degC"]
     title = "Influence of temperature"
     if np.count_nonzero(np.isfinite(at)) < 2:
-        why = "All tests are at one temperature: whether it has an influence is not known."
+        why = "All tests are at one temperature: its influence is unknown."
         return absent("press-deviation", title, why)
     deepest = stiffness["max_penetration_m"][row]
     with new_axes() as (fig, axes):
@@ -167,7 +168,7 @@ def deviation(stiffness: Sheet) -> Picture:
     return Picture(
         "press-deviation",
         title,
-        "Force of the law at each temperature less that of the pooled law, relative; the band is "
-        "twice the standard error of the pooled law.",
+        "Relative difference of the force at each temperature from that of the pooled law; the "
+        "band is twice the standard error of the pooled law.",
         fig,
     )

@@ -1,4 +1,4 @@
-"""Measured against simulated friction coefficients (Fig. 17), and what is left between them."""
+"""Draw measured against simulated friction coefficients (Fig. 17), and their differences."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ SIMULATED_WITH: Final = {
     **{name: f"{of} surface" for name, of in COMPARED.items()},
     HELD_OUT: "runs left out and predicted",
 }
-"""Comparison -> what stands against the measured runs."""
+"""Comparison -> what the measured runs are compared with."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """Agreement with either surface, and the differences run by run."""
-    found = []
+    """Draw the agreement with each surface, and the differences run by run."""
+    drawn = []
     for name, of in COMPARED.items():
         sheet = results.get(name)
         if sheet is None or not sheet.stated("averaged"):
             title = f"Measured against simulated, {of} surface"
-            found.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
+            drawn.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 17"))
         else:
-            found.append(averaged(sheet, results))
+            drawn.append(averaged(sheet, results))
     sheets = [sheet for name in COMPARED if (sheet := results.get(name)) is not None]
-    return [*found, *_run_by_run_pictures(sheets)]
+    return [*drawn, *_run_by_run_pictures(sheets)]
 
 
 def of_one(sheet: Sheet) -> list[Picture]:
-    """Agreement and differences of one comparison on its own."""
+    """Draw the agreement and the differences of a single comparison."""
     means = [averaged(sheet, BeltResults("", {}))] if sheet.stated("averaged") else []
     return [*means, *_run_by_run_pictures([sheet])]
 
@@ -68,7 +68,7 @@ def _run_by_run_pictures(sheets: list[Sheet]) -> list[Picture]:
 
 
 def averaged(sheet: Sheet, results: BeltResults) -> Picture:
-    """Means over the arcs, measured with their doubt and simulated (Fig. 17)."""
+    """Draw the means over the arcs, measured with their standard error and simulated (Fig. 17)."""
     rows = sheet.stated("averaged")
     force, mu, simulated, tension, omega = (
         np.array([row[name] for row in rows], dtype=float)
@@ -81,7 +81,7 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         )
     )
     spread = _scatter(sheet, tension, omega)
-    omega = np.abs(omega)  # of either sense of rotation
+    omega = np.abs(omega)  # both senses of rotation
     by_speed = classes_of(omega, MOST_SPEEDS)
     with new_axes(4.6) as (fig, axes):
         for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):
@@ -115,33 +115,33 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         f"Measured against simulated, {SIMULATED_WITH[sheet.name]}",
         "Means over the arcs at each tension and speed. Squares: measured, with twice the standard "
         "error of the mean over arcs; circles: simulated with the identified laws; band: twice the "
-        f"{_doubt(results, sheet)} of the surface. {_verdict(sheet)}",
+        f"{_error_name(results, sheet)} of the surface. {_verdict(sheet)}",
         fig,
         "Fig. 17",
     )
 
 
 def _speed(results: BeltResults, omega: np.ndarray) -> str:
-    """Sliding speed of a pulley speed, as everywhere in the report; ω without the radius."""
+    """Name a pulley speed by its sliding speed, as elsewhere in the report; ω without a radius."""
     if radius := results.pulley_radius_m:
         return f"v = {class_name(MILLI * radius * omega)} mm/s"
     return f"ω = {class_name(omega)} rad/s"
 
 
 def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Standard error of each mean over arcs from the scatter between them; nan for one arc."""
+    """Compute the standard error of each mean over arcs from their scatter; nan for one arc."""
     own_tension, own_omega = sheet["nominal_tension_N"], as_set(sheet["pulley_speed_rad_s"])
-    found = np.full(tension.size, np.nan)
+    errors = np.full(tension.size, np.nan)
     for i, (T, w) in enumerate(zip(tension, omega, strict=True)):
         same = np.isclose(own_tension, T, rtol=0.02) & np.isclose(own_omega, w, rtol=0.03)
         if np.count_nonzero(same) > 1:
             values = sheet["mu_measured"][same]
-            found[i] = float(np.std(values, ddof=1)) / np.sqrt(values.size)
-    return found
+            errors[i] = float(np.std(values, ddof=1)) / np.sqrt(values.size)
+    return errors
 
 
 def _band(results: BeltResults, name: str, force: np.ndarray, omega: float) -> np.ndarray | None:
-    """Twice the standard error of the surface at these forces; None if it is not known."""
+    """Return twice the standard error of the surface at these forces; None if unknown."""
     surface, radius = results.get(name), results.pulley_radius_m
     if surface is None or radius is None:
         return None
@@ -149,35 +149,35 @@ def _band(results: BeltResults, name: str, force: np.ndarray, omega: float) -> n
     return band if np.isfinite(band).all() else None
 
 
-def _doubt(results: BeltResults, sheet: Sheet) -> str:
+def _error_name(results: BeltResults, sheet: Sheet) -> str:
     surface = results.get(SURFACES.get(sheet.name, ""))
     return surface.uncertainty if surface is not None else "standard error"
 
 
 def _verdict(sheet: Sheet) -> str:
-    whole = sheet.overall
-    if whole.get("rms_percent") is None:
+    overall = sheet.overall
+    if overall.get("rms_percent") is None:
         return ""
     return (
-        f"Over {whole['n_points']} runs the simulation is {whole['rms_percent']:.2f} % RMS off, "
-        f"{whole['largest_percent']:.2f} % at worst."
+        f"Over {overall['n_points']} runs the simulation is {overall['rms_percent']:.2f} % RMS "
+        f"off, {overall['largest_percent']:.2f} % at worst."
     )
 
 
 def differences(sheets: list[Sheet]) -> Picture:
-    """Relative differences run by run over the normal force."""
+    """Draw the relative differences run by run over the normal force."""
     relative = [100.0 * sheet["difference"] / sheet["mu_measured"] for sheet in sheets]
     fig = _run_by_run(sheets, relative, "simulated less measured µ [%]")
     return Picture(
         "differences",
         "Residuals: simulation minus measurement",
-        f"Relative difference of every run. {_which(sheets)} A tilt or a bow that is left tells of "
-        "something that the model does not know; scatter is noise.",
+        f"Relative difference of every run. {_legend_text(sheets)} A remaining slope or curvature "
+        "shows an effect that the model lacks; scatter is noise.",
         fig,
     )
 
 
-def _which(sheets: list[Sheet]) -> str:
+def _legend_text(sheets: list[Sheet]) -> str:
     if [sheet.name for sheet in sheets] == [HELD_OUT]:
         return "Each was predicted by a surface refined without its own setting."
     return (
@@ -187,19 +187,20 @@ def _which(sheets: list[Sheet]) -> str:
 
 
 def over_uncertainty(sheets: list[Sheet]) -> Picture:
-    """Differences run by run over the uncertainty that they may have."""
+    """Draw the differences run by run over their standard uncertainty."""
     ratios = [sheet["e_over_u"] for sheet in sheets]
     fig = _run_by_run(sheets, ratios, "difference over its standard uncertainty [-]", bound=2.0)
-    told = [
-        f"{sentence(SIMULATED_WITH[sheet.name])}: {found['within_2u']} of {found['n']} runs within."
+    counts = [
+        f"{sentence(SIMULATED_WITH[sheet.name])}: {stated['within_2u']} of {stated['n']} runs "
+        "within."
         for sheet in sheets
-        if (found := sheet.stated("validation")) and found.get("n")
+        if (stated := sheet.stated("validation")) and stated.get("n")
     ]
     return Picture(
         "validation",
         "Differences over their uncertainty",
         "Simulated less measured coefficient over the standard uncertainty of this difference; "
-        f"dashed: twice the uncertainty. {' '.join(told)}".strip(),
+        f"dashed: twice the uncertainty. {' '.join(counts)}".strip(),
         fig,
     )
 
@@ -207,7 +208,7 @@ def over_uncertainty(sheets: list[Sheet]) -> Picture:
 def _run_by_run(
     sheets: Sequence[Sheet], values: Sequence[np.ndarray], label: str, bound: float = 0.0
 ) -> Figure:
-    """A value of every run over its normal force, a marker per arc, a colour per surface."""
+    """Draw a value of every run over its normal force: marker by arc, colour by surface."""
     with new_axes(4.4) as (fig, axes):
         for sheet, y in zip(sheets, values, strict=True):
             colour = COLOURS[sheet.name]

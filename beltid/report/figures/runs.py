@@ -1,4 +1,4 @@
-"""Tensions and friction coefficient of runs over time, with the phases found (Fig. 10)."""
+"""Draw tensions and friction coefficient of runs over time, with the detected phases (Fig. 10)."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ PHASES: Final = (
     ("sliding plateau", "#cfe6f5", ""),
 )
 NO_CURVES: Final = (
-    "The runs over time are not in this folder: they are kept there when the report is written "
-    "with the recording of the rig at hand (beltid run, or beltid report --config)."
+    "The runs over time are not in this folder: they are stored there if the recording of the rig "
+    "is available when the report is written (beltid run, or beltid report --config)."
 )
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """The typical run of the largest arc, and the runs that were set aside."""
+    """Draw the typical run of the largest arc."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         why = "There is no friction.parquet." if friction is None else NO_CURVES
         return [absent("run", TITLE, why, "Fig. 10")]
     rows = {str(run): row for row, run in enumerate(friction["run"])}
-    kept = [rows[run] for run in dict.fromkeys(curves["run"].astype(str)) if run in rows]
-    good = [row for row in kept if friction["status"][row] == "ok"]
+    stored = [rows[run] for run in dict.fromkeys(curves["run"].astype(str)) if run in rows]
+    good = [row for row in stored if friction["status"][row] == "ok"]
     if not good:
         return [absent("run", TITLE, "No run could be used.", "Fig. 10")]
     typical = max(good, key=lambda row: float(friction["arc_deg"][row]))
@@ -50,21 +50,21 @@ def pictures(results: BeltResults) -> list[Picture]:
 
 
 def set_aside(results: BeltResults) -> list[Picture]:
-    """The runs that were set aside, as far as they were kept."""
+    """Draw the runs that were set aside and have a stored curve."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         return []
-    kept = set(curves["run"].astype(str))
+    stored = set(curves["run"].astype(str))
     rows = [
         row
         for row, run in enumerate(friction["run"])
-        if str(run) in kept and friction["status"][row] != "ok"
+        if str(run) in stored and friction["status"][row] != "ok"
     ]
     return [over_time(friction, curves, row) for row in rows]
 
 
 def over_time(friction: Sheet, curves: Sheet, row: int) -> Picture:
-    """Tensions (above) and friction coefficient (below) of one run with its phases (Fig. 10)."""
+    """Draw tensions (above) and friction coefficient (below) of a run, with phases (Fig. 10)."""
     run = str(friction["run"][row])
     samples = np.flatnonzero(curves["run"].astype(str) == run)
     samples = samples[np.argsort(curves["time_s"][samples], kind="stable")]
@@ -94,14 +94,14 @@ def over_time(friction: Sheet, curves: Sheet, row: int) -> Picture:
 
 
 def _phases(axes: Axes, friction: Sheet, row: int, t: np.ndarray, *, labelled: bool) -> None:
-    """Shade the phases that were found."""
+    """Shade the detected phases."""
     times = [
         float(t[0]) if t.size else np.nan,
         *(float(friction[name][row]) for name in ("start_time_s", "peak_time_s")),
         float(friction["plateau_start_s"][row]),
         float(friction["plateau_end_s"][row]),
     ]
-    if not np.isfinite(times[2]):  # no peak was found: the build-up lasts to the plateau
+    if not np.isfinite(times[2]):  # no peak detected: the build-up lasts until the plateau
         times[2] = times[3]
     for (name, colour, hatch), begin, end in zip(PHASES, times[:-1], times[1:], strict=True):
         if np.isfinite(begin) and np.isfinite(end) and end > begin:
@@ -129,28 +129,29 @@ def _results(axes: Axes, friction: Sheet, row: int) -> None:
 
 def _bounded(axes: Axes, mu: np.ndarray, sliding: float) -> None:
     """Keep spikes from flattening the curve."""
-    known = mu[np.isfinite(mu)]
-    if known.size:
-        low, high = np.percentile(known, [0.5, 99.5])
+    finite = mu[np.isfinite(mu)]
+    if finite.size:
+        low, high = np.percentile(finite, [0.5, 99.5])
         high = max(high, sliding) if np.isfinite(sliding) else high
         room = 0.1 * max(high - low, 1e-6)
         axes.set_ylim(low - room, high + 2.0 * room)
 
 
 def _caption(friction: Sheet, row: int, good: bool) -> str:
-    def told(name: str, unit: str, per_unit: float = 1.0) -> str:
+    def formatted(name: str, unit: str, per_unit: float = 1.0) -> str:
         value = per_unit * float(friction[name][row])
         return f"{value:.4g} {unit}" if np.isfinite(value) else "unknown"
 
     settings = (
-        f"Run {friction['run'][row]}: arc {told('arc_deg', '°')}, T₀ = "
-        f"{told('nominal_tension_N', 'N')} nominal, v = {told('slip_speed_m_s', 'mm/s', 1e3)}."
+        f"Run {friction['run'][row]}: arc {formatted('arc_deg', '°')}, "
+        f"T₀ = {formatted('nominal_tension_N', 'N')} nominal, "
+        f"v = {formatted('slip_speed_m_s', 'mm/s', 1e3)}."
     )
     if not good:
         return f"{settings} Set aside: {friction['status'][row]}."
     return (
         f"{settings} The belt is at rest, then µ rises to the sticking peak and settles; the "
-        "sliding plateau (shaded) is the reference. Tensions are drawn as recorded, less what the "
-        "config knows of the load cells; a difference of the cells that is left, spikes and ripple "
-        "are taken care of in the dashed result."
+        "sliding plateau (shaded) is the reference. Tensions are drawn as recorded, with the load "
+        "cell corrections of the config; the dashed result also corrects for a remaining "
+        "difference of the cells, spikes and ripple."
     )

@@ -1,4 +1,4 @@
-"""The figures of one artifact on its own."""
+"""Draw the figures of a single artifact."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ MOST_PROFILES: Final = 7
 
 
 def pictures(sheet: Sheet) -> list[Picture]:
-    """Figures of an artifact, the most telling first; they say it if the data are synthetic."""
-    found = [*MAKERS[sheet.kind](sheet), *budget.pictures(_alone(sheet))]
+    """Draw an artifact, the most important figure first; synthetic data are marked."""
+    drawn = [*FIGURES_OF_KIND[sheet.kind](sheet), *budget.pictures(_results_of(sheet))]
     if sheet.metadata.origin == "synthetic":
-        for picture in found:
+        for picture in drawn:
             if picture.figure is not None:
                 mark_synthetic(picture.figure)
-    return [picture for picture in found if picture.figure is not None]
+    return [picture for picture in drawn if picture.figure is not None]
 
 
-def _alone(sheet: Sheet) -> BeltResults:
+def _results_of(sheet: Sheet) -> BeltResults:
     return BeltResults(sheet.name, {_name(sheet): sheet})
 
 
 def _name(sheet: Sheet) -> str:
-    """Name of the artifact in the chain."""
+    """Return the name of the artifact in the chain."""
     if sheet.held_out:
         return HELD_OUT
     refined = sheet.metadata.method == "refined" or sheet.name.endswith("_refined")
@@ -78,7 +78,7 @@ def _surface(sheet: Sheet) -> list[Picture]:
 
 
 def _profiles(sheet: Sheet) -> list[Picture]:
-    """Normal force along the arc of the first profiles."""
+    """Draw the normal force along the arc for the first profiles."""
     labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
     names = list(dict.fromkeys(labels))
     rows = np.array(labels)
@@ -90,9 +90,9 @@ def _profiles(sheet: Sheet) -> list[Picture]:
             axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
         axes.set(xlabel=arc.POSITION, ylabel=LINE_FORCE)
         legend_below(fig, [axes], columns=2)
-    more = len(names) - MOST_PROFILES
-    told = f" {more} more are in the table." if more > 0 else ""
-    return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{told}", fig)]
+    hidden = len(names) - MOST_PROFILES
+    note = f" {hidden} more are in the table." if hidden > 0 else ""
+    return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{note}", fig)]
 
 
 def _press_curves(sheet: Sheet) -> list[Picture]:
@@ -115,11 +115,11 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
             axes.plot(sheet["time_s"][rows], sheet["mu"][rows], label=str(run), **look)
         axes.set(xlabel="time [s]", ylabel=MU)
         legend_below(fig, [axes], columns=4)
-    return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the runs kept.", fig)]
+    return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the stored runs.", fig)]
 
 
 def _shear(shear: Sheet) -> Picture:
-    """Travel per difference of the tensions over the arc, a group per initial tension."""
+    """Draw travel per tension difference over the arc, a group per initial tension."""
     used = shear["status"] == "ok"
     arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
@@ -139,25 +139,25 @@ def _shear(shear: Sheet) -> Picture:
                 label=f"T₀ = {tension:.3g} N",
             )
             axes.plot(arcs[rows], fitted[rows] * MICRO, **{**look, "marker": None})
-        axes.set(xlabel="contact arc [°]", ylabel="travel per difference of the tensions [µm/N]")
+        axes.set(xlabel="contact arc [°]", ylabel="travel per tension difference [µm/N]")
         legend_below(fig, [axes], columns=4)
     return Picture(
         "shear",
         "Build-up of the tensions",
-        "Travel of the pulley's surface that parts the tensions by one newton while the belt "
-        "sticks, with two standard errors; lines: by the shear stiffness found, or by ribs that do "
-        "not shear where none could be found.",
+        "Travel of the pulley's surface per newton of tension difference while the belt sticks, "
+        "with two standard errors; lines: from the identified shear stiffness, or for ribs that do "
+        "not shear if none could be identified.",
         fig,
     )
 
 
-MAKERS: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
+FIGURES_OF_KIND: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
     "shear": lambda sheet: [_shear(sheet)],
     "slip": lambda sheet: [slip.against_torque(sheet)],
-    "friction": lambda sheet: friction.measured(_alone(sheet)),
+    "friction": lambda sheet: friction.measured(_results_of(sheet)),
     "surface": _surface,
-    "simulated": lambda sheet: friction.simulated(_alone(sheet)),
+    "simulated": lambda sheet: friction.simulated(_results_of(sheet)),
     "profiles": _profiles,
     "compare": lambda sheet: proof.of_one(replace(sheet, name=_name(sheet))),
     "drive": drive.predicted,

@@ -1,4 +1,4 @@
-"""Sliding speed in service against torque (Fig. 9)."""
+"""Draw the sliding speed in service over torque (Fig. 9)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beltid.report.results import BeltResults, Sheet
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """Figures of the speed-loss bench."""
+    """Draw the figures of the speed-loss bench."""
     slip = results.get("slip")
     if slip is None:
         why = "There is no slip.parquet: the belt has no recording of the speed-loss bench."
@@ -29,7 +29,7 @@ def pictures(results: BeltResults) -> list[Picture]:
 
 
 def against_torque(slip: Sheet) -> Picture:
-    """Largest sliding speed over torque for each setting of the drive (Fig. 9)."""
+    """Draw the largest sliding speed over torque for each setting of the drive (Fig. 9)."""
     series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
     with new_axes(4.2) as (fig, axes):
         for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=itemgetter(0))):
@@ -56,8 +56,7 @@ def against_torque(slip: Sheet) -> Picture:
         "slip",
         "Sliding speed in service",
         "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
-        "drive by Eq. (7), with two standard errors; dotted: the speeds at which the friction rig "
-        "runs.",
+        "drive by Eq. (7), with two standard errors; dotted: the speeds of the friction rig.",
         fig,
         "Fig. 9",
     )

@@ -1,4 +1,4 @@
-"""The friction surface in space, for the mouse as well, and as a map (Fig. 13)."""
+"""Draw the friction surface in 3-D, static and interactive, and as a map (Fig. 13)."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ DIGITS: Final = 5
 CAMERA: Final = {"eye": {"x": -1.5, "y": -1.65, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
 HOVER: Final = "f<sub>N</sub> = %{x:.4g} N/m<br>v = %{y:.3g} mm/s<br>µ = %{z:.4f}"
 LEVEL_SLOPE: Final = 1e-3
-"""Share of mu per unit of ln v below which it does not change with the speed."""
+"""Relative slope of mu per unit of ln v below which mu counts as constant."""
 
 
 def pictures(results: BeltResults) -> list[Picture]:
-    """The surfaces, best first, in space and as maps."""
-    found = []
+    """Draw the surfaces as maps, the best first."""
+    drawn = []
     for name, of in SURFACES.items():
         sheet = results.get(name)
         if sheet is None:
             why = f"There is no {name}.parquet."
-            found.append(absent(f"map-{name}", f"The {of} surface", why, "Fig. 13"))
+            drawn.append(absent(f"map-{name}", f"The {of} surface", why, "Fig. 13"))
         else:
-            found.append(as_map(sheet, results.get("friction")))
-    return found
+            drawn.append(as_map(sheet, results.get("friction")))
+    return drawn
 
 
 def grid_of(surface: FrictionSurface, force: int, speed: int) -> tuple[np.ndarray, ...]:
-    """Forces [N/m], speeds [m/s] and coefficients over the measured range, evenly in logarithms.
+    """Sample forces [N/m], speeds [m/s] and mu over the measured range, evenly in logarithms.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
 
 
 def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
-    """Contours of the surface over force and speed, with the measured points (Fig. 13b)."""
+    """Draw contours of the surface over force and speed, with the measured points (Fig. 13b)."""
     surface = sheet.surface
     f, v, mu = grid_of(surface, 81, 61)
     falling = falls_with_speed(surface, f, v)
@@ -99,7 +99,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
         logarithmic(axes, "x", np.append(f, runs_f))
         logarithmic(axes, "y", np.append(v, runs_v) * MILLI)
-        axes.use_sticky_edges = False  # room for the box and for points on it
+        axes.use_sticky_edges = False  # leave a margin around the box and points on it
         axes.margins(0.04)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
@@ -110,14 +110,14 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         f"map-{sheet.name}",
         f"The {SURFACES[sheet.name]} surface as a map",
         f"Contours of µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is "
-        f"taken, nothing is extrapolated. {_falling(falling)}{_why_wider(sheet)}".strip(),
+        f"used, without extrapolation. {_falling(falling)}{_why_wider(sheet)}".strip(),
         fig,
         "Fig. 13 (b)",
     )
 
 
 def _draw_runs(axes: Axes, friction: Sheet | None) -> tuple[np.ndarray, np.ndarray]:
-    """Mark the runs that were used; their forces [N/m] and speeds [m/s]."""
+    """Mark the used runs; return their forces [N/m] and speeds [m/s]."""
     if friction is None:
         return np.zeros(0), np.zeros(0)
     good = friction["status"] == "ok"
@@ -128,14 +128,14 @@ def _draw_runs(axes: Axes, friction: Sheet | None) -> tuple[np.ndarray, np.ndarr
 
 
 def _hatch(axes: Axes, f: np.ndarray, v: np.ndarray, falling: np.ndarray) -> None:
-    """Hatch where mu falls with the speed."""
+    """Hatch the area in which mu falls with the speed."""
     where = falling.T.astype(float)
     axes.contourf(f, v * MILLI, where, levels=[0.5, 1.5], colors="none", hatches=["////"])
     axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
 
 
 def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Where mu falls with the speed (force, speed): sliding can excite vibration there."""
+    """Return where mu falls with the speed (force, speed), so that sliding can excite vibration."""
     _, slope = surface.gradient(f[:, None], v[None, :])
     by_log = slope * v / surface.mu(f[:, None], v[None, :])
     return np.asarray(by_log < -LEVEL_SLOPE)
@@ -145,8 +145,8 @@ def _falling(falling: np.ndarray) -> str:
     if not falling.any():
         return "µ does not fall with the speed anywhere. "
     return (
-        f"Hatched, {100.0 * falling.mean():.0f} % of it: µ falls with the speed, and sliding can "
-        "excite noise and stick-slip. "
+        f"Hatched, {100.0 * falling.mean():.0f} % of the box: µ falls with the speed, and sliding "
+        "can excite noise and stick-slip. "
     )
 
 
@@ -154,8 +154,8 @@ def _why_wider(sheet: Sheet) -> str:
     if sheet.name != "surface_refined":
         return ""
     return (
-        "The box is wider than the circles: the refined surface holds for the forces that act at "
-        "single points of the contact, not for means over the arc."
+        "The box extends beyond the circles: the refined surface applies to the local forces in "
+        "the contact, not to means over the arc."
     )
 
 
@@ -169,22 +169,22 @@ def _levels(mu: np.ndarray) -> np.ndarray:
 
 
 def in_space(sheet: Sheet) -> Picture:
-    """The surface in space (Fig. 13a).
+    """Draw the surface in 3-D (Fig. 13a).
 
-    The runs are not in it: their coefficients stand at mean forces, at which no refined surface has
-    to hold, so that they would float beside it.
+    The runs are not shown: their coefficients belong to mean forces, where the refined surface
+    differs, so that they would float off the surface.
     """
     return Picture(
         "surface-space",
         "The friction surface in space",
         f"The {SURFACES[sheet.name]} surface over its range of validity. The measured runs are not "
-        "in it: each stands at a mean force, Eq. (8), while the surface holds for that at a point.",
-        _drawn(sheet),
+        "shown: each has a mean force, Eq. (8), while the surface applies to the local force.",
+        _surface_figure(sheet),
         "Fig. 13 (a)",
     )
 
 
-def _drawn(sheet: Sheet) -> Figure:
+def _surface_figure(sheet: Sheet) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     surface = sheet.surface
@@ -204,8 +204,8 @@ def _drawn(sheet: Sheet) -> Figure:
         )
         for axis, values, logs in ((axes.xaxis, f, log_f), (axes.yaxis, v * MILLI, log_v)):
             if logs:
-                shown = log_ticks(values)
-                axis.set_ticks(np.log10(shown), [f"{tick:g}" for tick in shown])
+                ticks = log_ticks(values)
+                axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
             else:
                 axis.set_major_locator(MaxNLocator(5))
         axes.set_xlabel(LINE_FORCE + LOGARITHMIC * log_f, labelpad=9)
@@ -218,12 +218,12 @@ def _drawn(sheet: Sheet) -> Figure:
 
 
 def surface_plot(results: BeltResults) -> dict[str, Any] | None:
-    """Traces and layout of the interactive surface; None if there is no surface."""
+    """Build traces and layout of the interactive surface; None if there is no surface."""
     sheets = [sheet for name in SURFACES if (sheet := results.get(name)) is not None]
     if not sheets:
         return None
-    every = np.concatenate([sheet.surface.mu_nodes.ravel() for sheet in sheets])
-    limits = float(every.min()), float(every.max())
+    mu = np.concatenate([sheet.surface.mu_nodes.ravel() for sheet in sheets])
+    limits = float(mu.min()), float(mu.max())
     traces = [_trace(sheet, k == 0, limits) for k, sheet in enumerate(sheets)]
     return {
         "data": traces,
@@ -238,13 +238,13 @@ def surface_plot(results: BeltResults) -> dict[str, Any] | None:
 
 
 def as_json(plot: dict[str, Any]) -> str:
-    """JSON that may stand within a script element."""
+    """Write JSON that is safe within a script element."""
     text = json.dumps(plot, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _rounded(values: np.ndarray) -> Any:
-    """Values with a few digits, nan as null."""
+    """Round values to a few digits; nan becomes null."""
     if values.ndim > 1:
         return [_rounded(row) for row in values]
     return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
@@ -272,9 +272,9 @@ def _axis(title: str, values: list[float]) -> dict[str, Any]:
     axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
     if is_wide(np.array(values)):
         axis["title"]["text"] += LOGARITHMIC
-        shown = log_ticks(np.array(values)).tolist()
-        names = [f"{tick:g}" for tick in shown]
-        axis |= {"type": "log", "tickvals": shown, "ticktext": names}
+        ticks = log_ticks(np.array(values)).tolist()
+        names = [f"{tick:g}" for tick in ticks]
+        axis |= {"type": "log", "tickvals": ticks, "ticktext": names}
     return axis
 
 

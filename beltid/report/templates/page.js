@@ -1,7 +1,7 @@
 "use strict";
-// The picture stays where it is unless the surface can be drawn: no WebGL, no change.
+// The picture is replaced only if the surface can be drawn, which needs WebGL.
 (function () {
-  addEventListener("beforeprint", function () { // what is folded is open on paper
+  addEventListener("beforeprint", function () { // unfold everything on paper
     for (const folded of document.querySelectorAll("details")) folded.open = true;
   });
   const plot = document.getElementById("surface-plot");
@@ -12,7 +12,7 @@
   const figure = plot.closest("figure");
   const drawing = figure.querySelector(".drawing");
   plot.hidden = false;
-  if (plot.clientWidth < 480) { // a narrow screen: from farther away, without the scale
+  if (plot.clientWidth < 480) { // a narrow screen: move the camera away and hide the scale
     const eye = data.layout.scene.camera.eye;
     for (const axis of ["x", "y", "z"]) eye[axis] *= 1.35;
     for (const trace of data.data) trace.showscale = false;
@@ -22,7 +22,7 @@
   const unpacked = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   new Response(unpacked).text().then(function (text) {
     const library = document.createElement("script");
-    library.textContent = text; // the policy of the page knows its hash
+    library.textContent = text; // allowed by its hash in the page's policy
     document.head.append(library);
     return Plotly.newPlot(plot, data.data, data.layout, data.config);
   }).then(function () {
