@@ -1,4 +1,4 @@
-"""What to measure next on the friction rig."""
+"""Plan what to measure next on the friction rig."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def plan(
         typer.Option(
             "--target",
             metavar="surface|drive",
-            help="Where friction has to be known: at all forces and speeds of the candidates, or "
+            help="Where friction must be known: at all forces and speeds of the candidates, or "
             "where the drive of the config slides. Default: surface.",
         ),
     ] = "surface",
