@@ -113,7 +113,7 @@ def positive(name: str, unit: str, meaning: str, *, nullable: bool = False) -> C
 
 
 def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
-    """A number >= 0."""
+    """Define a column of numbers >= 0."""
     return Column(name, "float64", unit, meaning, nullable, 0.0)
 
 
