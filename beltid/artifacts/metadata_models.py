@@ -309,7 +309,7 @@ class AveragedRow(TypedDict):
 
 
 class JudgedRow(TypedDict):
-    """One tolerance and whether it holds."""
+    """One tolerance and whether it is met."""
 
     tolerance: str
     found: NotRequired[Number | None]
@@ -318,7 +318,7 @@ class JudgedRow(TypedDict):
 
 
 class Validation(TypedDict):
-    """How many differences are within their uncertainty."""
+    """Number of differences within their uncertainty."""
 
     n: Count
     within_2u: Count
