@@ -120,8 +120,8 @@ class Common:
             "-c",
             metavar="YAML",
             help="Config of belt, benches and settings. Default: the one that the environment "
-            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml beside the "
-            "input or in a folder above it, else the built-in 5PK rig of the paper.",
+            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to "
+            "the input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
     ] = None
     out: Annotated[
@@ -130,7 +130,7 @@ class Common:
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write, - for stdout. Default: beside the input, as named above.",
+            help="File to write, - for stdout. Default: next to the input, as named above.",
         ),
     ] = None
     json: Annotated[

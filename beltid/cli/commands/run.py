@@ -151,7 +151,7 @@ def run(
         )
         return run_batch(chosen, folder, options)
 
-    kept = f"what was finished stands in {folder}; the same command goes on from there"
+    kept = f"finished results are in {folder}; the same command continues from there"
     finish(work, common, kept=kept)
 
 
