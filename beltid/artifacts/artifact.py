@@ -242,7 +242,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         text = f"{path}: damaged: the numbers do not match their checksum"
         raise ArtifactError(text, code="damaged")
     stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
-    metadata = metadata_of(record.kind, stated, f"{path}: damaged or written by others")
+    metadata = metadata_of(record.kind, stated, f"{path}: damaged or not written by beltid")
     return Artifact(
         kind=record.kind,
         columns=columns,

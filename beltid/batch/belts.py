@@ -21,7 +21,7 @@ UP_TO_DATE: Final = "up to date"
 FAILED: Final = "failed"
 NOT_RUN: Final = "not run"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
-MADE_GOOD_BY: Final = {"compare": "compare refined"}
+OVERRIDDEN_BY: Final = {"compare": "compare refined"}
 """Comparison that may be out of tolerance -> comparison whose success overrides it."""
 SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
@@ -80,7 +80,7 @@ class BeltRun:
 
     def _is_overridden(self, name: str) -> bool:
         return self.states[name] == OUT_OF_TOLERANCE and self.states.get(
-            MADE_GOOD_BY.get(name, "")
+            OVERRIDDEN_BY.get(name, "")
         ) in (DONE, UP_TO_DATE)
 
     def failed(self, name: str, error: BeltidError) -> None:
@@ -105,7 +105,7 @@ class BeltRun:
 
     @property
     def up_to_date(self) -> bool:
-        """Whether nothing had to be done."""
+        """True if nothing had to be done."""
         idle = (UP_TO_DATE, SKIPPED, TOO_FEW_SETTINGS)
         return all(state in idle for state in self._final_states())
 

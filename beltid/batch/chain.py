@@ -215,4 +215,4 @@ def write_reports(
                 options.reporter.error(f"{REPORT.name}: {line}")
             reported[-1].run.failed(REPORT.name, error)
             return
-        options.reporter.report(f"{REPORT.name}: the belts side by side: {page}")
+        options.reporter.report(f"{REPORT.name}: comparison of the belts: {page}")

@@ -95,18 +95,18 @@ class ClusterWorkers(Workers):
         try:
             return future.result()
         except KilledWorker as error:
-            raise BeltidError(f"cluster: several workers died at the same call: {error}") from None
+            raise BeltidError(f"cluster: several workers died in the same call: {error}") from None
         except ModuleNotFoundError as error:
             raise BeltidError(
                 f"cluster: a worker lacks the module {error.name}; "
-                f"install beltid {__version__} there as it is here"
+                f"install beltid {__version__} there as on this computer"
             ) from None
         except (CancelledError, OSError):
             if self._cancelled:
                 raise Cancelled from None
             raise BeltidError(
                 f"cluster {self._where}: the connection was lost; "
-                "run again to go on with what is not finished"
+                "run again to continue with what is not finished"
             ) from None
 
     def stop(self) -> None:
@@ -133,7 +133,7 @@ def guarded(ours: str, function: Callable[..., Result], arguments: tuple[Any, ..
     """
     if source_sha256() != ours:
         raise BeltidError(
-            f"cluster: a worker has another beltid ({__version__}) than this computer; "
+            f"cluster: a worker has another beltid than this computer ({__version__}); "
             "install the same one there"
         )
     return function(*arguments)
@@ -200,7 +200,7 @@ def refuse_lacking(client: Any, where: str) -> None:
     if lacking:
         raise InputError(
             f"cluster {where}: {len(lacking)} of {len(specs)} workers lack beltid, "
-            f"such as {lacking[0]}; install beltid {__version__} there as it is here"
+            f"such as {lacking[0]}; install beltid {__version__} there as on this computer"
         )
 
 

@@ -42,7 +42,7 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
             target = os.path.realpath(path)
             if os.path.commonpath([root, target]) != root:
                 problems.append(
-                    f"{path}: is a link to {target}, out of the folder of the results {folder}; "
+                    f"{path}: is a link to {target}, outside the results folder {folder}; "
                     "remove the link, or name another --runs-dir"
                 )
     if problems:

@@ -34,7 +34,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     if not named:
         path = named_by_environment()
         if path is None:
-            raise InputError("no config named: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
+            raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
         named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     problems: list[str] = []
     belts: list[list[ConfigSource]] = []

@@ -276,7 +276,7 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
         yield Piped(dict(inputs), out)
         return
     if len(from_stdin) > 1:
-        raise InputError(f"- (stdin) can be only one input, not {' and '.join(from_stdin)}")
+        raise InputError(f"- (stdin) can be one input only, not {' and '.join(from_stdin)}")
     if out == DASH and json:
         raise InputError("--out - and --json both want stdout, name a file for --out")
     from tempfile import TemporaryDirectory  # slow, and the help must be fast
@@ -284,7 +284,7 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
     with TemporaryDirectory(prefix="beltid-") as name, passing(Path(name)):
         folder, names, files = Path(name), {}, dict(inputs)
         for role in from_stdin:
-            files[role] = _spooled(folder / STDIN)
+            files[role] = _spool_stdin(folder / STDIN)
             names[str(files[role])] = STDIN
         if out == DASH:
             out = folder / "artifact.parquet"
@@ -292,7 +292,7 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
         yield Piped(files, out, STDOUT in names.values(), names)
 
 
-def _spooled(path: Path) -> Path:
+def _spool_stdin(path: Path) -> Path:
     import shutil  # slow, and the help must be fast
 
     with path.open("wb") as file:  # copied in blocks: it need not fit into memory

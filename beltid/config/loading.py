@@ -121,9 +121,9 @@ def _plain(value: Any) -> Any:
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
-    resolved = {kind: _short(folder / path) for kind, path in config.data.files.items()}
+    resolved = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
     tables = {
-        kind: config.runs.of(kind).model_copy(update={"table": _short(folder / table)})
+        kind: config.runs.of(kind).model_copy(update={"table": _shorten(folder / table)})
         for kind, table in config.runs.tables.items()
     }
     return config.model_copy(
@@ -134,7 +134,7 @@ def _with_paths_from(config: Config, folder: Path) -> Config:
     )
 
 
-def _short(path: Path) -> Path:
+def _shorten(path: Path) -> Path:
     """Shorten ``configs/../rigdata`` to ``rigdata``, unless a symbolic link makes them differ."""
     short = os.path.normpath(path)
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
@@ -201,11 +201,11 @@ def find_config(
         return ConfigSource(load_config(path), f"{path} (--config)", path)
     named = named_by_environment()
     if named is not None:
-        return _found(named, f"named by ${ENVIRONMENT_VARIABLE}")
+        return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
     if recording_path is not None:
         for candidate in _candidates(Path(recording_path)):
             if _is_file(candidate):
-                return _found(candidate, f"found for {Path(recording_path).name}")
+                return _load_found(candidate, f"found for {Path(recording_path).name}")
     return ConfigSource(Config(), BUILT_IN)
 
 
@@ -215,7 +215,7 @@ def named_by_environment() -> Path | None:
     return Path(named) if named else None
 
 
-def _found(path: Path, how: str) -> ConfigSource:
+def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:

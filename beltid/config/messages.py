@@ -77,7 +77,7 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
     word = str(path[-1])
     known = _keys_at(path[:-1], model)
     where = f"{format_path(path[:-1])} has" if path[:-1] else "a config has"
-    hint = suggestion(word, known) or _elsewhere(word, model)
+    hint = suggestion(word, known) or _other_section(word, model)
     if not hint and word.isdigit() and path[:-1]:
         hint = " (the decimal sign is a point)"  # {span_length_m: 0,10} reads as a key 10
     if word != word.strip():
@@ -86,7 +86,7 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
     return f"{text}{hint}" if hint else f"{text}, {where} " + ", ".join(known)
 
 
-def _elsewhere(word: str, model: type[BaseModel]) -> str:
+def _other_section(word: str, model: type[BaseModel]) -> str:
     """Suggest the section that a misplaced key belongs to."""
     for name in model.model_fields:
         if word in _keys_at((name,), model):
@@ -102,10 +102,10 @@ def _found_and_allowed(
     allowed = requirement(detail)
     if detail["type"] in SECTION_TYPES:
         allowed += " with the keys " + ", ".join(_keys_at(path, model))
-    return f"{format_path(path)} = {_shown(path, detail['input'], source)}, {allowed}"
+    return f"{format_path(path)} = {_value_text(path, detail['input'], source)}, {allowed}"
 
 
-def _shown(path: KeyPath, value: Any, source: Source) -> str:
+def _value_text(path: KeyPath, value: Any, source: Source) -> str:
     """Return a value as the user wrote it, shortened."""
     if path in source.texts:
         text = source.texts[path] or "empty"

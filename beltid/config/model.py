@@ -47,7 +47,7 @@ SHOWN: Final = {"deg": "°", "degC": "°C"}
 """Unit of a column -> its symbol in a config."""
 
 
-def _built(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
+def _create_section(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
     """Create a section class in this module, where pickle finds it in worker processes."""
     section = create_model(name, __base__=base, __module__=__name__, **keys)
     globals()[name] = section
@@ -57,13 +57,13 @@ def _built(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
 def _of_columns(name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]) -> Any:
     """Create a section with an optional key for each column."""
     keys = {column.name: (allowed(column) | None, None) for column in columns}
-    return _built(name, Unstated, keys)
+    return _create_section(name, Unstated, keys)
 
 
 def _per_kind(name: str, section_of: Callable[[str], Any]) -> Any:
     """Create a section with a subsection for each kind of recording."""
     sections = {kind: section_of(kind) for kind in RECORDINGS}
-    return _built(name, Section, {kind: (of, of()) for kind, of in sections.items()})
+    return _create_section(name, Section, {kind: (of, of()) for kind, of in sections.items()})
 
 
 def _settings(kind: str) -> list[Column]:
@@ -152,7 +152,7 @@ def _runs(kind: str) -> Any:
     fields = _of_columns(f"_{kind}_fields", [label, *_settings(kind)], _name)
     values = _of_columns(f"_{kind}_values", _settings(kind), _value)
     keys = {"fields": (fields, fields()), "values": (values, values())}
-    return _built(f"_{kind}_runs", RunsOfKind, keys)
+    return _create_section(f"_{kind}_runs", RunsOfKind, keys)
 
 
 _Runs: Any = _per_kind("_Runs", _runs)

@@ -166,7 +166,7 @@ def _compose(text: str, name: str) -> Any:
         position = getattr(error, "position", None)
         line = f":{text[:position].count(chr(10)) + 1}" if isinstance(position, int) else ""
         raise ConfigError(
-            f"{name}{line}: not valid YAML: a character that a text must not contain",
+            f"{name}{line}: not valid YAML: a character that YAML does not allow",
             code="config-yaml",
         ) from None
     except ConfigError:
@@ -240,7 +240,7 @@ class _Walk:
         source.places[path] = here
         self.count += 1
         if id(node) in self.open or len(path) > MAX_DEPTH:
-            raise ConfigError(source.at(here, "an alias (*) repeats itself"))
+            raise ConfigError(source.at(here, "an alias (*) contains itself"))
         if self.count > MAX_VALUES:
             raise ConfigError(source.at(here, "too many values, this is not a config"))
         if not re.fullmatch(r"tag:yaml\.org,2002:[a-z]+", str(node.tag)):

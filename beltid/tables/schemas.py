@@ -87,7 +87,7 @@ _TENSIONS_FROM = (
     ),
 )
 WHERE_KNOWN: Final = (*CONDITIONS, *(column.name for column in _TENSIONS_FROM))
-"""Columns of the friction table that only some rigs and recordings have."""
+"""Columns of the friction table that only some rigs and recordings provide."""
 SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
 """Columns of a recording that stay empty if they are not stated."""
 
