@@ -11,37 +11,37 @@ between a V-ribbed belt and a pulley", Mechanism and Machine Theory 45 (2010) 14
     run = beltid.simulate_rig(config, surface, law, arc_deg=82, initial_tension_N=270,
                               pulley_speed_rad_s=0.21, method="steady")
 
-Everything that goes wrong for a reason a user can mend raises a subclass of `BeltidError`.
+Errors that a user can correct raise a subclass of `BeltidError`.
 
-The map of the rooms; imports go down only:
+Map of the packages; a package imports only from those below it:
 
 ====================== ====================================================== =================
 Module                 Responsibility                                         Paper eq.
 ====================== ====================================================== =================
-``cli``                the commands; the only room that prints or exits
-``batch``              the chain over one belt or several
-``stages``             one file per command: read, science, write, sum up
+``cli``                the commands; the only package that prints or exits
+``batch``              the whole chain for one or several belts
+``stages``             one file per command: read, compute, write, summarize
 ``report``             figures, pages, summaries for the terminal
 ``export``             the contact law for other programs
-``bench``              what benches write: any format to validated columns
-``artifacts``          results: Parquet files that say what they are, written whole
+``bench``              bench recordings: any format to validated columns
+``artifacts``          results: self-describing Parquet files, written atomically
 ``config``             YAML to a frozen model; errors with line and column
 ``tables``             column definitions: name, type, unit, range, meaning
-``plan``               which runs of the rig to make next, and when to stop
-``uncertainty``        budgets, Monte Carlo check, differences in their units JCGM 100, 101
+``plan``               which rig runs to measure next, and when to stop
+``uncertainty``        budgets, Monte Carlo check, normalized differences     JCGM 100, 101
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 7
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
-``identify.friction``  run of the rig to friction coefficient                 Eqs. (5) to (8)
-``identify.shear``     build-up of the runs to shear stiffness of the ribs
-``identify.surface``   runs to friction surface                               section 5
+``identify.friction``  rig run to friction coefficient                        Eqs. (5) to (8)
+``identify.shear``     tension build-up to shear stiffness of the ribs
+``identify.surface``   rig runs to friction surface                           section 5
 ``identify.agreement`` measured against simulated                             section 7
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.1
-``rigsim``             the simulated rig: ANCF belt, contact, stick and slip  Eqs. (9) to (12)
+``rigsim``             the simulated rig: ANCF belt, contact, stick-slip      Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
-``child_processes``    what processes that are started import, and hear
-``errors``             what can go wrong, with its exit status
+``child_processes``    imports and signals of the processes that beltid starts
+``errors``             the errors, with their exit statuses
 ====================== ====================================================== =================
 """
 
@@ -121,8 +121,8 @@ __all__ = [
     "simulate_rig",
 ]
 
-# public name -> the module it lives in, imported when the name is first used: `import beltid` is
-# cheap, numpy and its friends come when something is computed
+# public name -> its module, imported when the name is first used: `import beltid` stays cheap,
+# numpy and the like are imported only when something is computed
 _HOMES = {
     "Config": "config",
     "load_config": "config",

@@ -1,4 +1,4 @@
-"""``python -m beltid`` and the command ``beltid``."""
+"""Entry point of ``python -m beltid`` and of the command ``beltid``."""
 
 from __future__ import annotations
 

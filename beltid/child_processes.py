@@ -1,4 +1,4 @@
-"""Processes that this one starts: what they import, and which signals reach them."""
+"""Child processes: which signals reach them and where they import the package from."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def signals_blocked() -> Iterator[None]:
-    """Start processes that neither Ctrl-C nor a closed terminal reaches: the caller ends them."""
+    """Shield the processes started inside from Ctrl-C and hang-up; the caller must end them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -23,6 +23,6 @@ def signals_blocked() -> Iterator[None]:
 
 
 def same_package() -> str:
-    """Value of PYTHONPATH with which a Python imports the package from where this one has it."""
+    """Return the PYTHONPATH that makes a child import the same copy of the package."""
     root, before = str(Path(__file__).resolve().parents[1]), os.environ.get("PYTHONPATH")
     return os.pathsep.join([root, *([before] if before else [])])

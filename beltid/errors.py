@@ -1,4 +1,4 @@
-"""Everything that goes wrong for a reason a user can mend.
+"""Errors that a user can correct.
 
 Every error of the package is a :class:`BeltidError` and carries the exit status that the command
 line returns for it. Anything else that escapes is a bug.
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     import numpy as np
 
 LONGEST_LINE: Final = 4000
-"""Characters of a message that are shown; hostile files have names of megabytes."""
+"""Longest message shown [characters]; hostile files have names of megabytes."""
 SHOWN: Final = 20
-"""Problems of one file that are shown."""
+"""Largest number of problems shown per file."""
 ALIKE: Final = 3
-"""Problems of one kind that are shown one by one."""
+"""Largest number of similar problems shown one by one."""
 PlaceOf = Callable[[int], tuple[str, int]]
-"""Index of a row -> its place in words, and its line for the order of messages."""
+"""Row index -> text of its place, and its line number for sorting the messages."""
 EXIT_DONE = 0
 EXIT_INPUT = 2
 EXIT_NUMERICS = 3
@@ -30,12 +30,12 @@ EXIT_BATCH_FAILED = 5
 
 
 def printable(text: str) -> str:
-    """A text on one line, without characters that command a terminal or turn the reading order.
+    """Escape line breaks, terminal control characters and text-direction marks in a text.
 
     Parameters
     ----------
     text : str
-        Anything, such as a cell of a file in a message.
+        Any text, such as a cell of a file that a message quotes.
     """
     text = _shortened(text)
     if text.isprintable():
@@ -49,7 +49,7 @@ def printable(text: str) -> str:
 
 
 def percent(value: float) -> str:
-    """A value in percent with two digits, never as a power of ten.
+    """Format a percentage with two significant digits, never as a power of ten.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def percent(value: float) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """A number of things, one of them without an s.
+    """Format a count with its noun, singular or plural.
 
     Examples
     --------
@@ -77,12 +77,12 @@ def _shortened(text: str) -> str:
 
 
 class Problem(str):
-    """A line of an error, and the code of the page that explains it.
+    """One line of an error, with the code of the page that explains it.
 
     Attributes
     ----------
     code : str
-        The code, for ``beltid explain``; "" where there is no page.
+        Code for ``beltid explain``; "" if there is no page.
     """
 
     code: str
@@ -94,86 +94,86 @@ class Problem(str):
 
 
 class BeltidWarning(UserWarning):
-    """A result was obtained, but the user should know something about it."""
+    """Warning about a result that was obtained but needs the user's attention."""
 
 
 class BeltidError(Exception):
-    """Base of all errors with a reason that a user can mend.
+    """Base class of all errors that a user can correct.
 
     Parameters
     ----------
     problems : str or sequence of str
         One line per problem, each with its place, what was found and what is allowed.
     code : str
-        Code of the page that explains the lines that are no `Problem` with a code of its own.
+        Code of the page that explains the lines without their own code.
 
     Attributes
     ----------
     exit_status : int
         Exit status of the command line for this error.
     code : str
-        Code of the page that explains all errors of a class, or "".
+        Code of the page that explains all errors of this class, or "".
     problems : tuple of Problem
-        The lines; what they quote is made printable.
+        The lines, made printable.
     """
 
     exit_status: int = EXIT_INPUT
     code: str = ""
 
     def __init__(self, problems: str | Sequence[str], *, code: str = "") -> None:
-        given = (problems,) if isinstance(problems, str) else problems
-        own = code or self.code
+        lines = (problems,) if isinstance(problems, str) else problems
+        default_code = code or self.code
         self.problems: tuple[Problem, ...] = tuple(
-            Problem(printable(line), getattr(line, "code", "") or own) for line in given
+            Problem(printable(line), getattr(line, "code", "") or default_code) for line in lines
         )
         super().__init__("\n".join(self.problems))
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """Codes of the pages that explain it, in the order of the lines."""
+        """Codes of the pages that explain this error, in the order of the lines."""
         return tuple(dict.fromkeys(line.code for line in self.problems if line.code))
 
     def at(self, place: str) -> list[Problem]:
-        """The lines with a place before each, for the error of whoever knows it."""
+        """Prefix every line with a place, for a caller that knows the place and re-raises."""
         return [Problem(f"{place}: {line}", line.code) for line in self.problems]
 
 
 class InputError(BeltidError):
-    """A recording, a config, an artifact or an argument is not what it must be (status 2)."""
+    """Invalid recording, config, artifact or argument (status 2)."""
 
 
 class ArgumentTypeError(InputError, TypeError):
-    """An argument of a call in Python is of the wrong kind; says what is meant, and where from."""
+    """Wrong type of a Python argument; the message says what is expected and how to get it."""
 
 
 class TooFewSettings(InputError):
-    """Too few settings of the bench were measured for what was asked of them."""
+    """Too few measured bench settings for the requested computation."""
 
 
 class ConfigError(InputError):
-    """A config file is wrong; each problem carries file, line, column and key path."""
+    """Invalid config file; each problem gives file, line, column and key path."""
 
 
 class ArtifactError(InputError):
-    """An artifact is damaged, of another kind, or of a schema that this version does not read."""
+    """Artifact that is damaged, of the wrong kind, or of a schema this version cannot read."""
 
 
 class NumericsError(BeltidError):
-    """The numerics could not give a result that may be trusted (status 3)."""
+    """Numerical failure: no trustworthy result was obtained (status 3)."""
 
     exit_status = EXIT_NUMERICS
     code = "numerics"
 
 
 class ConvergenceError(NumericsError):
-    """An iteration did not converge.
+    """Iteration that did not converge.
 
     Attributes
     ----------
     iterations : int
         Iterations spent.
     residual : float
-        Last residual, in the unit that the message states.
+        Last residual, in the unit given in the message.
     """
 
     def __init__(
@@ -185,21 +185,21 @@ class ConvergenceError(NumericsError):
 
 
 class FitError(NumericsError):
-    """A fit was refused: the data do not determine a law that is physically admissible."""
+    """Rejected fit: the data do not determine a physically admissible law."""
 
 
 @dataclass(slots=True)
 class Problems:
-    """Problems of one file, told together in the order of its lines.
+    """Collector of the problems of one file, reported together in line order.
 
     Attributes
     ----------
     found : list of (int, Problem)
-        Line (0 for the whole file) and wording of the problems that are kept.
+        Line number (0 for the whole file) and text of the stored problems.
     count : int
-        How many there were, with those that were not kept.
+        Number of problems, including those not stored.
     unread : set of str
-        Places of rows with a cell that could not be read: what such a row lacks is told already.
+        Places of rows with an unreadable cell, which has already been reported.
     """
 
     found: list[tuple[int, Problem]] = field(default_factory=list)
@@ -207,7 +207,7 @@ class Problems:
     unread: set[str] = field(default_factory=set)
 
     def add(self, text: str, line: int = 0, code: str = "") -> None:
-        """Note a problem; beyond a few hundred only their number is kept."""
+        """Add a problem; beyond a few hundred, only count it."""
         self.count += 1
         if len(self.found) < 20 * SHOWN:
             self.found.append((line, Problem(text, code)))
@@ -215,16 +215,16 @@ class Problems:
     def add_alike(
         self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
     ) -> None:
-        """Note what is wrong with some rows in one way: of many the first, and how many they are.
+        """Add the same kind of problem in several rows; if there are many, the first and a count.
 
         Parameters
         ----------
         rows : sequence of int, ndarray
-            Indices of the rows.
+            Row indices.
         text : callable
-            Index of a row -> what is wrong with it.
+            Row index -> what is wrong with the row.
         place : callable
-            Index of a row -> its place in words, and its line.
+            Row index -> text of its place, and its line number.
         """
         more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
         for row in rows[:1] if more else rows:
@@ -232,18 +232,18 @@ class Problems:
             self.add(f"{where}: {text(int(row))}{more}", line, "numbers")
 
     def take(self, others: Problems) -> None:
-        """Note the problems of a part of the file."""
+        """Add the problems of a part of the file."""
         self.count += others.count
         self.unread |= others.unread
         self.found += others.found[: 20 * SHOWN - len(self.found)]
 
     def told_once(self, places: Sequence[str]) -> None:
-        """Make one of problems that are the same in several files.
+        """Merge problems that are the same in several files into one.
 
         Parameters
         ----------
         places : sequence of str
-            Names of the files, with which their problems begin.
+            File names, with which the problems begin.
         """
         alike: dict[str, list[tuple[int, Problem]]] = {}
         for line, text in self.found:
@@ -251,21 +251,21 @@ class Problems:
             rest = text[len(place) :].partition(": ")[2] if place else text
             alike.setdefault(rest if place else f"\0{text}", []).append((line, text))
         self.found = []
-        for rest, told in alike.items():
-            line, text = told[0]
-            if len(told) > 1 and not rest.startswith("\0"):
+        for rest, same in alike.items():
+            line, text = same[0]
+            if len(same) > 1 and not rest.startswith("\0"):
                 place = text[: -len(rest) - 2]
-                text = Problem(f"{place} and {len(told) - 1} more: {rest}", text.code)
-                self.count -= len(told) - 1
+                text = Problem(f"{place} and {len(same) - 1} more: {rest}", text.code)
+                self.count -= len(same) - 1
             self.found.append((line, text))
 
     def raise_if_any(self) -> None:
-        """Raise an InputError with the first problems and the number of the others.
+        """Raise an InputError that lists the first problems and counts the rest.
 
         Raises
         ------
         InputError
-            If there is any problem.
+            If any problem was added.
         """
         if not self.count:
             return

@@ -1,6 +1,6 @@
-"""Frozen parameter values of the science rooms, in SI units, with their bounds.
+"""Frozen physical parameters in SI units, with their bounds.
 
-The letters are those of the paper; the doors (configs, columns, options) use words with units.
+Attribute names are the symbols of the paper; configs, columns and options use words with units.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ class Rig:
     span : float
         Length from a support to the tangent point [m].
     supports : {"pinned", "clamped"}
-        How the belt ends are held by the load cells.
+        How the load cells hold the belt ends.
     given_force : {"none", "tight", "slack", "hub"}
-        What stays as it was before the pulley turns. "none": both ends stay in place, and with them
-        the stress-free length. "tight", "slack": the tension of that end, by a dead weight; the end
-        moves in the line of its span. "hub": the sum of both tensions, by a force on the slide of
-        the pulley, which moves along the bisector of the arc.
+        What stays constant while the pulley turns. "none": the position of both ends, and so the
+        stress-free length. "tight", "slack": the tension of that end, which carries a dead weight
+        and moves along its span. "hub": the sum of both tensions, set by a force on the pulley
+        slide, which moves along the bisector of the arc.
     """
 
     R: float
@@ -102,9 +102,9 @@ class Contact:
     C_P : float
         Normal damping of one contact point of the default mesh, Eq. (4) [N s/m].
     points_per_element : int
-        Equally spaced contact points of a belt element.
+        Equally spaced contact points per belt element.
     sticking_ratio : float
-        Coefficient of friction at rest over the sliding one at the lowest measured speed [-].
+        Static friction coefficient over the sliding one at the lowest measured speed [-].
     """
 
     C_P: float = 300.0
@@ -149,6 +149,6 @@ class OperatingPoint:
             T_0=(self.T_0, self.T_0 > 0, "> 0 N"),
             omega=(self.omega, self.omega > 0, "> 0 rad/s"),
         )
-        # an int would make the kernels be compiled once more for another signature
+        # an int would make numba compile the kernels again for another signature
         for name in ("beta", "T_0", "omega"):
             object.__setattr__(self, name, float(getattr(self, name)))

@@ -1,7 +1,7 @@
-"""Artifacts: Parquet files that state what they are, what they were computed from, and any damage.
+"""Artifacts: Parquet files that state what they are and what they were computed from.
 
-Three nets catch damage: the checksum of every page, a hash of the metadata, and a hash of the
-numbers. The bytes depend on the content only, not on time, machine or user.
+Damage is detected by a checksum of every page, a hash of the metadata and a hash of the values. The
+bytes depend only on the content, not on time, machine or user.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ M = TypeVar("M", bound=Metadata)
 
 
 class _Record(BaseModel):
-    """The metadata of a file as JSON, before its kind is known."""
+    """JSON metadata of a file, before its kind is known."""
 
     model_config = ConfigDict(strict=True)
 
@@ -52,7 +52,7 @@ class _Record(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Artifact(Generic[M]):
-    """An artifact that was read and found whole.
+    """An artifact that was read and verified.
 
     Attributes
     ----------
@@ -61,15 +61,15 @@ class Artifact(Generic[M]):
     columns : dict of str to ndarray
         Columns in the order of the schema; missing numbers are nan, missing texts None.
     metadata : Metadata
-        What it states about itself, in the model of its kind.
+        Its metadata, in the model of its kind.
     path : Path
-        Where it was read.
+        File that was read.
     sha256 : str
         Hash of the bytes of the file.
     units : dict
-        Unit per column.
+        Unit of each column.
     schema_version : int
-        Version of the schema it was written with.
+        Version of its schema.
     software_version, software_sha256 : str
         Version of the software that wrote it, and the hash of its sources ("" if not known).
     """
@@ -88,19 +88,19 @@ class Artifact(Generic[M]):
 def write_artifact(
     path: str | Path, kind: str, columns: Mapping[str, Any], metadata: Metadata
 ) -> str:
-    """Write an artifact, whole or not at all.
+    """Write an artifact atomically.
 
     Parameters
     ----------
     path : path
-        Where to write it.
+        Path of the file.
     kind : str
         Kind of the table, one of `schemas.ARTIFACTS`.
     columns : mapping
-        Values of every required column, and of extra columns of the schema; nan or None where a
-        value is missing.
+        Values of every required column and of any optional columns; nan or None if a value is
+        missing.
     metadata : Metadata
-        What it states about itself, in the model of its kind.
+        Its metadata, in the model of its kind.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def write_artifact(
     ArtifactError
         If a value is not what the schema allows, or the file cannot be written.
     ValueError
-        If columns or figures are not those of the kind: a mistake in the code.
+        If columns or metadata are not those of the kind: a bug in the code.
     """
     data = artifact_bytes(kind, columns, metadata, str(path))
     write_bytes(path, data)
@@ -122,7 +122,7 @@ def write_artifact(
 def artifact_bytes(
     kind: str, columns: Mapping[str, Any], metadata: Metadata, name: str = "artifact"
 ) -> bytes:
-    """Bytes of an artifact; `name` is for messages. See `write_artifact`."""
+    """Create the bytes of an artifact; `name` is for messages. See `write_artifact`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -164,7 +164,7 @@ def artifact_bytes(
 
 
 def may_be_artifact(path: Path) -> bool:
-    """Whether the foot of a file has a seal of ours; the file is not read for that."""
+    """Return whether the footer of a file has the seal of an artifact; reads only the footer."""
     import pyarrow.parquet as pq
 
     try:
@@ -172,12 +172,12 @@ def may_be_artifact(path: Path) -> bool:
             if file.read(4) != b"PAR1":
                 return False
         return SEAL_KEY in (pq.read_schema(path).metadata or {})
-    except Exception:  # a damaged file can raise nearly anything
+    except Exception:  # a damaged file can raise almost any error
         return False
 
 
 def stated_kind(path: Path) -> str | None:
-    """Kind that a file states in its metadata, though it may be damaged or of an old schema.
+    """Return the kind stated in the metadata of a file, even if damaged or of an old schema.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def stated_kind(path: Path) -> str | None:
     Returns
     -------
     str or None
-        None if the file is empty or beltid did not write it.
+        None if the file is empty or was not written by beltid.
 
     Raises
     ------
@@ -195,25 +195,25 @@ def stated_kind(path: Path) -> str | None:
         If the file cannot be read.
     """
     data = read_bytes(path, ArtifactError) if path.stat().st_size else b""
-    found = re.search(rb'"kind":"([a-z_]+)"', data) if SEAL_KEY in data else None
-    return None if found is None else found[1].decode()
+    match = re.search(rb'"kind":"([a-z_]+)"', data) if SEAL_KEY in data else None
+    return None if match is None else match[1].decode()
 
 
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact[Any]:
-    """Read an artifact and verify that it is whole and of the kind that is needed.
+    """Read an artifact and verify that it is undamaged and of the needed kind.
 
     Parameters
     ----------
     path : path
         The file.
     kind : str, optional
-        The kind that is needed; None takes any.
+        The needed kind; None accepts any.
 
     Raises
     ------
     ArtifactError
-        If the file is missing, damaged, no artifact, of another kind, or of a schema version that
-        this software does not read.
+        If the file is missing, damaged, not an artifact, of another kind, or of a schema version
+        that this software does not read.
     """
     path = Path(path)
     data = read_bytes(path, ArtifactError)
@@ -221,11 +221,11 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact[Any]:
 
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact[Any]:
-    """Artifact from the bytes of its file; see `read_artifact`."""
+    """Read an artifact from the bytes of its file; see `read_artifact`."""
     from beltid.artifacts.parquet_table import columns_of_arrow
 
     if data[:4] != b"PAR1":
-        text = f"{path}: not an artifact (no Parquet file){_needed(kind)}"
+        text = f"{path}: not an artifact (not a Parquet file){_needed(kind)}"
         raise ArtifactError(text, code="artifact-kind")
     file, record = _open(data, path, kind)
     _check_kind(path, record.kind, kind)
@@ -233,16 +233,16 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     _check_version(path, record, table)
     try:
         columns = columns_of_arrow(file.read(use_threads=False), table, str(path))
-        whole = columns_sha256(columns) == record.content_sha256
+        intact = columns_sha256(columns) == record.content_sha256
     except ArtifactError:
         raise
-    except Exception as error:  # a damaged file can raise nearly anything
+    except Exception as error:  # a damaged file can raise almost any error
         raise ArtifactError(f"{path}: {damaged(error)}", code="damaged") from None
-    if not whole:
+    if not intact:
         text = f"{path}: damaged: the numbers do not match their checksum"
         raise ArtifactError(text, code="damaged")
     stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
-    metadata = metadata_of(record.kind, stated, f"{path}: damaged or written by others")
+    metadata = metadata_of(record.kind, stated, f"{path}: damaged or not written by beltid")
     return Artifact(
         kind=record.kind,
         columns=columns,
@@ -257,7 +257,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
 
 
 def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
-    """Parquet file and the metadata of its seal, both checked as far as the footer allows."""
+    """Open a Parquet file and verify its footer and its sealed metadata."""
     file = open_parquet(data, str(path), ArtifactError)
     stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:

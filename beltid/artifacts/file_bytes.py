@@ -1,8 +1,8 @@
-"""The bytes of files: read with a message for all that can be wrong, written whole or not, hashed.
+"""Read files with clear errors, write them atomically, hash them.
 
-A file is written under a temporary name, put on the disk (fsync), renamed, and its folder put on
-the disk: it appears whole or not at all. By the hash of our own sources a changed installation is
-known from its version's twin.
+A file is written under a temporary name, synced to disk (fsync) and renamed, and its folder is
+synced: it appears whole or not at all. The hash of our own sources distinguishes a modified
+installation from the original of the same version.
 """
 
 from __future__ import annotations
@@ -28,13 +28,11 @@ MAX_BYTES: Final = 1 << 30
 
 @contextlib.contextmanager
 def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[BufferedReader]:
-    """Open a file to be read; whatever is wrong then or while it is read is an `error_type`."""
+    """Open a file for reading; turn errors of opening and reading into an `error_type`."""
     try:
         mode = path.stat().st_mode
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # it may wait, or never end
-            raise error_type(
-                f"{path}: is a pipe or a device, a file is needed; - in its place is stdin"
-            )
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # reading may block or never end
+            raise error_type(f"{path}: is a pipe or a device, a file is needed; use - for stdin")
         with path.open("rb") as file:
             yield file
     except FileNotFoundError:
@@ -53,7 +51,7 @@ def _too_large(path: Path) -> str:
 
 
 def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
-    """All bytes of a file.
+    """Read all bytes of a file.
 
     Parameters
     ----------
@@ -65,10 +63,10 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
     Raises
     ------
     InputError
-        If the file is missing, a folder, may not be read, or is too large.
+        If the file is missing, a folder, not readable, empty or too large.
     """
     with opened(path, error_type) as file:
-        size = os.fstat(file.fileno()).st_size  # 0 for what the system makes up, as in /proc
+        size = os.fstat(file.fileno()).st_size  # 0 for virtual files, as in /proc
         if size > MAX_BYTES:
             raise error_type(_too_large(path))
         data = file.read((size or MAX_BYTES) + 1)
@@ -81,49 +79,49 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 
 STALE_AFTER_S: Final = 3600.0
 ONLY_SHOW: Final = ("cli", "report", "__main__.py")
-"""Parts that show results and cannot change them."""
+"""Parts of the package that display results and cannot change them."""
 PAGES: Final = (".j2", ".css", ".js")
-"""Sources of pages, beside modules."""
+"""Suffixes of page sources other than modules."""
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file so that no reader ever finds half of it under its name.
+    """Write a file atomically: no reader ever sees a part of it.
 
-    Missing folders are created. An existing file is replaced only when the new one is safely on the
-    disk; on any failure it stays as it was. Temporary files that a killed process left for the
-    same name are removed.
+    Missing folders are created. An existing file is replaced only when the new one is safely on
+    disk; on any failure it stays unchanged. Temporary files of the same name left by a killed
+    process are removed.
 
     Parameters
     ----------
     path : path
-        Where to write the file; a symbolic link keeps pointing where it points.
+        Path of the file; a symbolic link is kept, and its target is written.
     data : bytes
         The whole content.
 
     Raises
     ------
     ArtifactError
-        If it cannot be written: no permission, no space, not a place for a file.
+        If it cannot be written: no permission, no space, not a valid path for a file.
     """
-    shown = Path(path)
-    target = shown
+    stated = Path(path)
+    target = stated
     try:
-        target = Path(os.path.realpath(shown))
-        _check_target(shown, target)
+        target = Path(os.path.realpath(stated))
+        _check_target(stated, target)
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_stale(target.parent, re.escape(target.name))
         _replace(target, data)
     except (OSError, ValueError) as error:
-        text = f"{shown}: not written: {_reason(error)}{_kept(target)}"
+        text = f"{stated}: not written: {_reason(error)}{_kept_note(target)}"
         raise ArtifactError(text, code="not-written") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a UTF-8 text as `write_bytes` does."""
+    """Write a text as UTF-8 with `write_bytes`."""
     write_bytes(path, text.encode("utf-8"))
 
 
-def _check_target(shown: Path, target: Path) -> None:
+def _check_target(stated: Path, target: Path) -> None:
     if target.is_dir():
         what = "this is a folder, name a file in it"
     elif target.is_symlink():
@@ -132,10 +130,10 @@ def _check_target(shown: Path, target: Path) -> None:
         what = "this is not an ordinary file"
     else:
         return
-    raise ArtifactError(f"{shown}: not written: {what}", code="not-written")
+    raise ArtifactError(f"{stated}: not written: {what}", code="not-written")
 
 
-def _kept(target: Path) -> str:
+def _kept_note(target: Path) -> str:
     with contextlib.suppress(OSError, ValueError):
         if target.is_file():
             return "; the file that was there is untouched"
@@ -172,7 +170,7 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the rename durable, where the file system can."""
+    """Make the rename durable, if the file system supports it."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -182,27 +180,27 @@ def _sync_folder(folder: Path) -> None:
 
 
 def remove_stale(folder: Path) -> None:
-    """Remove the temporary files in a folder whose writers are gone; a missing folder is fine."""
+    """Remove temporary files of ended processes from a folder, which may be missing."""
     with contextlib.suppress(OSError):
         _remove_stale(folder, r".+")
 
 
-def _remove_stale(folder: Path, of_names: str) -> None:
-    """Remove temporary files, of names that match, whose writers are gone."""
+def _remove_stale(folder: Path, names: str) -> None:
+    """Remove temporary files of ended processes whose target names match a regex."""
     pattern = re.compile(
-        rf"\.(?:{of_names})\.(?P<host>[A-Za-z0-9]+)-(?P<pid>\d+)-[0-9a-f]{{8}}\.beltid-tmp"
+        rf"\.(?:{names})\.(?P<host>[A-Za-z0-9]+)-(?P<pid>\d+)-[0-9a-f]{{8}}\.beltid-tmp"
     )
-    here = _owner().rsplit("-", 1)[0]
+    this_host = _owner().rsplit("-", 1)[0]
     for name in os.listdir(folder):
         match = pattern.fullmatch(name)
         if match is None:
             continue
-        left_over = folder / name
+        temporary = folder / name
         with contextlib.suppress(OSError):
-            age = time.time() - left_over.stat().st_mtime
-            gone = match["host"] == here and not _alive(int(match["pid"]))
-            if gone or age > STALE_AFTER_S:
-                left_over.unlink()
+            age = time.time() - temporary.stat().st_mtime
+            ended = match["host"] == this_host and not _alive(int(match["pid"]))
+            if ended or age > STALE_AFTER_S:
+                temporary.unlink()
 
 
 def _alive(pid: int) -> bool:
@@ -216,37 +214,37 @@ def _alive(pid: int) -> bool:
 
 
 def sha256(data: bytes | memoryview) -> str:
-    """SHA-256 of some bytes, as 64 hexadecimal digits."""
+    """Compute the SHA-256 of some bytes, as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 @functools.cache
 def source_sha256() -> str:
-    """SHA-256 of the sources of this installation; see `hash_of_sources`."""
+    """Return the SHA-256 of the sources of this installation; see `hash_of_sources`."""
     return hash_of_sources(Path(__file__).resolve().parents[1])
 
 
 @functools.cache
 def page_source_sha256() -> str:
-    """SHA-256 of all that can change a page: every source, that of the pages themselves, too."""
+    """Return the SHA-256 of all sources that can change a report page."""
     return hash_of_sources(Path(__file__).resolve().parents[1], but=("cli",), more=PAGES)
 
 
 def hash_of_sources(
     package: Path, but: Container[str] = ONLY_SHOW, more: tuple[str, ...] = ()
 ) -> str:
-    """SHA-256 of the names and contents of all modules that can change a result.
+    """Compute the SHA-256 of the names and contents of all modules that can change a result.
 
-    Line ends do not matter. Empty if there are no sources to read (a packed installation).
+    Line endings do not matter. Returns "" if there are no sources to read (a packed installation).
 
     Parameters
     ----------
     package : Path
         Folder of the package.
     but : container of str
-        Rooms that cannot change the result.
+        Subpackages and modules that cannot change the result.
     more : tuple of str
-        Endings of further files that can.
+        Suffixes of other files that can.
     """
     sources = sorted(
         (path.relative_to(package).as_posix(), path)

@@ -1,9 +1,9 @@
-"""What an artifact states about itself, a model per kind.
+"""Metadata of artifacts, one model per kind.
 
-A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can write one by
-hand. So all that anything relies on is checked here, when the artifact is opened, and nowhere else.
-Single figures are fields, any of which may be missing in an older artifact. Tables are rows of
-plain values, as JSON has them and as pages and terminals print them. Unknown figures are kept.
+A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can forge one.
+Therefore all metadata that other code relies on are checked here, once, when the artifact is
+opened. Single values are fields; any of them may be missing in an older artifact. Tables are rows
+of plain JSON values, which pages and terminals print directly. Unknown values are kept.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-# pydantic reads this one only, before Python 3.12
+# before Python 3.12, pydantic supports only this TypedDict
 from typing_extensions import TypedDict
 
 from beltid.artifacts.parquet_table import LARGEST
@@ -37,16 +37,16 @@ from beltid.errors import ArtifactError
 
 SHOWN: Final = 5
 SECTIONS: Final = ("config_sha256", "inputs", "validity", "set_aside", "settings")
-"""Parts of the metadata that the file holds beside each other; all others are its `extra`."""
+"""Top-level sections of the stored metadata; all other values are in its section `extra`."""
 
 Origin = Literal["measured", "synthetic"]
-"""Where data come from."""
+"""Origin of the data."""
 
 T = TypeVar("T")
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: numpy and models to plain values, nan and infinity to null."""
+    """Convert a value to plain JSON types; nan and infinity become null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -72,7 +72,7 @@ def _is_number(value: Any) -> bool:
 def _number(value: Any) -> float:
     if not _is_number(value):
         raise PydanticCustomError("number", "must be a number")
-    return value  # a whole one stays whole: the bytes of a file written again are the same
+    return value  # an int stays an int, so that a file written again has the same bytes
 
 
 def _positive(value: Any) -> float:
@@ -92,7 +92,7 @@ Positive = Annotated[float, PlainValidator(_positive)]
 Count = Annotated[int, Field(ge=0, le=2**53)]
 Place = Annotated[int, Field(ge=0, lt=10_000)]
 Listed = Annotated[tuple[T, ...], Strict(False)]
-"""A list of JSON, kept as a tuple."""
+"""A JSON list, stored as a tuple."""
 Vector = Listed[Number | None]
 Matrix = Annotated[Listed[Vector], AfterValidator(_rectangular)]
 Span = Annotated[tuple[Number | None, Number | None], Strict(False)]
@@ -100,7 +100,7 @@ Rows = Listed[dict[str, Any]]
 
 
 class BudgetRow(TypedDict):
-    """One cause of uncertainty of one quantity."""
+    """One source of uncertainty of one quantity."""
 
     quantity: str
     source: str
@@ -112,7 +112,7 @@ class BudgetRow(TypedDict):
 
 
 class SharedError(TypedDict):
-    """One error that all values of a table share; `place` counts those of a kind."""
+    """One error common to all values of a table; `place` numbers the errors of a kind."""
 
     name: str
     error: str
@@ -133,7 +133,7 @@ class Parameter(TypedDict):
 
 
 class NormalLawRow(TypedDict):
-    """One normal contact law, fitted to the tests of the pooled one."""
+    """One normal contact law, fitted to the same tests as the pooled law."""
 
     law: str
     parameters: Listed[Parameter]
@@ -153,7 +153,7 @@ class NormalLaws(TypedDict):
 
 
 class Dissipation(TypedDict):
-    """Damping that the load cycles of the press tell of."""
+    """Damping estimated from the load cycles of the press."""
 
     C_P_N_s_m: NotRequired[Number | None]
 
@@ -165,7 +165,7 @@ class TemperatureEffect(TypedDict):
 
 
 class RigSpeeds(TypedDict):
-    """Pulley speeds that the friction rig has to cover."""
+    """Pulley speeds that the friction rig must cover."""
 
     statement: NotRequired[str | None]
     proposed_rad_s: NotRequired[Vector | None]
@@ -190,7 +190,7 @@ class FrictionLaws(TypedDict):
 
 
 class SurfaceUncertainty(TypedDict):
-    """What the columns of the factor of the covariance of ln mu stand for."""
+    """Error sources of the columns in the factor of the covariance of ln mu."""
 
     sources: Listed[SharedError]
     arcs_deg: Listed[Positive]
@@ -208,7 +208,7 @@ class MisfitRow(TypedDict):
 
 
 class EffectRow(TypedDict):
-    """What shifts the friction of the runs beside the surface, in percent of mu."""
+    """Effect on the friction of the runs that is not in the surface, in percent of mu."""
 
     effect: str
     size_percent: Number
@@ -218,7 +218,7 @@ class EffectRow(TypedDict):
 
 
 class BendingFigures(TypedDict):
-    """Bending stiffness that the runs ask for beside the stated one [N m²]."""
+    """Bending stiffness fitted to the runs, and the stated one [N m²]."""
 
     fitted_N_m2: Positive
     fitted_u_N_m2: Number
@@ -247,7 +247,7 @@ class MonteCarlo(TypedDict):
 
 
 class SolverRecord(TypedDict):
-    """What the solver did in a run."""
+    """Solver statistics of a run."""
 
     elements: NotRequired[Number | None]
     steps: NotRequired[Number | None]
@@ -262,7 +262,7 @@ class SolverRecord(TypedDict):
 
 
 class SimulatedRun(TypedDict):
-    """One simulated run; `status` is ok, or why it failed."""
+    """One simulated run; `status` is ok or the reason of failure."""
 
     status: str
     arc_deg: Number
@@ -275,7 +275,7 @@ class SimulatedRun(TypedDict):
 
 
 class SimulatedUncertainty(TypedDict):
-    """Relative uncertainties of simulated runs, a row per run and a column per shared error."""
+    """Relative uncertainties of simulated runs: one row per run, one column per shared error."""
 
     sources: Listed[SharedError]
     runs: Listed[str]
@@ -309,7 +309,7 @@ class AveragedRow(TypedDict):
 
 
 class JudgedRow(TypedDict):
-    """One tolerance and whether it holds."""
+    """One tolerance and whether it is met."""
 
     tolerance: str
     found: NotRequired[Number | None]
@@ -318,7 +318,7 @@ class JudgedRow(TypedDict):
 
 
 class Validation(TypedDict):
-    """How many differences are within their uncertainty."""
+    """Number of differences within their uncertainty."""
 
     n: Count
     within_2u: Count
@@ -326,7 +326,7 @@ class Validation(TypedDict):
     inputs_known: bool
 
 
-def _as_found(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+def _check_unchanged(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
     check(value)
     return value
 
@@ -339,12 +339,12 @@ _KNOWN_SETTINGS = TypedDict(
         "friction": NotRequired[dict[str, Any]],
     },
 )
-Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_as_found)]
-"""Checked, but kept as they are: freshness compares them with those of today."""
+Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_check_unchanged)]
+"""Checked but stored unchanged: the freshness check compares them with the current settings."""
 
 
 class Metadata(BaseModel):
-    """What every artifact states about itself.
+    """Metadata of every artifact.
 
     Attributes
     ----------
@@ -353,7 +353,7 @@ class Metadata(BaseModel):
     inputs : dict
         Name of every input -> SHA-256 of its bytes.
     validity : dict
-        Range within which the result holds.
+        Range in which the result is valid.
     set_aside : tuple of dict
         What was set aside, and why.
     settings : dict
@@ -361,13 +361,13 @@ class Metadata(BaseModel):
     config : str
         Name of the config, without its folder.
     origin : {"measured", "synthetic"} or None
-        Where the data come from; None where nobody said so.
+        Origin of the data; None if not stated.
     method : str
-        How the result was found, where there are several ways.
+        Method of computation, if there are several.
     notes, warnings : tuple of str
-        What the user should know, and look into.
+        What the user should know, and what to look into.
     budget : tuple of dict
-        Causes of the uncertainty of the result.
+        Sources of uncertainty of the result.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="allow")
@@ -391,7 +391,7 @@ class Metadata(BaseModel):
 
     @property
     def figures(self) -> dict[str, Any]:
-        """All that is stated beyond `SECTIONS`, by its name: the section `extra` of the file."""
+        """Values outside `SECTIONS` by name: the section `extra` of the file."""
         return {
             name: value
             for name, value in sorted(self)
@@ -400,7 +400,7 @@ class Metadata(BaseModel):
 
 
 class StiffnessMetadata(Metadata):
-    """Of the normal contact law; numbers of samples."""
+    """Metadata of the normal contact law; ``n_`` are numbers of samples."""
 
     temperature: TemperatureEffect = {}
     law_choice: NormalLaws | None = None
@@ -411,7 +411,7 @@ class StiffnessMetadata(Metadata):
 
 
 class SlipMetadata(Metadata):
-    """Of the sliding speeds in service [m/s]; `pulley_ratio` is driver over driven speed."""
+    """Metadata of sliding speeds in service [m/s]; `pulley_ratio` is driver over driven speed."""
 
     max_slip_speed_m_s: Number | None = None
     max_slip_run: str | None = None
@@ -421,13 +421,13 @@ class SlipMetadata(Metadata):
 
 
 class FrictionMetadata(Metadata):
-    """Of the reduced runs of a friction rig."""
+    """Metadata of the reduced runs of a friction rig."""
 
     drift: Listed[DriftRow] = ()
 
 
 class ShearMetadata(Metadata):
-    """Of the shear stiffness of the ribs; `high` is missing where ribs without compliance fit."""
+    """Metadata of the ribs' shear stiffness; no upper bound (`high`) if rigid ribs fit the data."""
 
     resolved: bool = False
     shear_stiffness_N_m2: Positive | None = None
@@ -440,10 +440,10 @@ class ShearMetadata(Metadata):
 
 
 class SurfaceMetadata(Metadata):
-    """Of a friction surface, published or refined; spreads between arcs are shares of mu.
+    """Metadata of a friction surface, published or refined; arc spreads are relative to mu.
 
-    `measured` is the range of the runs' mean forces, Eq. (8), and speeds; what the refined surface
-    says beyond it (`validity`) is inferred from the forces that act within their contact.
+    `measured` is the range of the runs' mean forces, Eq. (8), and speeds. Beyond it, within
+    `validity`, the refined surface is inferred from the forces along the contact of the runs.
     """
 
     measured: dict[str, Span] = {}
@@ -466,7 +466,7 @@ class SurfaceMetadata(Metadata):
 
 
 class SimulatedMetadata(Metadata):
-    """Of simulated runs; look-ups of the surface, and those beyond its measured range."""
+    """Metadata of simulated runs, with surface look-ups in total and outside its range."""
 
     runs: Listed[SimulatedRun] | None = None
     lookups: Count | None = None
@@ -475,7 +475,7 @@ class SimulatedMetadata(Metadata):
 
     @model_validator(mode="after")
     def _together(self) -> SimulatedMetadata:
-        """Figures of the right types that do not go together are refused as well."""
+        """Reject values that contradict each other."""
         problems = [*_wrong_runs(self.runs), *_wrong_shapes(self.uncertainty)]
         if problems:
             raise PydanticCustomError("together", "{problem}", {"problem": problems[0]})
@@ -484,18 +484,18 @@ class SimulatedMetadata(Metadata):
 
 def _wrong_runs(runs: tuple[SimulatedRun, ...] | None) -> Iterator[str]:
     for i, run in enumerate(runs or ()):
-        known = (run.get("mu"), run.get("normal_force_N_m"))
-        if run["status"] == "ok" and not all(v is not None and v > 0.0 for v in known):
+        results = (run.get("mu"), run.get("normal_force_N_m"))
+        if run["status"] == "ok" and not all(v is not None and v > 0.0 for v in results):
             yield f"extra.runs[{i}] is ok, but without mu and normal_force_N_m > 0"
     if runs is not None and not any(run["status"] == "ok" for run in runs):
         yield "extra.runs: none is ok"
 
 
-def _wrong_shapes(stated: SimulatedUncertainty | None) -> Iterator[str]:
-    if not stated:
+def _wrong_shapes(uncertainty: SimulatedUncertainty | None) -> Iterator[str]:
+    if not uncertainty:
         return
-    n, k = len(stated["runs"]), len(stated["sources"])
-    arrays: Mapping[str, Any] = {**stated}
+    n, k = len(uncertainty["runs"]), len(uncertainty["sources"])
+    arrays: Mapping[str, Any] = {**uncertainty}
     for name, shape in (
         ("simulated", (n, k)),
         ("difference", (n, k)),
@@ -503,19 +503,19 @@ def _wrong_shapes(stated: SimulatedUncertainty | None) -> Iterator[str]:
         ("numerical", (n,)),
         ("by_setting", (n, 2)),
     ):
-        found = np.shape(arrays[name])
-        if found != shape:
-            yield f"extra.uncertainty.{name} has the shape {found}, must have {shape}"
+        actual = np.shape(arrays[name])
+        if actual != shape:
+            yield f"extra.uncertainty.{name} has the shape {actual}, must have {shape}"
 
 
 class ProfilesMetadata(Metadata):
-    """Of profiles along the arc."""
+    """Metadata of profiles along the arc."""
 
     profile_times_s: Listed[Number] | None = None
 
 
 class TensionLimitRow(TypedDict):
-    """Torques at which a drive stops sticking and begins to slip grossly, at one tension."""
+    """Torque limits of adhesion and of gross slip at one belt tension."""
 
     driver_speed_rad_s: Number
     initial_tension_N: Number
@@ -524,13 +524,13 @@ class TensionLimitRow(TypedDict):
 
 
 class SlipLimitRow(TensionLimitRow):
-    """The same at one setting of the operating points."""
+    """Torque limits at one setting of the operating points."""
 
     largest_torque_N_m: Number
 
 
 class LaidPulleyRow(TypedDict):
-    """A pulley at rest, and the ends of the span that leaves it [m]."""
+    """A pulley at rest, and the two ends of the span that leaves it [m]."""
 
     pulley: str
     x_m: Number
@@ -541,7 +541,7 @@ class LaidPulleyRow(TypedDict):
 
 
 class DriveArcRow(TypedDict):
-    """The contact along the arc of a pulley at the most loaded point, entry first."""
+    """Contact along the arc of a pulley at the most loaded operating point, from the entry."""
 
     pulley: str
     run: str
@@ -551,11 +551,12 @@ class DriveArcRow(TypedDict):
 
 
 class DriveMetadata(Metadata):
-    """Of a predicted drive; the loaded pulley is that of the recording it follows, if any.
+    """Metadata of a predicted drive.
 
-    `uncertainty_by_string` are the points with rods that slip whose uncertainty is, for an error
-    with which a rod has no steady state, that of the string. `slow_friction` says how friction goes
-    on below the slowest measured sliding.
+    `loaded_pulley` is the loaded pulley of the recording that is repeated, if any.
+    `uncertainty_by_string` lists the points with slipping rods that take an uncertainty from the
+    string model, because the rod has no steady state with that error. `slow_friction` is the
+    extrapolation of friction below the slowest measured sliding speed.
     """
 
     n_failed: Count | None = None
@@ -569,7 +570,7 @@ class DriveMetadata(Metadata):
 
 
 class CompareDriveMetadata(Metadata):
-    """Of predicted against measured speed losses; `prominence` of each part of the loss."""
+    """Metadata of predicted against measured speed losses; `prominence` of each part of a loss."""
 
     passed: bool | None = None
     rms_relative_error: Number | None = None
@@ -582,9 +583,9 @@ class CompareDriveMetadata(Metadata):
 
 
 class CompareMetadata(Metadata):
-    """Of simulated against measured coefficients; `passed` if every tolerance holds.
+    """Metadata of simulated against measured coefficients; `passed` if every tolerance is met.
 
-    `hold_out` says whether the runs were predicted from those of other arcs or speeds.
+    `hold_out` states whether the runs were predicted from those of other arcs or speeds.
     """
 
     hold_out: Literal["none", "arc", "speed"] = "none"
@@ -611,25 +612,25 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "press_curves": Metadata,
     "rig_curves": Metadata,
 }
-"""Kind of an artifact -> model of its metadata."""
+"""Kind of artifact -> model of its metadata."""
 
 
 def metadata_of(kind: str, values: Mapping[str, Any], name: str) -> Metadata:
-    """Metadata of an artifact from plain values, in the model of its kind.
+    """Validate the metadata of an artifact against the model of its kind.
 
     Parameters
     ----------
     kind : str
-        Its kind.
+        Kind of artifact.
     values : mapping
-        The `SECTIONS` and the figures, by their names.
+        The `SECTIONS` and the other values, by name.
     name : str
-        What the lines of the error begin with.
+        Prefix of the error lines.
 
     Raises
     ------
     ArtifactError
-        If they do not fit: place, found, allowed; the first few.
+        If values are invalid; gives place, found and allowed of the first few.
     """
     try:
         return METADATA[kind].model_validate(values)

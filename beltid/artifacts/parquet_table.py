@@ -1,6 +1,6 @@
-"""Parquet files opened with care; the columns of a table checked, hashed, to Arrow and back.
+"""Open Parquet files safely; check and hash the columns of a table, convert them to Arrow and back.
 
-What a file claims is checked before anything is read.
+The sizes that a file claims are checked before anything is read.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 
 MAX_CELLS: Final = 500_000_000
 MAX_EXPANSION: Final = 20_000
-"""Cells per byte of file; constant columns pack tightly."""
+"""Largest number of cells per byte of file; constant columns compress well."""
 
 BUFFER: Final = 1 << 20
-"""Bytes of a column that are read at a time."""
+"""Read buffer of a column [bytes]."""
 LARGEST: Final = 1e100
-"""Size of a number of an artifact: its square and its cube can be computed."""
+"""Largest magnitude of a number in an artifact, so that its square and cube do not overflow."""
 
 
 def open_parquet(source: bytes | Path, name: str, error_type: type[InputError]) -> Any:
-    """A Parquet file, its claims checked.
+    """Open a Parquet file and check the sizes that it claims.
 
-    Texts are kept as a dictionary, so that a long one in every row takes the memory of one.
+    Texts are read as dictionaries, so that a long text in every row takes the memory of one.
 
     Parameters
     ----------
     source : bytes or Path
-        The bytes of the file, or the file: one that is read in blocks may hold any number of rows.
+        The bytes of the file, or its path; by path, it is read in blocks and may have any size.
     name : str
         Name of the file in messages.
     error_type : type
@@ -47,7 +47,7 @@ def open_parquet(source: bytes | Path, name: str, error_type: type[InputError]) 
     Raises
     ------
     InputError
-        Of the type asked for, if it is damaged or claims more than it can hold.
+        Of type `error_type`, if it is damaged or claims more than it can contain.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -60,32 +60,32 @@ def open_parquet(source: bytes | Path, name: str, error_type: type[InputError]) 
             page_checksum_verification=True,
             read_dictionary=texts,
             memory_map=False,
-            # what was read ahead would stay until the end of the file, and its whole row group
+            # read-ahead data, with its whole row group, would stay in memory until the end
             pre_buffer=False,
             buffer_size=BUFFER,
         )
 
     try:
         file = opened([])
-        about, there = file.metadata, file.schema_arrow
+        footer, schema = file.metadata, file.schema_arrow
         if isinstance(source, bytes):
-            _refuse_claims(about, len(source), name, error_type)
+            _refuse_claims(footer, len(source), name, error_type)
         texts = [
             field.name
-            for field in there
-            if there.names.count(field.name) == 1
+            for field in schema
+            if schema.names.count(field.name) == 1
             and (pa.types.is_string(field.type) or pa.types.is_large_string(field.type))
         ]
-        return opened(texts, about) if texts else file
+        return opened(texts, footer) if texts else file
     except InputError:
         raise
-    except Exception as error:  # a damaged file can raise nearly anything
+    except Exception as error:  # a damaged file can raise almost any error
         raise error_type(f"{name}: {damaged(error)}", code="damaged") from None
 
 
-def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError]) -> None:
-    cells = about.num_rows * max(1, about.num_columns)
-    sizes = [about.row_group(i).total_byte_size for i in range(about.num_row_groups)]
+def _refuse_claims(footer: Any, size: int, name: str, error_type: type[InputError]) -> None:
+    cells = footer.num_rows * max(1, footer.num_columns)
+    sizes = [footer.row_group(i).total_byte_size for i in range(footer.num_row_groups)]
     limit = min(MAX_CELLS, MAX_EXPANSION * size)
     if not (0 <= cells <= limit and all(0 <= claimed <= 8 * limit for claimed in sizes)):
         text = f"{name}: damaged: it claims {cells:,} values in {size:,} bytes"
@@ -93,17 +93,17 @@ def _refuse_claims(about: Any, size: int, name: str, error_type: type[InputError
 
 
 def damaged(error: BaseException) -> str:
-    """Why a file cannot be read, in the words of its library, shortened."""
+    """Return the message that a file is damaged, with the shortened error of its library."""
     return "damaged: " + (" ".join(str(error).split())[:120] or type(error).__name__)
 
 
 def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:
-    """Columns in the order and with the types of the schema, every value allowed.
+    """Convert columns to the order and types of the schema, and check every value.
 
     Parameters
     ----------
     columns : mapping
-        Values by column name; nan, None or masked where missing.
+        Values by column name; nan, None or masked if missing.
     table : Table
         The schema.
     name : str
@@ -112,9 +112,9 @@ def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str,
     Raises
     ------
     ArtifactError
-        If a value is missing or out of range where it must not be.
+        If a required value is missing or a value is out of range.
     ValueError
-        If a column is missing, unknown, or of another length: a mistake in the code.
+        If a column is missing, unknown, or of another length: a bug in the code.
     """
     unknown = [column for column in columns if column not in table.names]
     missing = [c.name for c in table.columns if c.required and c.name not in columns]
@@ -160,12 +160,12 @@ def _typed(values: Any, column: Column) -> np.ndarray:
 
 
 def _matrix(rows: list[Any], column: Column) -> np.ndarray:
-    """Lists as the rows of a matrix, nan where one is missing.
+    """Convert lists to the rows of a matrix, with nan for a missing list.
 
     Raises
     ------
     ValueError
-        If their lengths differ, or are not that of the column.
+        If the lengths differ from each other or from that of the column.
     """
     lengths = {len(row) for row in rows if row is not None}
     length = column.length or max(lengths, default=0)
@@ -175,7 +175,7 @@ def _matrix(rows: list[Any], column: Column) -> np.ndarray:
     for i, row in enumerate(rows):
         if row is not None:
             matrix[i] = row
-    matrix[np.isnan(matrix).any(axis=1)] = np.nan  # half a covariance is none
+    matrix[np.isnan(matrix).any(axis=1)] = np.nan  # an incomplete list counts as missing
     return matrix
 
 
@@ -199,7 +199,7 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
 
 
 def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
-    """Arrow table of normalised columns; nan becomes null, each field carries its unit."""
+    """Create an Arrow table of normalised columns; nan becomes null, fields carry their units."""
     import pyarrow as pa
 
     arrays, fields = [], []
@@ -215,13 +215,13 @@ def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
         else:
             array = pa.array(cells, type=arrow_type, from_pandas=True)
         arrays.append(array)
-        about = {"unit": column.unit, "meaning": column.meaning}
-        fields.append(pa.field(name, arrow_type, nullable=True, metadata=about))
+        field_metadata = {"unit": column.unit, "meaning": column.meaning}
+        fields.append(pa.field(name, arrow_type, nullable=True, metadata=field_metadata))
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
 def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.ndarray]:
-    """Columns of an Arrow table that was read, with the types of the schema.
+    """Convert an Arrow table that was read to columns with the types of the schema.
 
     Raises
     ------
@@ -236,12 +236,12 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
                 raise ArtifactError(text, code="damaged")
             continue
         chunked = arrow.column(column.name)
-        if column.dtype == "string":  # one copy of every text: a file may repeat a long one
+        if column.dtype == "string":  # store each text once: a file may repeat a long one
             chunked = chunked.dictionary_encode()
-        found = chunked.type.value_type if column.dtype == "string" else chunked.type
-        if found != _arrow_type(column):
+        arrow_type = chunked.type.value_type if column.dtype == "string" else chunked.type
+        if arrow_type != _arrow_type(column):
             raise ArtifactError(
-                f"{name}: damaged: column {column.name} holds {found}, "
+                f"{name}: damaged: column {column.name} holds {arrow_type}, "
                 f"must hold {_arrow_type(column)}",
                 code="damaged",
             )
@@ -275,15 +275,15 @@ def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
         encoded = chunked.unify_dictionaries().combine_chunks()
         words = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
         return np.asarray(words[encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
-    # a copy: the caller may write to it, and Arrow's memory is read-only
+    # copied, since the caller may write to it and Arrow's memory is read-only
     return np.array(chunked.to_numpy(), dtype=column.dtype)
 
 
 def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 of the names, types and values of the columns of a table, in their order.
+    """Compute the SHA-256 of the names, types and values of the columns of a table, in order.
 
-    Missing numbers hash alike whatever kind of nan stands for them; numbers hash by their bits in
-    little-endian order, so the hash is the same on every machine.
+    All kinds of nan hash alike; numbers hash by their bits in little-endian order, so the hash is
+    the same on every machine.
 
     Parameters
     ----------

@@ -1,19 +1,19 @@
-"""The chain over one belt or several: what has to be made, in which order, what failed.
+"""The whole chain for one or several belts: what to compute, in which order, what failed.
 
-The chains of all belts go on side by side, on one pool of workers. Stages that do not need each
-other go on when one of them fails; a belt that fails does not stop the others.
+The chains of all belts run in parallel on one pool of workers. If a stage fails, those that do not
+need it continue; a belt that fails does not stop the others.
 
 =============== =============================================================
 Module          Responsibility
 =============== =============================================================
 ``sources``     the configs of a batch, checked before anything runs
 ``chain``       the stages of a belt in their order, and the pages at the end
-``steps``       one of them: up to date, or who makes it
-``schedule``    which step of which belt comes next
+``steps``       one step: check whether it is up to date, otherwise run it
+``schedule``    which step of which belt runs next
 ``plan``        what a batch would do
-``folders``     one batch at a time in a folder, no link leads out of it
+``folders``     one batch at a time per folder; no links out of the folder
 ``local``       worker processes on this machine
 ``cluster``     workers of a Dask cluster
-``belts``       what became of each belt, and the table that tells it
+``belts``       outcome of each belt, and the table of outcomes
 =============== =============================================================
 """

@@ -1,4 +1,4 @@
-"""What became of the belts of a batch, and the table that tells it."""
+"""Outcome of the belts of a batch, and the summary table."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ UP_TO_DATE: Final = "up to date"
 FAILED: Final = "failed"
 NOT_RUN: Final = "not run"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
-MADE_GOOD_BY: Final = {"compare": "compare refined"}
-"""Comparison that may be out of tolerance -> the one that decides, if it is within."""
+OVERRIDDEN_BY: Final = {"compare": "compare refined"}
+"""Comparison that may be out of tolerance -> comparison whose success overrides it."""
 SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
-"""Runs of a bench with a single arc cannot be predicted from those of another."""
+"""State of the hold-out comparison if the bench has a single arc: no other arc to predict from."""
 HELD_OUT: Final = "compare hold-out"
 SWEEP_TABLE: Final = "sweep.csv"
 OUR_TABLE: Final = b"case,"
-"""How a table of a sweep begins."""
+"""First bytes of a sweep table."""
 TABLE_STEP: Final = "sweep table"
 
 
 @dataclass(slots=True)
 class BeltRun:
-    """What became of the chain of one belt.
+    """Outcome of the chain of one belt.
 
     Attributes
     ----------
@@ -46,13 +46,13 @@ class BeltRun:
     swept : dict
         Swept values of the case by ``section.key``.
     states : dict
-        Name of a stage -> what became of it, in the order of the chain.
+        Name of a stage -> its state, in the order of the chain.
     lacking : tuple of str
-        Kinds of recordings that the chain is made for and that the config does not name.
+        Kinds of recordings that the chain can use but the config does not name.
     summaries : dict
-        Name of a stage -> its summary, if it got that far.
+        Name of a stage -> its summary, if it has run.
     troubles : dict
-        Name of a stage -> its exit status and what went wrong, if something did.
+        Name of a stage -> its exit status and problems, if any.
     """
 
     belt: str
@@ -65,32 +65,32 @@ class BeltRun:
 
     @property
     def name(self) -> str:
-        """Belt and case."""
+        """Name of the belt, and of the case in a sweep."""
         return f"{self.belt}/{self.case}" if self.case else self.belt
 
     @property
     def exit_status(self) -> int:
         """Exit status of the first stage of the chain that failed.
 
-        The refined surface is the result: if it is within tolerance, it does not matter that the
-        published one, whose bias is known, is not.
+        The refined surface is the result: if it is within tolerance, the published one, whose bias
+        is known, need not be.
         """
-        counting = (n for n in self.states if n in self.troubles and not self._made_good(n))
-        return next((self.troubles[name][0] for name in counting), EXIT_DONE)
+        failures = (n for n in self.states if n in self.troubles and not self._is_overridden(n))
+        return next((self.troubles[name][0] for name in failures), EXIT_DONE)
 
-    def _made_good(self, name: str) -> bool:
+    def _is_overridden(self, name: str) -> bool:
         return self.states[name] == OUT_OF_TOLERANCE and self.states.get(
-            MADE_GOOD_BY.get(name, "")
+            OVERRIDDEN_BY.get(name, "")
         ) in (DONE, UP_TO_DATE)
 
     def failed(self, name: str, error: BeltidError) -> None:
-        """Note that a stage failed."""
+        """Record that a stage failed."""
         self.states[name] = FAILED
         self.troubles[name] = (error.exit_status, error.problems)
 
     @property
     def problems(self) -> list[str]:
-        """What went wrong, in the order of the chain."""
+        """Problems of all stages, in the order of the chain."""
         return [
             f"{name}: {line}"
             for name in self.states
@@ -100,16 +100,16 @@ class BeltRun:
 
     @property
     def origin(self) -> str | None:
-        """Where the data come from: "synthetic" if any of them are, "measured" if all are."""
+        """Origin of the data: "synthetic" if any are, "measured" if all are."""
         return combined_origin([summary.origin for summary in self.summaries.values()])
 
     @property
     def up_to_date(self) -> bool:
-        """Whether nothing had to be done."""
-        nothing = (UP_TO_DATE, SKIPPED, TOO_FEW_SETTINGS)
-        return all(state in nothing for state in self._settled())
+        """True if nothing had to be done."""
+        idle = (UP_TO_DATE, SKIPPED, TOO_FEW_SETTINGS)
+        return all(state in idle for state in self._final_states())
 
-    def _settled(self) -> list[str]:
+    def _final_states(self) -> list[str]:
         return [
             UP_TO_DATE if name in self.summaries and self.summaries[name].up_to_date else state
             for name, state in self.states.items()
@@ -117,7 +117,7 @@ class BeltRun:
 
 
 def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
-    """Sum up a batch: a line per belt, and how it ended."""
+    """Summarize a batch: one line per belt, and the verdict."""
     failed = [belt for belt in belts if belt.exit_status != EXIT_DONE]
     status = EXIT_DONE
     if failed:
@@ -141,7 +141,7 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
         out=folder,
         facts={kind: len(belts), f"{kind}_failed": len(failed)},
         table=[_row(belt) for belt in belts],
-        shown=_shown(belts, mixed),
+        shown=_shown_columns(belts, mixed),
         verdict="\n".join([*predicted, verdict]),
         exit_status=status,
         up_to_date=nothing_done,
@@ -150,7 +150,7 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
 
 
 def prediction(belt: BeltRun) -> str:
-    """How well runs left out were predicted, in a sentence; "" if none were."""
+    """State in a sentence how well left-out runs were predicted; "" if none were."""
     summary = belt.summaries.get(HELD_OUT)
     if summary is None:
         return ""
@@ -163,16 +163,16 @@ def prediction(belt: BeltRun) -> str:
     )
 
 
-def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
-    """Columns that a person gets to see; those of the sweeps after the belt, its status last.
+def _shown_columns(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
+    """Select the columns to display: belt, swept keys, results, status.
 
-    What no belt has is left to programs.
+    Columns that are empty for all belts appear only in the JSON output.
     """
     rows = [_short_row(belt) for belt in belts]
     swept = dict.fromkeys(key for belt in belts for key in belt.swept)
     first, *rest = dict.fromkeys(name for row in rows for name in row) if rows else ("belt",)
     rest = [name for name in rest if any(row[name] is not None for row in rows)]
-    if swept:  # what does not differ between the cases is left to programs
+    if swept:  # columns that are equal in all cases appear only in the JSON output
         rest = [
             name for name in rest if name == "status" or len({row.get(name) for row in rows}) > 1
         ]
@@ -181,9 +181,9 @@ def _shown(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
 
 
 def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, reporter: Reporter) -> None:
-    """Write the table of every sweep beside the folders of its cases: ``sweep.csv``.
+    """Write ``sweep.csv`` of every sweep, next to the folders of its cases.
 
-    One that cannot be written is a failure of the last case of its sweep.
+    If it cannot be written, the last case of the sweep counts as failed.
     """
     sweeps: dict[str, list[BeltRun]] = {}
     for belt in belts:
@@ -200,8 +200,8 @@ def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, reporter: Reporte
 
 def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     rows = [
-        # the same text whether a case was made now or before
-        {"case": case.case, **_short_row(case), "origin": case.origin, "status": _ended(case)}
+        # the text must not depend on whether a case was computed now or earlier
+        {"case": case.case, **_short_row(case), "origin": case.origin, "status": _outcome(case)}
         for case in cases
     ]
     text = io.StringIO(newline="")
@@ -209,10 +209,10 @@ def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     writer.writeheader()
     writer.writerows(rows)
     content = text.getvalue().encode()
-    standing = read_bytes(path, ArtifactError) if path.is_file() else b""
-    if standing and not standing.startswith(OUR_TABLE):
+    existing = read_bytes(path, ArtifactError) if path.is_file() else b""
+    if existing and not existing.startswith(OUR_TABLE):
         raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it", code="not-replaced")
-    if standing != content:
+    if existing != content:
         write_bytes(path, content)
 
 
@@ -233,7 +233,7 @@ def _row(belt: BeltRun) -> dict[str, Any]:
 
 
 def _short_row(belt: BeltRun) -> dict[str, Any]:
-    """The belt in a line: the law, the friction, the agreement, what became of it."""
+    """Summarize a belt in one line: law, friction, agreement, status."""
     stiffness = belt.summaries.get("fit-stiffness")
     friction = belt.summaries.get("fit-friction")
     compared, refined, predicted = (
@@ -251,18 +251,18 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
         "refined_rms_percent": refined.get("rms_percent"),
         "refined_largest_percent": refined.get("largest_percent"),
         "predicted_rms_percent": predicted.get("rms_percent"),
-        "status": UP_TO_DATE if belt.up_to_date else _ended(belt),
+        "status": UP_TO_DATE if belt.up_to_date else _outcome(belt),
     }
 
 
-def _ended(belt: BeltRun) -> str:
-    """How it ended: done, or what went wrong."""
-    unsettled = [
+def _outcome(belt: BeltRun) -> str:
+    """Describe the outcome: done, or what went wrong."""
+    outcome = [
         f"{name} {state}"
         for name, state in belt.states.items()
         if state in (FAILED, OUT_OF_TOLERANCE)
     ]
     if belt.exit_status == EXIT_DONE:
         missing = " or ".join(belt.lacking)
-        unsettled.insert(0, f"{DONE}, without {missing}" if missing else DONE)
-    return ", ".join(unsettled)
+        outcome.insert(0, f"{DONE}, without {missing}" if missing else DONE)
+    return ", ".join(outcome)

@@ -1,4 +1,4 @@
-"""The chain of a belt: what is made from what; a batch of such chains, and its pages."""
+"""The chain of a belt: steps and their inputs; batches of chains, and their report pages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from beltid.stages.workers import Workers
 
 
 def _same(*roles: str) -> dict[str, str]:
-    """Inputs that are named like their roles."""
+    """Map inputs whose names equal their roles."""
     return {role: role for role in roles}
 
 
@@ -77,19 +77,19 @@ CHAIN: Final = (
         section="drive",
     ),
 )
-"""The published procedure, and the surface refined by the inverse solution: both are compared with
-the bench; runs left out, which a surface refined from the others predicts; and the drive of the
-speed-loss recording, where the config states it."""
+"""Steps of the chain: the published procedure and the surface refined by the inverse solution, both
+compared with the bench; prediction of left-out runs by a surface refined from the others; and the
+drive of the speed-loss recording, if the config states one."""
 
 
 def _page(source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
-    from beltid.stages.results import report_belt  # what draws is slow to import
+    from beltid.stages.results import report_belt  # plotting is slow to import
 
     return report_belt.of_chain(source, inputs, out, options)
 
 
 REPORT: Final = Step("report", "report", {}, _page, page=True)
-"""The last step of a chain, whatever became of the others."""
+"""Last step of a chain, which runs even if others failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class BatchOptions(Options):
     fail_fast : bool
         Whether the first belt that fails stops the others.
     whole : bool
-        Whether all cases of each sweep are among the sources, so that its table can be written.
+        Whether the sources include all cases of each sweep, so that its table can be written.
     report : bool
         Whether to write the reports at the end.
     bootstrap, seed : int
@@ -116,7 +116,7 @@ class BatchOptions(Options):
 
 
 def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
-    """The steps of a chain; draws of a Monte Carlo check go to the workers one by one."""
+    """Return the steps of a chain; the draws of a Monte Carlo check are separate worker calls."""
     stated = source.config.model_fields_set
     chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
     if source.config.compare.hold_out == "none":
@@ -131,21 +131,21 @@ def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
 
 
 def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
-    """Run the chain of every belt and sum it up.
+    """Run the chain of every belt and summarize the batch.
 
     Parameters
     ----------
     sources : sequence of ConfigSource
         One config per belt, or per case of a sweep.
     folder : Path
-        Folder of the results; each belt has a folder in it, each case one in that of its belt.
+        Results folder; each belt has a folder in it, each case a folder in that of its belt.
     options : BatchOptions
         Force, reporter, workers.
 
     Raises
     ------
     InputError
-        If a link would lead results out of the folder.
+        If a link leads out of the results folder.
     """
     refuse_links_out(folder, [source.name for source in sources])
     chains = []
@@ -161,14 +161,14 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
             if options.whole:
                 write_sweep_tables(runs, folder, options.reporter)
             if options.report:
-                # the first failure told the workers to stop
+                # with fail_fast, the first failure has stopped the workers
                 stopped = options.fail_fast and any(run.exit_status for run in runs)
-                drawn_by = Workers() if stopped else workers
-                write_reports(chains, folder if options.whole else None, options, drawn_by)
+                page_workers = Workers() if stopped else workers
+                write_reports(chains, folder if options.whole else None, options, page_workers)
         except BaseException:
             workers.stop()
-            for of_belt in folders:  # what killed workers left behind
-                remove_stale(of_belt)
+            for belt_folder in folders:  # temporary files of killed workers
+                remove_stale(belt_folder)
             raise
         finally:
             workers.close()
@@ -183,29 +183,29 @@ def write_reports(
     Parameters
     ----------
     chains : sequence of Chain
-        The chains, ended.
+        The finished chains.
     folder : Path or None
-        Folder of the results of the batch; None for a part of one, which compares nothing.
+        Results folder of the batch; None for a part of a batch, which has no comparison page.
     options : Options
         Force and reporter.
     workers : Workers
-        Who draws the pages of several belts.
+        Workers that draw the pages of several belts.
     """
     from beltid.stages.results import report_belt
 
     wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
     for chain in wanted:
         chain.waiting = [REPORT]
-    # a single page is made here: it would only wait for a worker to import what draws; and what
-    # draws is not made for several threads of one process
+    # a single page is drawn here: a worker would first have to import the plotting libraries,
+    # which are not safe for several threads of one process
     in_workers = len(wanted) > 1 and workers.share_files
     run_chains(wanted, workers if in_workers else Workers(), force=options.force)
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported or folder is None:
         return
     belts = [chain.folder for chain in reported]
-    mine = {chain.folder for chain in chains}
-    belts += [path for path in report_belt.reported_in(folder) if path not in mine]
+    in_batch = {chain.folder for chain in chains}
+    belts += [path for path in report_belt.reported_in(folder) if path not in in_batch]
     if len(belts) > 1:
         page = folder / report_belt.NAME
         try:
@@ -215,4 +215,4 @@ def write_reports(
                 options.reporter.error(f"{REPORT.name}: {line}")
             reported[-1].run.failed(REPORT.name, error)
             return
-        options.reporter.report(f"{REPORT.name}: the belts side by side: {page}")
+        options.reporter.report(f"{REPORT.name}: comparison of the belts: {page}")

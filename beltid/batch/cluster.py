@@ -1,8 +1,8 @@
 """Workers of an existing Dask cluster.
 
-Calls travel as plain data: the workers need beltid of the same sources, but neither the recordings
-nor the folder of the results. All files are written by the caller. A worker that is lost in the
-middle is Dask's concern: its calls are made again elsewhere.
+Calls are sent as plain data: the workers need beltid with the same sources, but neither the
+recordings nor the results folder. The caller writes all files. If a worker is lost, Dask repeats
+its calls on another one.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ class ClusterWorkers(Workers):
     Parameters
     ----------
     scheduler : str or None
-        Address of the scheduler, such as ``tcp://host:8786``; None for that of `scheduler_file`,
-        or of the environment variable DASK_SCHEDULER_ADDRESS.
+        Address of the scheduler, such as ``tcp://host:8786``; None: taken from `scheduler_file`
+        or from the environment variable DASK_SCHEDULER_ADDRESS.
     scheduler_file : Path or None
         File in which the scheduler wrote its address.
 
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler is named or can be reached, or it has no workers.
+        If Dask is not installed, no scheduler is named or reachable, or it has no workers.
     """
 
     share_files = False
 
     def __init__(self, scheduler: str | None = None, scheduler_file: Path | None = None) -> None:
-        self._client, self._where = _connected(scheduler, scheduler_file)
+        self._client, self._where = _connect(scheduler, scheduler_file)
         self._lock = threading.Lock()
         self._waiting: set[Future] = set()
         self._cancelled = False
@@ -59,13 +59,13 @@ class ClusterWorkers(Workers):
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Result]]:
-        """Results of many calls in the order in which they end, each with its index.
+        """Yield the results of many calls as they finish, each with its index.
 
         Raises
         ------
         BeltidError
-            What a call raises; that the workers are not of the same sources, that a call was the
-            end of several of them, that the scheduler is gone.
+            If a call raises it, the workers have other sources, a call killed several workers, or
+            the scheduler is gone.
         """
         from distributed import as_completed
 
@@ -95,22 +95,22 @@ class ClusterWorkers(Workers):
         try:
             return future.result()
         except KilledWorker as error:
-            raise BeltidError(f"cluster: several workers died at the same call: {error}") from None
+            raise BeltidError(f"cluster: several workers died in the same call: {error}") from None
         except ModuleNotFoundError as error:
             raise BeltidError(
                 f"cluster: a worker lacks the module {error.name}; "
-                f"install beltid {__version__} there as it is here"
+                f"install beltid {__version__} there as on this computer"
             ) from None
         except (CancelledError, OSError):
             if self._cancelled:
                 raise Cancelled from None
             raise BeltidError(
                 f"cluster {self._where}: the connection was lost; "
-                "run again to go on with what is not finished"
+                "run again to continue with what is not finished"
             ) from None
 
     def stop(self) -> None:
-        """Cancel what the cluster has of us; calls that wait for it raise `Cancelled`."""
+        """Cancel our calls on the cluster; callers waiting for them get `Cancelled`."""
         with self._lock:
             self._cancelled = True
             waiting = list(self._waiting)
@@ -118,28 +118,28 @@ class ClusterWorkers(Workers):
             self._client.cancel(waiting, force=True, asynchronous=False)
 
     def close(self) -> None:
-        """Take leave of the cluster, which goes on."""
+        """Disconnect from the cluster, which keeps running."""
         with contextlib.suppress(Exception):
             self._client.close(timeout=1.0)
 
 
 def guarded(ours: str, function: Callable[..., Result], arguments: tuple[Any, ...]) -> Result:
-    """Carry out a call in a worker whose beltid is the caller's.
+    """Execute a call in a worker that has the same beltid as the caller.
 
     Raises
     ------
     BeltidError
-        If it is another one: the results would be those of other sources.
+        If the worker has other sources, which could give other results.
     """
     if source_sha256() != ours:
         raise BeltidError(
-            f"cluster: a worker has another beltid ({__version__}) than this computer; "
+            f"cluster: a worker has another beltid than this computer ({__version__}); "
             "install the same one there"
         )
     return function(*arguments)
 
 
-def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Client, str]:
+def _connect(scheduler: str | None, scheduler_file: Path | None) -> tuple[Client, str]:
     try:
         import dask
         from distributed import Client
@@ -155,13 +155,13 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
         )
     if address:
         _check_address(address)
-    # its log would stand between our lines; what matters is said as an error
+    # its log would mix with our messages; important failures are reported as errors
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     where = str(address or scheduler_file)
-    named = {"address": address} if address else {"scheduler_file": str(scheduler_file)}
+    target = {"address": address} if address else {"scheduler_file": str(scheduler_file)}
     try:
-        client = Client(**named, timeout=CONNECT_WITHIN_S, set_as_default=False)
-    except Exception as error:  # addresses of any shape, files with anything in them, the network
+        client = Client(**target, timeout=CONNECT_WITHIN_S, set_as_default=False)
+    except Exception as error:  # malformed addresses or files, network errors
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise InputError(f"cluster {where}: cannot be reached: {reason}") from None
     try:
@@ -181,31 +181,31 @@ def _connected(scheduler: str | None, scheduler_file: Path | None) -> tuple[Clie
 
 
 def refuse_lacking(client: Any, where: str) -> None:
-    """Refuse workers that lack the package: they end at the first call, and it would wait for ever.
+    """Reject workers without the package: they die at the first call, which would wait forever.
 
     Parameters
     ----------
     client : distributed.Client
-        Asks the workers, without anything of the package.
+        Queries the workers without using the package.
     where : str
-        The cluster, in words.
+        Name of the cluster in messages.
 
     Raises
     ------
     InputError
-        If there is such a worker.
+        If a worker lacks the package.
     """
-    found = client.run(find_spec, "beltid", on_error="return")
-    lacking = [worker for worker, package in found.items() if package is None]
+    specs = client.run(find_spec, "beltid", on_error="return")
+    lacking = [worker for worker, spec in specs.items() if spec is None]
     if lacking:
         raise InputError(
-            f"cluster {where}: {len(lacking)} of {len(found)} workers lack beltid, "
-            f"such as {lacking[0]}; install beltid {__version__} there as it is here"
+            f"cluster {where}: {len(lacking)} of {len(specs)} workers lack beltid, "
+            f"such as {lacking[0]}; install beltid {__version__} there as on this computer"
         )
 
 
 def _check_file(scheduler_file: Path) -> None:
-    """Look at the file of a scheduler first: its reader waits, and leaves a traceback."""
+    """Check the scheduler file; Dask itself would wait and then show a traceback."""
     if not scheduler_file.is_file():
         raise InputError(
             f"--scheduler-file {scheduler_file}: there is no such file", code="missing-file"

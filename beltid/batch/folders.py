@@ -1,4 +1,4 @@
-"""Folders of results: one batch at a time in each of them, and no link leads out of them."""
+"""Results folders: one batch at a time in each, and no links out of them."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"
 WORKING: Final = 256
-"""Files that a batch has open at the same time beside its locks, at most."""
+"""Largest number of files that a batch has open in addition to its locks."""
 
 
 def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
-    """Refuse folders of belts, and files in them, that are links out of the folder of the results.
+    """Reject belt folders, and files in them, that are links out of the results folder.
 
-    The folder of the results itself may be a link: the user names it.
+    The results folder itself may be a link, since the user names it.
 
     Parameters
     ----------
     folder : Path
-        Folder of the results.
+        Results folder.
     belts : sequence of str
         Names of belts or of cases, such as ``5pk`` or ``5pk/case``.
 
     Raises
     ------
     InputError
-        With every link that leads out.
+        With every such link.
     """
     root = os.path.realpath(folder)
     problems = []
@@ -42,7 +42,7 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
             target = os.path.realpath(path)
             if os.path.commonpath([root, target]) != root:
                 problems.append(
-                    f"{path}: is a link to {target}, out of the folder of the results {folder}; "
+                    f"{path}: is a link to {target}, outside the results folder {folder}; "
                     "remove the link, or name another --runs-dir"
                 )
     if problems:
@@ -52,44 +52,44 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
 def _links_in(folder: Path) -> list[Path]:
     try:
         return sorted(path for path in folder.iterdir() if path.is_symlink())
-    except OSError:  # it is not there yet, or the first step will say what is wrong with it
+    except OSError:  # missing, or the first step will report the problem
         return []
 
 
 @contextlib.contextmanager
 def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
-    """Be the only batch in some folders, and clear away what a killed one left there.
+    """Lock some folders against other batches, and remove temporary files of killed ones.
 
-    A second batch waits, then finds all up to date. The system lets a lock go when its holder ends,
-    however it ends. Where there are no locks (some network file systems) the batch goes on without:
-    files are whole all the same.
+    A second batch waits, then finds everything up to date. The system releases a lock when its
+    process ends for any reason. On file systems without locks (some network ones) the batch runs
+    without; files are still written atomically.
 
     Parameters
     ----------
     folders : sequence of Path
-        Folders of results.
+        Results folders.
     reporter : Reporter
-        Hears that another batch is waited for.
+        Receives a message when another batch must be awaited.
     """
-    different = sorted(set(folders))  # in one order, so that no two wait for each other
-    most = _locks_at_most(len(different))
-    with contextlib.ExitStack() as held:
-        for place, folder in enumerate(different):
-            descriptor = _opened(folder)
-            if descriptor is not None and place >= most:
+    unique = sorted(set(folders))  # always in the same order, to prevent a deadlock
+    most = _max_locks(len(unique))
+    with contextlib.ExitStack() as locks:
+        for index, folder in enumerate(unique):
+            descriptor = _open_lock(folder)
+            if descriptor is not None and index >= most:
                 os.close(descriptor)
             elif descriptor is not None:
-                held.callback(os.close, descriptor)
+                locks.callback(os.close, descriptor)
                 _lock(descriptor, folder, reporter)
             remove_stale(folder)
         yield
 
 
-def _locks_at_most(wanted: int) -> int:
-    """How many of the wanted locks, each an open file, leave files to work with.
+def _max_locks(wanted: int) -> int:
+    """Return how many locks, each an open file, fit in the limit of open files.
 
-    The system allows more where it is asked; what a sweep of thousands of cases lacks then goes on
-    without a lock.
+    Raises the limit if the system allows it. Cases of a very large sweep beyond it run without a
+    lock.
     """
     try:
         import resource
@@ -104,11 +104,11 @@ def _locks_at_most(wanted: int) -> int:
     return wanted if soft == resource.RLIM_INFINITY else min(wanted, max(0, soft - WORKING))
 
 
-def _opened(folder: Path) -> int | None:
+def _open_lock(folder: Path) -> int | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError:  # the first stage will say what is wrong with the folder
+    except OSError:  # the first stage will report what is wrong with the folder
         return None
 
 

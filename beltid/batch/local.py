@@ -1,8 +1,8 @@
-"""Worker processes on this machine: one pool that the calls of all belts go to.
+"""Worker processes on this machine: one pool for the calls of all belts.
 
-The workers are forked from a server that has imported everything once, in the time in which the
-caller imports itself. A worker that is killed is replaced, and its call made again. Workers end
-with their caller, however it ends.
+The workers are forked from a server that imports everything once, while the caller is importing. A
+worker that is killed is replaced and its call repeated. Workers end when their caller ends, for any
+reason.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from beltid.errors import BeltidError
 from beltid.stages.workers import LOOK_UP_S, ONE_THREAD, Cancelled, Result, Workers, available_cores
 
 MOST_LOSSES: Final = 3
-"""Workers lost one after the other, without a result between them, before a call is given up."""
+"""Workers that may be lost in a row, without any result, before the calls are abandoned."""
 LONGEST_SOCKET_FOLDER: Final = 70
-"""Bytes of the folder of temporary files: with the names of folder and socket in it 102, and a
-socket may have 103 (macOS) or 107 (Linux)."""
+"""Longest path of the temporary folder [bytes]. The socket in it then has a path of 102 bytes;
+the limit is 103 (macOS) or 107 (Linux)."""
 IMPORTED: Final = ("beltid.batch.chain", "pyarrow.csv", "pyarrow.parquet", "scipy.interpolate")
 
 
 class ProcessWorkers(Workers):
-    """A pool of worker processes, started when the first call comes.
+    """A pool of worker processes that starts at the first call.
 
     Parameters
     ----------
     jobs : int
         Number of processes.
     imported : sequence of str
-        Modules that they need.
+        Modules that the workers import in advance.
     """
 
     def __init__(self, jobs: int, imported: Sequence[str] = IMPORTED) -> None:
@@ -50,35 +50,35 @@ class ProcessWorkers(Workers):
         self._starting = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
         self._cancelled = False
-        self._others: Collection[Any] = ()
+        self._other_children: Collection[Any] = ()
 
     def prepare(self) -> None:
-        """Start importing beside the caller; returns at once."""
+        """Start importing in the background and return immediately."""
         if _start_method() != "forkserver":
             return
         from multiprocessing import forkserver, resource_tracker
 
         forkserver.set_forkserver_preload(list(self._imported))
-        # the tracker clears away what a caller leaves that is told to stop: no cause for a warning
+        # the tracker cleans up after a caller that is stopped, which needs no warning
         with signals_blocked(), _environment("PYTHONWARNINGS", "ignore"):
-            resource_tracker.ensure_running()  # lets signals in again, so not below
+            resource_tracker.ensure_running()  # it unblocks signals, so it gets a separate block
         with signals_blocked(), _environment("PYTHONPATH", same_package()):
             forkserver.ensure_running()
 
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Result]]:
-        """Results of many calls in the order in which they end, each with its index.
+        """Yield the results of many calls as they finish, each with its index.
 
         Raises
         ------
         BeltidError
-            What a call raises, or that its worker was lost again and again.
+            If a call raises it, or its worker was lost repeatedly.
         """
         waiting = dict(enumerate(calls))
         losses = 0
         while waiting:
-            pool = self._running()
+            pool = self._running_pool()
             futures: dict[Future[Result], int] = {}
             try:
                 for index, arguments in waiting.items():
@@ -92,25 +92,25 @@ class ProcessWorkers(Workers):
                     losses = 0
                     yield index, result
             except (BrokenProcessPool, RuntimeError, EOFError) as error:
-                # a pool that is shut down while calls are handed to it says so by RuntimeError,
-                # a server that is killed while it starts a worker by the end of its answer
+                # RuntimeError: the pool was shut down while calls were submitted;
+                # EOFError: the server was killed while it started a worker
                 if type(error) is RuntimeError and pool is self._pool:
                     raise
                 self._discard(pool)
                 losses += 1
                 if losses > MOST_LOSSES:
                     raise BeltidError(
-                        f"workers were killed {losses} times (by the system, for want of memory?); "
-                        "fewer at a time with --jobs need less of it"
+                        f"workers were killed {losses} times (by the system, out of memory?); "
+                        "use fewer workers with --jobs"
                     ) from None
             finally:
                 for future in futures:
                     future.cancel()
 
     def _as_completed(self, futures: Collection[Future[Result]]) -> Iterator[Future[Result]]:
-        """Futures in the order in which they end.
+        """Yield futures as they finish.
 
-        Not that of the library: it never hears of futures that a pool cancels as it is shut down.
+        The function of the standard library misses futures that a pool cancels at its shutdown.
         """
         waiting = set(futures)
         while waiting:
@@ -120,37 +120,37 @@ class ProcessWorkers(Workers):
             yield from done
 
     def stop(self) -> None:
-        """Kill the workers; calls that wait for them raise `Cancelled`."""
+        """Kill the workers; callers waiting for them get `Cancelled`."""
         with self._lock:
             self._cancelled = True
             pool, self._pool = self._pool, None
         if pool is not None:
-            _kill(pool, self._others)
+            _kill(pool, self._other_children)
 
     def close(self) -> None:
-        """Let the workers go; nothing is waited for."""
+        """Cancel pending calls and end the workers."""
         with self._lock:
             self._cancelled = True
             pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def _running(self) -> ProcessPoolExecutor:
+    def _running_pool(self) -> ProcessPoolExecutor:
         with self._lock:
             if self._cancelled:
                 raise Cancelled
             if self._pool is None:
                 self.prepare()
-                self._others = multiprocessing.active_children()
+                self._other_children = multiprocessing.active_children()
                 self._pool = ProcessPoolExecutor(
                     max_workers=self.jobs,
                     mp_context=multiprocessing.get_context(_start_method()),
-                    initializer=_begin,
+                    initializer=_start_worker,
                 )
             return self._pool
 
     def _discard(self, pool: ProcessPoolExecutor) -> None:
-        """Take a pool that lost a worker out of use."""
+        """Drop a pool that lost a worker."""
         with self._lock:
             if self._pool is pool:
                 self._pool = None
@@ -158,11 +158,11 @@ class ProcessWorkers(Workers):
 
 
 def _start_method() -> str:
-    """A server to fork from, where there can be one: it is reached by the name of a socket."""
+    """Choose the fork server if possible; it needs a socket with a short path."""
     methods = multiprocessing.get_all_start_methods()
     try:
         folder = os.fsencode(tempfile.gettempdir())
-    except FileNotFoundError:  # every folder for temporary files is full or read-only
+    except FileNotFoundError:  # all temporary folders are full or read-only
         return "spawn"
     short = len(folder) <= LONGEST_SOCKET_FOLDER
     return "forkserver" if "forkserver" in methods and short else "spawn"
@@ -170,7 +170,7 @@ def _start_method() -> str:
 
 @contextlib.contextmanager
 def _environment(name: str, value: str) -> Iterator[None]:
-    """Start processes with another value of a variable."""
+    """Set an environment variable for the processes started inside."""
     before = os.environ.get(name)
     os.environ[name] = value
     try:
@@ -183,14 +183,14 @@ def _environment(name: str, value: str) -> Iterator[None]:
 
 
 def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
-    """Kill the children that came with a pool, also those that are being started meanwhile."""
+    """Kill the children of a pool, including those that are just being started."""
     ending = threading.Thread(
         target=pool.shutdown, kwargs={"wait": True, "cancel_futures": True}, daemon=True
     )
     ending.start()
     ended = False
-    while not ended:  # the pool waits for a worker that was started after the others died
-        ended = not ending.is_alive()  # once more after the end: the last one may have come late
+    while not ended:  # the pool may wait for a worker that was started after the others died
+        ended = not ending.is_alive()  # one more pass after the end, for a worker that came late
         for child in multiprocessing.active_children():
             if child not in others:
                 with contextlib.suppress(OSError, ValueError):
@@ -198,30 +198,30 @@ def _kill(pool: ProcessPoolExecutor, others: Collection[Any]) -> None:
         ending.join(0.02)
 
 
-def _begin() -> None:
-    """First thing in a worker: Ctrl-C is for the caller, and so is the end."""
+def _start_worker() -> None:
+    """Initialize a worker: leave Ctrl-C to the caller, and exit when the caller ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     caller = process.parent_process()
     if caller is not None:
-        threading.Thread(target=_end_with, args=(caller,), daemon=True).start()
+        threading.Thread(target=_exit_with, args=(caller,), daemon=True).start()
 
 
-def _end_with(caller: Any) -> None:
+def _exit_with(caller: Any) -> None:
     caller.join()
     os._exit(1)
 
 
 def local_workers(jobs: int | None, imported: Sequence[str] = IMPORTED) -> Workers:
-    """Workers on this machine, one per core if not told: processes, or for one job the caller.
+    """Create workers on this machine: processes, or the caller itself for one job.
 
     Parameters
     ----------
     jobs : int or None
-        How many; None for one per core.
+        Number of workers; None for one per core.
     imported : sequence of str
-        Modules that they need; by default those of a whole chain.
+        Modules that the workers import in advance; by default those of a whole chain.
     """
-    for name in ONE_THREAD:  # before numpy is imported in them
+    for name in ONE_THREAD:  # must be set before the workers import numpy
         os.environ.setdefault(name, "1")
     count = jobs or available_cores()
     return Workers() if count == 1 else ProcessWorkers(count, imported)

@@ -1,4 +1,4 @@
-"""What a batch would do, without doing it."""
+"""Dry run of a batch: list what it would do."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ WRONG: Final = "cannot be made"
 
 
 def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
-    """Tell which steps a batch would carry out; nothing is written.
+    """List the steps that a batch would carry out, without writing anything.
 
     Parameters
     ----------
     sources : sequence of ConfigSource
         One config per belt, or per case of a sweep.
     folder : Path
-        Folder of the results.
+        Results folder.
     options : BatchOptions
-        As for the batch itself.
+        Same as for the batch itself.
     """
     refuse_links_out(folder, [source.name for source in sources])
     rows: list[dict[str, Any]] = []
     warnings: list[str] = []
     status = EXIT_DONE
     for source in sources:
-        for row, error in _planned(source, folder / source.name, options):
+        for row, error in _plan_steps(source, folder / source.name, options):
             rows.append(row)
             if error is not None:
                 status = status or error.exit_status
@@ -45,7 +45,7 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
     count = sum(row["state"] == TO_BE_MADE for row in rows)
     return Summary(
         stage="run --dry-run",
-        title="what would be done; nothing was",
+        title="what would be done; nothing was done",
         facts={"belts": len(sources), "steps": len(rows), "steps_to_be_made": count},
         table=rows,
         shown=("belt", "step", "state"),
@@ -54,10 +54,10 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
     )
 
 
-def _planned(
+def _plan_steps(
     source: ConfigSource, folder: Path, options: BatchOptions
 ) -> Iterator[tuple[dict[str, Any], BeltidError | None]]:
-    """Each step of a belt: its row, and what is wrong with it."""
+    """Yield the row of each step of a belt, and its error if any."""
     files = source.config.data.files
     stale: set[str] = set()
     steps = chain_of(source, options)
@@ -79,7 +79,7 @@ def _planned(
 
 
 def _state(step: Step, call: Call) -> tuple[str, BeltidError | None]:
-    """Whether the artifact of a step is up to date, as the step itself sees it."""
+    """Let a step check whether its artifact is up to date."""
     try:
         step.run(*call, Options(peek=True))
     except Stale:

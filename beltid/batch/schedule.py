@@ -1,4 +1,4 @@
-"""Which step comes next: the chains of all belts side by side, each step when its inputs stand."""
+"""Schedule the chains of all belts in parallel; a step starts when its inputs exist."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from beltid.stages.reporter import Level, NamedReporter, Reporter
 from beltid.stages.setup.named_recordings import WITHOUT, lacking
 from beltid.stages.workers import LOOK_UP_S, Workers
 
-STEPS_AHEAD = 2  # steps under way for each worker: while some read and write, others compute
-MOST_STEPS = 64  # of a large cluster: a campaign alone is a few dozen calls
+STEPS_AHEAD = 2  # steps in progress per worker: while some read and write, others compute
+MOST_STEPS = 64  # limit for a large cluster: a campaign alone is a few dozen calls
 
 
 class Chain:
-    """The chain of one belt: which of its steps can start, what became of the others.
+    """The chain of one belt: waiting steps and the outcome of the others.
 
     Parameters
     ----------
     source : ConfigSource
         The config of the belt, or of one case of a sweep.
     folder : Path
-        Folder of its results.
+        Results folder of the belt.
     steps : sequence of Step
-        The chain.
+        Steps of the chain.
     reporter : Reporter
-        Hears what is going on.
+        Receives the messages.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Chain:
         self._announced = False
 
     def next_step(self) -> Step | None:
-        """The first step whose inputs stand; None if there is none by now."""
+        """Remove and return the first waiting step whose inputs exist; None if there is none."""
         for step in self.waiting:
             if step.ready(self.files):
                 self.waiting.remove(step)
@@ -82,7 +82,7 @@ class Chain:
                 self.reporter.warn(WITHOUT[kind])
 
     def failed(self, step: Step, error: BeltidError) -> None:
-        """Note that a step failed; what needs it is not run."""
+        """Record that a step failed; steps that need it are not run."""
         level: Level = "error"
         if isinstance(error, TooFewSettings):
             level = "warn"
@@ -93,7 +93,7 @@ class Chain:
             self.reporter.line(level, f"{step.name}: {line}")
 
     def finished(self, step: Step, summary: Summary, elapsed_s: float) -> None:
-        """Note that a step finished."""
+        """Record that a step finished."""
         name, reporter = step.name, self.reporter
         out = self.files[step.makes] = step.place(self.folder)
         self.run.summaries[name] = summary
@@ -125,33 +125,33 @@ def run_chains(
     Parameters
     ----------
     chains : sequence of Chain
-        The chains, the first one first where not all can go on at once.
+        The chains; earlier ones have priority.
     workers : Workers
-        Who computes.
+        Workers that compute.
     force : bool
-        Whether to make again what is up to date.
+        Whether to recompute results that are up to date.
     fail_fast : bool
-        Whether the first step that fails ends it all.
+        Whether to stop everything when the first step fails.
     """
     alone = workers.jobs == 1
     most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
-    under_way: dict[Future[Summary], tuple[Chain, Step, float]] = {}
-    threads: Executor = _Here() if alone else ThreadPoolExecutor(most)
+    running: dict[Future[Summary], tuple[Chain, Step, float]] = {}
+    threads: Executor = _InlineExecutor() if alone else ThreadPoolExecutor(most)
     try:
         while True:
             for chain in chains:
-                while len(under_way) < most and (step := chain.next_step()) is not None:
+                while len(running) < most and (step := chain.next_step()) is not None:
                     start = time.monotonic()
                     call = step.call(chain.source, chain.files, chain.folder)
                     future = threads.submit(
                         run_step, step, call, workers, chain.reporter, force=force
                     )
-                    under_way[future] = (chain, step, start)
-            if not under_way:
+                    running[future] = (chain, step, start)
+            if not running:
                 return
-            # a signal that the system gives to another thread is heard when this one wakes up
-            for future in wait(under_way, LOOK_UP_S, FIRST_COMPLETED).done:
-                chain, step, start = under_way.pop(future)
+            # wake up regularly to handle signals that the system delivers to another thread
+            for future in wait(running, LOOK_UP_S, FIRST_COMPLETED).done:
+                chain, step, start = running.pop(future)
                 try:
                     chain.finished(step, future.result(), time.monotonic() - start)
                 except BeltidError as error:
@@ -159,18 +159,18 @@ def run_chains(
                 if fail_fast and chain.run.exit_status != EXIT_DONE:
                     return
     finally:
-        if under_way:  # the first failure ends it
+        if running:  # stopped by the first failure
             workers.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 
 
-class _Here(Executor):
-    """Calls carried out at once, where an interrupt reaches them."""
+class _InlineExecutor(Executor):
+    """Executor that runs calls immediately in this thread, where an interrupt reaches them."""
 
     def submit(
         self, function: Callable[..., Any], /, *arguments: Any, **options: Any
     ) -> Future[Any]:
-        """Carry out a call; what went wrong for a reason is kept for the one who asks."""
+        """Run a call; a BeltidError is stored in the future."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments, **options))

@@ -1,4 +1,4 @@
-"""Configs of a batch: all of them checked before anything runs."""
+"""Configs of a batch, all checked before anything runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     Parameters
     ----------
     paths : sequence of Path
-        Configs, one per belt; one with a sweep makes a source per case.
+        Configs, one per belt; one with a sweep gives a source per case.
     explicit : Path or None
-        A config named otherwise; it counts as one more.
+        Additional config, given by ``--config``.
 
     Raises
     ------
     ConfigError
-        With everything that is wrong with all of them: missing recordings, belts of one name.
+        With the problems of all configs, including missing recordings and equal belt names.
     """
     named = [(path, str(path)) for path in paths]
     if explicit is not None:
@@ -34,7 +34,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     if not named:
         path = named_by_environment()
         if path is None:
-            raise InputError("no config named: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
+            raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
         named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     problems: list[str] = []
     belts: list[list[ConfigSource]] = []
@@ -54,12 +54,12 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """One of several parts of a batch that run by themselves, such as the jobs of an array.
+    """One of several independent parts of a batch, such as a job of an array.
 
     Attributes
     ----------
     number, count : int
-        Which part, from 1, of how many.
+        Number of the part, from 1, and number of parts.
     """
 
     number: int
@@ -67,12 +67,12 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """The shard that a text such as ``2/4`` names.
+        """Parse a text such as ``2/4``.
 
         Raises
         ------
         InputError
-            If it names none.
+            If the text is invalid.
         """
         match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
         number, count = (int(part) for part in match.groups()) if match else (0, 0)
@@ -81,12 +81,12 @@ class Shard:
         return cls(number, count)
 
     def of(self, sources: Sequence[ConfigSource]) -> list[ConfigSource]:
-        """The belts and cases of this part: every n-th."""
+        """Select the belts and cases of this part: every n-th."""
         return list(sources[self.number - 1 :: self.count])
 
 
 def _same_names(sources: Sequence[ConfigSource]) -> list[str]:
-    """Belts whose results would go to one folder; file systems may ignore case."""
+    """Report belts whose results would go to the same folder; file systems may ignore case."""
     problems = []
     first: dict[str, ConfigSource] = {}
     for source in sources:

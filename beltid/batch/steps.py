@@ -1,4 +1,4 @@
-"""One step of a chain: what it is made from, and who carries it out."""
+"""One step of a chain: its inputs, and how it is run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltid.stages.workers import Workers
 
 StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
 Call = tuple[ConfigSource, Mapping[str, Path], Path]
-"""What a stage is called with: the config, its inputs by their role, the place of its result."""
+"""Arguments of a stage: config, inputs by role, path of the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,20 +24,20 @@ class Step:
     Attributes
     ----------
     name : str
-        Name of its command, and what it works on if the chain has it twice.
+        Name of its command, with a suffix if the chain has it twice.
     makes : str
         Name of its artifact.
     needs : dict
-        Recordings and artifacts it is made from, by their role in the stage.
+        Recordings and artifacts that it reads, by their role in the stage.
     run : callable
         The stage.
     spreads : bool
-        Whether the stage gives its heavy calls to the workers itself; else one of them gets it
-        whole.
+        Whether the stage distributes its heavy calls to the workers; otherwise one worker runs the
+        whole stage.
     section : str
-        Section of the config that must be stated for the step to be part of the chain; "" for none.
+        Config section that must be stated for the step to be part of the chain; "" for none.
     page : bool
-        Whether it makes a page for people in the place of an artifact.
+        Whether it writes a report page instead of an artifact.
     """
 
     name: str
@@ -49,38 +49,38 @@ class Step:
     page: bool = False
 
     def ready(self, files: Collection[str]) -> bool:
-        """Whether all that it is made from is there."""
+        """Return whether all inputs exist."""
         return all(name in files for name in self.needs.values())
 
     def call(self, source: ConfigSource, files: Mapping[str, Path], folder: Path) -> Call:
-        """What it is called with for a belt whose results go to a folder."""
+        """Return the arguments of the stage for a belt with this results folder."""
         inputs = {role: files[name] for role, name in self.needs.items()}
         return source, inputs, self.place(folder)
 
     def place(self, folder: Path) -> Path:
-        """Where its result goes in the folder of a belt."""
+        """Return the path of its result in the folder of a belt."""
         return folder / f"{self.makes}.{'html' if self.page else 'parquet'}"
 
 
 def within_reach(steps: Sequence[Step], recordings: Collection[str]) -> set[str]:
-    """Names of the steps that can be carried out with some kinds of recordings."""
-    there, found = set(recordings), set()
+    """Return the names of the steps that can run with the given kinds of recordings."""
+    available, names = set(recordings), set()
     for step in steps:
-        if step.ready(there):
-            there.add(step.makes)
-            found.add(step.name)
-    return found
+        if step.ready(available):
+            available.add(step.makes)
+            names.add(step.name)
+    return names
 
 
 def run_step(
     step: Step, call: Call, workers: Workers, reporter: Reporter, *, force: bool
 ) -> Summary:
-    """Carry out a step: look whether it is up to date, else make it, or have it made.
+    """Run a step, here or in a worker, unless its result is up to date.
 
     Raises
     ------
     BeltidError
-        What the stage raises.
+        If the stage raises it.
     """
     if step.spreads or workers.jobs == 1 or not workers.share_files:
         return step.run(*call, Options(force=force, reporter=reporter, workers=workers))
@@ -98,7 +98,7 @@ def run_step(
 def run_in_worker(
     run: StageRun, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
 ) -> tuple[Summary, list[tuple[Level, str]]]:
-    """Carry out a stage in a worker: its summary, and what it reported."""
+    """Run a stage in a worker; return its summary and its messages."""
     reporter = KeepingReporter()
     with reporter.python_warnings():
         options = Options(force=force, reporter=reporter)

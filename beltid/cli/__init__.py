@@ -1,13 +1,13 @@
-"""The command line: the only room that prints or exits.
+"""The command line: the only package that prints or exits.
 
 ============== ==================================================================
 Module         Responsibility
 ============== ==================================================================
-``program``    the list of commands, the options that all have, how a call begins
-``commands``   the commands, a module for those that belong together
-``inputs``     arguments that several commands share; what the help says of recordings
+``program``    the list of commands, the options that all have, the entry point
+``commands``   the commands, grouped into modules by topic
+``inputs``     arguments that several commands share; recordings in the help
 ``execute``    run a stage, print its summary, exit statuses; - as a file
-``process``    told to stop: say so, end the children, leave; closed and full streams
+``process``    stop signals: report, end the children, exit; closed and full streams
 ``reporter``   what goes to stderr: notes, warnings, progress
 ============== ==================================================================
 """

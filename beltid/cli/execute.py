@@ -1,7 +1,7 @@
-"""Run a stage for the command line: say, print, and turn errors into exit statuses.
+"""Run a stage for the command line: report, print, and turn errors into exit statuses.
 
-``-`` stands for an input from stdin, or for the artifact to stdout. Stages work on files, so the
-bytes are put into a file for as long as the command runs.
+``-`` means stdin for an input and stdout for the artifact. Stages work on files, so the bytes go
+through a temporary file that exists while the command runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import typer
 
-from beltid.cli.process import if_stopped, mute, passing, told
+from beltid.cli.process import if_stopped, mute, passing, stdout_message
 from beltid.cli.program import Common
 from beltid.cli.reporter import TerminalReporter, console_for
 from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
@@ -36,7 +36,7 @@ NOTHING: Final = "nothing was written"
 STDIN: Final = "stdin"
 STDOUT: Final = "stdout"
 MOST_PAGES: Final = 3
-"""Pages that are named below an error, at most."""
+"""Largest number of ``explain`` pages named below an error."""
 
 
 def execute(
@@ -51,16 +51,16 @@ def execute(
     Parameters
     ----------
     stage : callable
-        ``run`` of a stage.
+        Function ``run`` of a stage.
     inputs : mapping of str to Path or None
-        Its input files by role, None where one is not given. The first one tells where results and
-        configs are; without any it is the folder of the call. ``-`` is stdin.
+        Input files by role, None if not given. Results and configs are next to the first one;
+        without inputs, in the current folder. ``-`` is stdin.
     default_name : str
-        Name of the result beside the first input, if the user named none.
+        File name of the result, next to the first input, if the user gave none.
     common : Common
         The common options.
     workers : Workers, optional
-        Who carries out its heavy calls; by default the stage itself.
+        Workers for the heavy calls; by default the stage runs them itself.
     """
     from beltid.bench.files.sources import folder_of
     from beltid.config import find_config
@@ -83,7 +83,7 @@ def execute(
             if files.to_stdout:
                 with _stdout():
                     files.send()
-                _tell(summary, reporter, common, time.monotonic() - start)
+                _report(summary, reporter, common, time.monotonic() - start)
                 raise typer.Exit(summary.exit_status)
             return summary
 
@@ -97,18 +97,18 @@ def finish(
     kept: str | None = None,
     names: Mapping[str, str] | None = None,
 ) -> None:
-    """Do the work, print its summary on stdout, exit with its status.
+    """Do the work, print its summary on stdout and exit with its status.
 
     Parameters
     ----------
     work : callable
-        Takes the common options of stages, returns the summary.
+        Takes the common options of stages and returns the summary.
     common : Common
         The common options.
     kept : str, optional
-        What to say about the results after an interrupt; None of a command that writes no file.
+        Message about the results after an interrupt; None for a command that writes no file.
     names : mapping of str to str, optional
-        Words to say in the place of others, such as stdin for a passing file.
+        Replacements in messages, such as stdin for a temporary file.
     """
     options, start = _options(common, names), time.monotonic()
     with _statuses(options.reporter, kept or NOTHING):
@@ -116,14 +116,14 @@ def finish(
             raise InputError(f"--out = {common.out}: this command writes no file, leave it out")
         with options.reporter.python_warnings():
             summary = work(options)
-        _tell(summary, options.reporter, common, time.monotonic() - start)
+        _report(summary, options.reporter, common, time.monotonic() - start)
         with _stdout():
             _print(summary, common)
     raise typer.Exit(summary.exit_status)
 
 
 def print_text(work: Callable[[Options], str], common: Common) -> None:
-    """Do the work, whose product is a text, and print it on stdout, or write it where asked."""
+    """Print the text that the work returns on stdout, or write it to ``--out``."""
     options, out = _options(common), common.out
     with _statuses(options.reporter, NOTHING):
         text = work(options)
@@ -146,7 +146,7 @@ def _write(text: str, out: Path, *, force: bool) -> None:
 
 
 def _options(common: Common, names: Mapping[str, str] | None = None) -> Options:
-    """The common options as stages have them."""
+    """Convert the command-line options to the options of a stage."""
     from beltid.stages.reporter import Options
 
     reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
@@ -155,20 +155,20 @@ def _options(common: Common, names: Mapping[str, str] | None = None) -> Options:
 
 @contextmanager
 def _stdout() -> Iterator[None]:
-    """What can go wrong while a product is printed."""
+    """Handle the errors of writing to stdout."""
     try:
         yield
-    except BrokenPipeError:  # the reader (head, less) has seen enough
+    except BrokenPipeError:  # the reader (head, less) has closed the pipe
         mute("stdout")
         raise typer.Exit from None
     except OSError as error:
         mute("stdout")
-        raise BeltidError(told(error)) from None
+        raise BeltidError(stdout_message(error)) from None
 
 
 @contextmanager
 def _statuses(reporter: Reporter, kept: str) -> Iterator[None]:
-    """The one place where an error becomes an exit status."""
+    """Turn errors into exit statuses; the only place that does."""
     try:
         with if_stopped(kept):
             yield
@@ -182,14 +182,14 @@ def _statuses(reporter: Reporter, kept: str) -> Iterator[None]:
             )
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
-        if error.filename is None:  # nothing that the user named
+        if error.filename is None:  # not about a file that the user named
             raise
         reporter.error(printable(f"{error.filename}: {error.strerror}"))
         raise typer.Exit(EXIT_INPUT) from None
 
 
-def _tell(summary: Summary, reporter: Reporter, common: Common, elapsed_s: float) -> None:
-    """Notes, warnings, and how it ended."""
+def _report(summary: Summary, reporter: Reporter, common: Common, elapsed_s: float) -> None:
+    """Report notes, warnings and the outcome."""
     for note in summary.notes:
         reporter.report(f"note: {note}")
     shown = summary.warnings if common.verbose and not common.quiet else summary.warnings[:10]
@@ -201,7 +201,7 @@ def _tell(summary: Summary, reporter: Reporter, common: Common, elapsed_s: float
         reporter.report(f"{summary.out} is up to date, nothing computed; --force computes again")
     elif summary.exit_status:
         reporter.report(f"{elapsed_s:.1f} s")
-    elif summary.out is not None and summary.title:  # of a figure in a file its path says it
+    elif summary.out is not None and summary.title:  # a figure file has no title: its path says it
         reporter.report(f"{summary.out} written, {elapsed_s:.1f} s")
 
 
@@ -218,18 +218,18 @@ def _print(summary: Summary, common: Common) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Piped:
-    """Files in the place of ``-``.
+    """Files that replace ``-``.
 
     Attributes
     ----------
     inputs : dict of str to Path
         Input files by role.
     out : Path
-        Where the artifact is to stand.
+        Where to write the artifact.
     to_stdout : bool
-        Whether its bytes are the product on stdout.
+        Whether its bytes go to stdout.
     names : dict of str to str
-        Path of a passing file -> what it is called in messages.
+        Path of a temporary file -> its name in messages.
     """
 
     inputs: dict[str, Path]
@@ -243,7 +243,7 @@ class Piped:
         Raises
         ------
         InputError
-            If the command wrote further files: stdout can take one.
+            If the command wrote other files too: stdout can take only one.
         """
         more = [path.name for path in self.out.parent.iterdir() if path != self.out]
         if [name for name in more if name != STDIN]:
@@ -255,21 +255,21 @@ class Piped:
 
 @contextmanager
 def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
-    """Put files in the place of ``-`` for as long as the command runs.
+    """Replace ``-`` by temporary files while the command runs.
 
     Parameters
     ----------
     inputs : mapping of str to Path
         Input files by role.
     out : Path
-        Where the artifact is to stand.
+        Where to write the artifact.
     json : bool
-        Whether stdout is to take the JSON object.
+        Whether the JSON object goes to stdout.
 
     Raises
     ------
     InputError
-        If stdin is to be several inputs, is empty, or stdout is to take two products.
+        If ``-`` is given for several inputs, stdin is empty, or two outputs want stdout.
     """
     from_stdin = [role for role, path in inputs.items() if path == DASH]
     if not from_stdin and out != DASH:
@@ -284,7 +284,7 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
     with TemporaryDirectory(prefix="beltid-") as name, passing(Path(name)):
         folder, names, files = Path(name), {}, dict(inputs)
         for role in from_stdin:
-            files[role] = _spooled(folder / STDIN)
+            files[role] = _spool_stdin(folder / STDIN)
             names[str(files[role])] = STDIN
         if out == DASH:
             out = folder / "artifact.parquet"
@@ -292,10 +292,10 @@ def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
         yield Piped(files, out, STDOUT in names.values(), names)
 
 
-def _spooled(path: Path) -> Path:
+def _spool_stdin(path: Path) -> Path:
     import shutil  # slow, and the help must be fast
 
-    with path.open("wb") as file:  # of any size: it need not fit into memory
+    with path.open("wb") as file:  # copied in blocks: it need not fit into memory
         shutil.copyfileobj(sys.stdin.buffer, file)
     if not path.stat().st_size:
         raise InputError(f"{STDIN}: nothing came in")

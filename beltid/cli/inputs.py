@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, and what their help says of recordings."""
+"""Arguments and options that several commands share, and recordings in their help."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Simulated = Annotated[
     Path,
     _input(
         "simulated.parquet of simulate-rig. A recording with the columns of rig.csv is reduced in "
-        "the same way: so two benches, or a bench and another program, can be compared.",
+        "the same way, to compare two benches, or a bench and another program.",
         "SIMULATED",
     ),
 ]
@@ -79,25 +79,25 @@ Seed = Annotated[
 Command = TypeVar("Command", bound=Callable[..., None])
 
 MARK: Final = "    (columns)\n"
-"""Stands in the docstring of a command in the place of what is said here."""
+"""Placeholder in the docstring of a command for the columns of its recording."""
 UNITS: Final = {"": "text", "deg": "°", "degC": "°C"}
 
 OTHERWISE: Final = """
-    Columns of other names or units: say so in the config, such as
+    Other names or units of columns: state them in the config, such as
     columns: {{{kind}: {{{name}}}}}, units: {{{kind}: {{{unit}}}}}.
     Exports of testing machines and measuring programs are read as they are, known names and units
-    are recognised: beltid inspect FILE tells how. Separator, decimal sign and encoding are found
-    out, or stated under dialect:.
+    are recognised: beltid inspect FILE shows how. Separator, decimal sign and encoding are
+    detected, or stated under dialect:.
 """
 
 
 def reads_recording(kind: str, *, name: str, unit: str) -> Callable[[Command], Command]:
-    """Put the columns of a recording into the help of a command.
+    """Insert the columns of a recording into the help of a command.
 
     Parameters
     ----------
     kind : str
-        The recording.
+        Kind of recording.
     name, unit : str
         Examples of a column with another name, and with another unit.
     """
@@ -108,9 +108,9 @@ def reads_recording(kind: str, *, name: str, unit: str) -> Callable[[Command], C
             f"{'' if column.required else '; may be missing'}\n"
             for column in schemas.table(kind).columns
         ]
-        said = "    \b\n    Columns of the CSV (more are ignored):\n" + "".join(rows)
-        said += OTHERWISE.format(kind=kind, name=name, unit=unit)
-        command.__doc__ = (command.__doc__ or "").replace(MARK, said)
+        text = "    \b\n    Columns of the CSV (others are ignored):\n" + "".join(rows)
+        text += OTHERWISE.format(kind=kind, name=name, unit=unit)
+        command.__doc__ = (command.__doc__ or "").replace(MARK, text)
         return command
 
     return described

@@ -1,10 +1,10 @@
-"""Told to stop, by Ctrl-C or by the system: say so, end the children, leave.
+"""Stop signals (Ctrl-C, the system): report, end the children, exit. And the standard streams.
 
 Nothing is unwound. Results are written whole or not at all and survive even a kill, so the program
-leaves from wherever the signal reaches it, also from within compiled code or an import, where an
-exception would be lost or do harm. The exit status is the one that shells expect.
+exits wherever the signal reaches it, even within compiled code or an import, where an exception
+would be lost or do harm. The exit status is the one that shells expect.
 
-And the standard streams: a terminal without some letters, a closed one, a full disk behind one.
+Standard streams may be closed, lead to a full disk, or lack characters.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from beltid.stages.workers import ONE_THREAD
 
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
-"""Clears the line of a progress bar and shows the cursor that it hid."""
+"""Terminal codes that clear the progress bar and show the cursor again."""
 STREAMS: Final = ("stdin", "stdout", "stderr")
 
 _kept: list[str] = []
@@ -32,13 +32,13 @@ _passing: list[Path] = []
 
 
 def one_thread_each() -> None:
-    """Let the linear algebra of this process, if not begun, and its workers run in one thread."""
+    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers."""
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
 
 
 def hear_signals() -> None:
-    """Leave in order when told to stop; a signal that is ignored (nohup) stays ignored."""
+    """Install the handlers of stop signals; a signal that is ignored (nohup) stays ignored."""
     for name in WORDS:
         number = getattr(signal, name, None)
         if number is None or signal.getsignal(number) == signal.SIG_IGN:
@@ -49,7 +49,7 @@ def hear_signals() -> None:
 
 @contextlib.contextmanager
 def if_stopped(kept: str) -> Iterator[None]:
-    """State what to say about the results if the program is told to stop meanwhile."""
+    """Set the message about the results for a stop signal that comes inside."""
     _kept.append(kept)
     try:
         yield
@@ -59,7 +59,7 @@ def if_stopped(kept: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def passing(folder: Path) -> Iterator[None]:
-    """Remove a folder if the program is told to stop meanwhile."""
+    """Remove a folder if a stop signal comes inside."""
     _passing.append(folder)
     try:
         yield
@@ -85,27 +85,27 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _end_children() -> None:
-    """Kill the workers and the server they are forked from, which may be importing still."""
+    """Kill the workers and their fork server, which may still be importing."""
     if "multiprocessing" not in sys.modules:
         return
     for child in sys.modules["multiprocessing"].active_children():
         child.kill()
     server = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
-    number = getattr(server, "_forkserver_pid", None)  # there is no other way to know it
-    if number is not None:
-        os.kill(number, signal.SIGKILL)
+    pid = getattr(server, "_forkserver_pid", None)  # there is no public way to get it
+    if pid is not None:
+        os.kill(pid, signal.SIGKILL)
 
 
 def prepare_streams() -> None:
-    """Let a closed stream lead to nowhere, and a letter the terminal lacks be a substitute."""
+    """Redirect closed streams to the null device, and replace characters that a stream lacks."""
     for name in STREAMS:
         if getattr(sys, name) is None:
-            # the lowest free number is that of the closed stream, so no result is opened as it
+            # the lowest free descriptor is that of the closed stream: now no result can get it
             descriptor = os.open(os.devnull, os.O_RDONLY if name == "stdin" else os.O_WRONLY)
             mode = "r" if name == "stdin" else "w"
             setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
     if isinstance(getattr(sys.stdout, "buffer", None), io.RawIOBase):
-        # PYTHONUNBUFFERED: a write that a full disk cuts short would count as done
+        # PYTHONUNBUFFERED: a write that a full disk cuts short would pass as complete
         encoding = sys.stdout.encoding
         sys.stdout = os.fdopen(sys.stdout.fileno(), "w", encoding=encoding, closefd=False)
     for stream in (sys.stdout, sys.stderr):
@@ -114,13 +114,13 @@ def prepare_streams() -> None:
 
 
 def mute(name: str) -> None:
-    """Lead a stream that cannot be written to nowhere: nothing may fail at exit either."""
+    """Redirect a broken output stream to the null device, so that flushing at exit cannot fail."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
 
 
-def is_of_help(error: OSError) -> bool:
-    """Whether an error rose while help or version were written, not from our own work."""
+def raised_by_help(error: OSError) -> bool:
+    """Return whether an error was raised while help or version was printed."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -128,6 +128,6 @@ def is_of_help(error: OSError) -> bool:
     return module.partition(".")[0] in ("typer", "click")
 
 
-def told(error: OSError) -> str:
-    """What went wrong with stdout, for the user."""
+def stdout_message(error: OSError) -> str:
+    """Return the message for an error of stdout."""
     return f"stdout: {error.strerror or error}"

@@ -1,4 +1,4 @@
-"""The program: the list of its commands, the options that every command has, how a call begins."""
+"""The program: the list of its commands, the options of every command, the entry point."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from typer.main import get_group
 from beltid._version import __version__
 from beltid.cli.process import (
     hear_signals,
-    is_of_help,
     mute,
     one_thread_each,
     prepare_streams,
-    told,
+    raised_by_help,
+    stdout_message,
 )
 from beltid.errors import EXIT_INPUT, printable
 
@@ -91,11 +91,11 @@ COMMANDS: Final = {
     "config": ("about", "show or check a config"),
     "explain": ("about", "what an error means and what to do"),
 }
-"""The commands in the order of the work: the module each is in, and what the help says of it."""
+"""Commands in the order of the work: command -> its module and its line in the help."""
 
 
 def show_version(wanted: bool) -> None:
-    """Print the version and exit, if that is wanted."""
+    """Print the version and exit, if requested."""
     if wanted:
         typer.echo(f"beltid {__version__}")
         raise typer.Exit
@@ -111,7 +111,7 @@ Version = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Common:
-    """The common options, in the order of the help, and what they say."""
+    """Options of every command, in the order of the help."""
 
     config: Annotated[
         Path | None,
@@ -120,8 +120,8 @@ class Common:
             "-c",
             metavar="YAML",
             help="Config of belt, benches and settings. Default: the one that the environment "
-            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml beside the "
-            "input or in a folder above it, else the built-in 5PK rig of the paper.",
+            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to "
+            "the input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
     ] = None
     out: Annotated[
@@ -130,7 +130,7 @@ class Common:
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write, - for stdout. Default: beside the input, as named above.",
+            help="File to write, - for stdout. Default: next to the input, as named above.",
         ),
     ] = None
     json: Annotated[
@@ -154,17 +154,17 @@ class Common:
 
 
 class InOrder(TyperGroup):
-    """The commands in the order of the work; a module is imported when a command of it is called.
+    """Command group in the order of the work that imports a module when its command is called.
 
-    Importing and building them all would be half of the time that the help takes.
+    Importing and building all commands would take half of the time of the help.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Names of the commands as the help lists them."""
+        """Return the names of the commands in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of a name; None if there is none, and then all are known for a suggestion."""
+        """Return a command by name; if there is none, load all for a suggestion and return None."""
         if cmd_name not in self.commands:
             wanted = [COMMANDS[cmd_name]] if cmd_name in COMMANDS else COMMANDS.values()
             for module, _ in wanted:
@@ -173,21 +173,21 @@ class InOrder(TyperGroup):
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """The list of commands, from the table."""
+        """Write the list of commands from `COMMANDS`."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, short) for name, (_, short) in COMMANDS.items()])
 
 
 class PlainCommand(TyperCommand):
-    """A command whose help is for somebody who does not know the shell's braces."""
+    """Command whose help avoids the braces and type names of typer."""
 
     def get_help(self, ctx: Any) -> str:
-        """Help of the command."""
+        """Return the help of the command."""
         text: str = super().get_help(ctx)
         return text.replace("<list[Path]>", "<path>      ")
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Names of the arguments without the braces, which look like alternatives."""
+        """Return the arguments without braces, which look like alternatives."""
         return [
             piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
         ]
@@ -208,18 +208,18 @@ app = typer.Typer(
 def command(
     name: str, *, of: typer.Typer = app, short: str = "", out: Any = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command with the common options; it gets them as its argument ``common``.
+    """Register a function as a command; the common options are its argument ``common``.
 
     Parameters
     ----------
     name : str
-        Its name: one of `COMMANDS`, or that of a command below one of them.
+        Name of the command: one of `COMMANDS`, or a subcommand of one of them.
     of : Typer
-        The command that it is below; by default the program.
+        Parent command; by default the program.
     short : str
-        What the help of `of` says of it; by default its line in `COMMANDS`.
+        Line in the help of the parent; by default the one in `COMMANDS`.
     out : typer.Option, optional
-        What stands for ``--out`` in the place of the usual option.
+        Option that replaces the usual ``--out``.
     """
 
     def registered(function: Callable[..., None]) -> Callable[..., None]:
@@ -273,11 +273,11 @@ def main() -> None:
     try:
         app()
     except OSError as error:
-        if is_of_help(error):
+        if raised_by_help(error):
             mute("stdout")
-            typer.echo(f"error: {told(error)}", err=True)
+            typer.echo(f"error: {stdout_message(error)}", err=True)
         elif error.filename is None:
             raise
-        else:  # a name too long, before the work
+        else:  # such as a file name that is too long, before the work starts
             typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
         sys.exit(EXIT_INPUT)

@@ -1,4 +1,4 @@
-"""Reporter of the command line: everything that goes to stderr, and its progress display."""
+"""Reporter of the command line: messages and progress on stderr."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 LINE_EVERY_S: Final = 10.0
 PLAIN_WIDTH: Final = 100
 MARKS: Final = {"warn": "warning: ", "error": "error: "}
-"""What lines of a level begin with."""
+"""Prefix of the lines of a level."""
 
 
 def console_for(stream: str) -> Console:
-    """Console on stdout or stderr: coloured and as wide as the terminal, plain elsewhere.
+    """Create a console: coloured and as wide as the terminal, plain if there is none.
 
     Parameters
     ----------
     stream : {"stdout", "stderr"}
-        Which stream.
+        Output stream.
     """
     from rich.console import Console
 
     file = getattr(sys, stream)
     is_terminal = bool(getattr(file, "isatty", lambda: False)())
-    told = os.environ.get("COLUMNS", "")
-    width = int(told) if told.isdecimal() and int(told) > 0 else None
+    columns = os.environ.get("COLUMNS", "")
+    width = int(columns) if columns.isdecimal() and int(columns) > 0 else None
     if not is_terminal:
-        # the same text whatever terminal the pipe started in
+        # the text must not depend on the terminal from which the pipe was started
         return Console(
             file=file, force_terminal=False, width=width or PLAIN_WIDTH, color_system=None
         )
@@ -52,11 +52,11 @@ class TerminalReporter(Reporter):
     Parameters
     ----------
     quiet : bool
-        Whether to say warnings and errors only.
+        Whether to report warnings and errors only.
     verbose : bool
-        Whether to say details, too.
+        Whether to report details too.
     names : mapping of str to str, optional
-        Words to say in the place of others, such as stdin for a passing file.
+        Replacements in messages, such as stdin for a temporary file.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class TerminalReporter(Reporter):
         self.verbose = verbose and not quiet
         self._lock = threading.RLock()  # belts of a batch report at the same time
         self._bars: Progress | None = None
-        self._followed = 0
+        self._tasks = 0
 
     def line(self, level: Level, text: str) -> None:
-        """Print a line, unless it is for others than this user."""
+        """Print a line, unless the options suppress its level."""
         wanted = {"report": not self.quiet, "detail": self.verbose}
         if wanted.get(level, True):
             self._print(MARKS.get(level, "") + text)
@@ -89,12 +89,12 @@ class TerminalReporter(Reporter):
                 return
             try:
                 print(text, file=sys.stderr, flush=True)
-            except OSError:  # nobody can hear it; the work goes on
+            except OSError:  # stderr is gone; the work goes on
                 mute("stderr")
 
     @contextmanager
     def progress(self, label: str, total: int) -> Iterator[Callable[[], None]]:
-        """Follow a task: a bar with the remaining time on a terminal, else a line now and then."""
+        """Show the progress of a task: a bar on a terminal, otherwise a line every few seconds."""
         if self.quiet:
             yield lambda: None
         elif sys.stderr.isatty():
@@ -105,23 +105,23 @@ class TerminalReporter(Reporter):
 
     @contextmanager
     def _bar(self, label: str, total: int) -> Iterator[Callable[[], None]]:
-        """One more bar below the others, as long as its task goes on."""
+        """Show another bar below the others until its task ends."""
         with self._lock:
-            bars = self._bars = self._bars or _bars()
-            self._followed += 1
+            bars = self._bars = self._bars or _start_bars()
+            self._tasks += 1
             task = bars.add_task(label, total=total)
         try:
             yield lambda: bars.advance(task)
         finally:
             with self._lock:
                 bars.remove_task(task)
-                self._followed -= 1
-                if not self._followed:
+                self._tasks -= 1
+                if not self._tasks:
                     bars.stop()
                     self._bars = None
 
 
-def _bars() -> Progress:
+def _start_bars() -> Progress:
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -143,7 +143,7 @@ def _bars() -> Progress:
 
 
 class _Lines:
-    """Progress as a line every few seconds, for logs."""
+    """Progress display for logs: a line every few seconds."""
 
     def __init__(self, reporter: TerminalReporter, label: str, total: int) -> None:
         self.reporter, self.label, self.total = reporter, label, total
@@ -154,7 +154,7 @@ class _Lines:
         """Count one step."""
         self.done += 1
         now = time.monotonic()
-        if self.done == 1:  # it took longer than the others: kernels are compiled on the way
+        if self.done == 1:  # slower than the others, since the kernels are compiled
             self.first = self.last = now
         if now - self.last < LINE_EVERY_S or self.done == self.total:
             return

@@ -3,16 +3,16 @@
 ================ =========================================================
 Module           Responsibility
 ================ =========================================================
-``model``        what a config holds, with its defaults (the 5PK rig of the paper)
+``model``        the sections and keys with their defaults (the 5PK rig of the paper)
 ``drive``        the sections of a belt drive
-``fields``       sections and kinds of values: numbers with bounds and units, names, lists
+``fields``       types of values: numbers with bounds and units, names, lists
 ``yaml_source``  YAML text -> plain values with their places
-``messages``     words of the errors
-``name_pattern`` settings in the names of files, by a pattern or a regular expression
-``sweep``        a section of lists of values -> cases
-``loading``      file or dict -> `Config`; which belongs to a recording; where values are stated
+``messages``     texts of the errors
+``name_pattern`` settings in file names, by a pattern or a regular expression
+``sweep``        the section `sweep`: lists of values -> cases
+``loading``      file or dict -> `Config`; config of a recording; origin of each value
 ``writing``      `Config` -> YAML text
-``template``     `Config` -> YAML text for a new belt, with the meanings of its keys
+``template``     `Config` -> commented YAML text for a new belt
 ================ =========================================================
 """
 

@@ -1,4 +1,4 @@
-"""The sections `drive` and `compare_drive`: a belt drive, and how well its prediction must do."""
+"""The sections `drive` and `compare_drive`: a belt drive, and tolerances of its prediction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Numbers = tuple[float, ...]
 
 
 class PulleySection(Section):
-    """A pulley: its centre, the radius of the belt's centreline on it, the side of the belt."""
+    """A pulley: centre, radius of the belt's centreline, side of the belt in contact."""
 
     name: Annotated[str, Text(40)]
     x_m: Metres
@@ -26,7 +26,7 @@ class PulleySection(Section):
 
 
 class TensionerSection(Section):
-    """A sprung arm that carries one of the pulleys; where that one stands is the mean position."""
+    """A sprung arm that carries one of the pulleys, whose coordinates are its mean position."""
 
     pulley: Annotated[str, Text(40)]
     pivot_m: Annotated[
@@ -39,10 +39,10 @@ class TensionerSection(Section):
 
 
 class ListsByName(Checked):
-    """Lists of numbers by the names of pulleys."""
+    """Lists of numbers by pulley name."""
 
     def check(self, value: Any) -> dict[str, Numbers]:
-        """Return the lists; a single number is a list of one."""
+        """Return the lists; a single number becomes a list of one."""
         example = "lists of numbers by the names of pulleys, such as {driven: [4, 8]}"
         if not isinstance(value, dict):
             raise complain(example)
@@ -62,9 +62,9 @@ ByName = Annotated[dict[str, Numbers], ListsByName()]
 
 
 class OperatingPointsSection(Section):
-    """Operating points: lists of one length, in step; a list of one number holds for all points.
+    """Operating points: lists of equal length; a single number applies to all points.
 
-    Torques and powers are those that a pulley takes off.
+    Torques and powers are those taken off by a pulley.
     """
 
     driver_speed_rad_s: Annotated[
@@ -103,15 +103,15 @@ class DriveSection(Section):
 
     @property
     def driving(self) -> str:
-        """Name of the pulley that drives: the first one unless another is stated."""
+        """Name of the driving pulley: the first one unless another is stated."""
         return self.driver or self.pulleys[0].name
 
 
 class CompareDriveSection(Section):
-    """How far the predicted speed loss may be from the measured one.
+    """Tolerance between predicted and measured speed loss.
 
-    Points with less than a share of the largest torque of the recording are not judged: their loss
-    is of the size of its noise.
+    Points below `min_torque_share` of the largest torque of the recording are not judged: their
+    loss is as small as its noise.
     """
 
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.10

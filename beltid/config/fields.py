@@ -1,8 +1,8 @@
-"""The kinds of values a config may hold: numbers with bounds and units, names, lists.
+"""Types of config values: numbers with bounds and units, names, lists.
 
-Each kind checks a value itself and words its complaint for somebody who knows belts, so that the
-bound that is checked and the bound that is stated cannot differ. Choices and switches are plain
-types (``Literal``, ``bool``), which state by themselves what they allow.
+Each type checks its values and writes its own message in the terms of a belt engineer, so the bound
+that is checked and the bound in the message cannot differ. Choices and switches are plain types
+(``Literal``, ``bool``), which already state what they allow.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from beltid.tables.units import Calibration, allowed_units, calibration, convers
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
-_LARGEST = sys.float_info.max  # compared with, not converted: a whole number may be beyond it
+_LARGEST = sys.float_info.max  # compared without conversion: an int may be larger than any float
 
 
 class Section(BaseModel):
@@ -35,11 +35,11 @@ class Section(BaseModel):
 
 
 class Unstated(Section):
-    """A section whose keys mean nothing until they are stated."""
+    """A section whose keys have no effect until they are stated."""
 
 
 def complain(allowed: str) -> PydanticCustomError:
-    """Build the error that states what is allowed."""
+    """Create the error that states what is allowed."""
     return PydanticCustomError("beltid", "must be {allowed}", {"allowed": allowed})
 
 
@@ -48,13 +48,13 @@ class Checked:
     """Annotation that runs a check before the type's own validation."""
 
     def check(self, value: Any) -> Any:
-        """Return the value to validate, or raise the complaint."""
+        """Return the value to validate, or raise the error of `complain`."""
         raise NotImplementedError
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Put `check` before the validation of the annotated type."""
+        """Run `check` before the validation of the annotated type."""
         return core_schema.no_info_before_validator_function(self.check, handler(source))
 
 
@@ -65,11 +65,11 @@ class Number(Checked):
     Parameters
     ----------
     low, high : float
-        Bounds, in the unit stated.
+        Bounds in `unit`.
     unit : str
-        Unit, as it is shown ("" for a pure number).
+        Unit as displayed ("" for a dimensionless number).
     open_low, open_high : bool
-        Whether a bound itself is excluded.
+        Whether the bound itself is excluded.
     """
 
     low: float
@@ -80,12 +80,12 @@ class Number(Checked):
 
     @property
     def interval(self) -> str:
-        """The bounds in words, e.g. ``in (0, 360) °``."""
+        """Allowed range as text, e.g. ``in (0, 360) °``."""
         text = interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
         return f"{text} {self.unit}" if self.unit else text
 
     def check(self, value: Any) -> float:
-        """Return the value as a float, or complain about its type, infinity or range."""
+        """Return the value as a float; raise if its type or range is wrong or it is not finite."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise complain(f"a number {self.interval}{_number_hint(value)}")
         try:
@@ -101,7 +101,7 @@ class Number(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Count(Checked):
-    """A whole number between two bounds, both included; an even one if it must be."""
+    """A whole number between two inclusive bounds, even if required."""
 
     low: int
     high: int
@@ -109,7 +109,7 @@ class Count(Checked):
 
     @property
     def interval(self) -> str:
-        """The bounds in words, e.g. ``even and in [4, 2000]``."""
+        """Allowed range as text, e.g. ``even and in [4, 2000]``."""
         return f"{'even and ' if self.even else ''}in [{self.low}, {self.high}]"
 
     def check(self, value: Any) -> int:
@@ -150,7 +150,7 @@ class Text(Checked):
 
 
 def file_path(value: Any) -> Path:
-    """Path of a file; ``~`` is the home folder."""
+    """Check the path of a file; ``~`` is the home folder."""
     if not isinstance(value, (str, Path)) or not 1 <= len(str(value)) <= 4096:
         raise complain("the path of a file")
     if not str(value).isprintable():
@@ -162,7 +162,7 @@ def file_path(value: Any) -> Path:
 
 
 def pattern_of_names(value: Any) -> str:
-    """How names of files are made up: text with ``{name}`` or ``{name:unit}``, or a regex."""
+    """Check a pattern of file names: text with ``{name}`` or ``{name:unit}``, or a regex."""
     if not isinstance(value, str) or not 1 <= len(value) <= 500:
         raise complain("a pattern such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm")
     try:
@@ -175,14 +175,14 @@ def pattern_of_names(value: Any) -> str:
 
 
 def auto_or_switch(value: Any) -> Any:
-    """The word auto, or true or false."""
+    """Check for the word auto, true or false."""
     if not isinstance(value, bool) and value != "auto":
         raise complain("auto, true or false")
     return value
 
 
 def folder_name(value: Any) -> str:
-    """Name that is safe as the name of a folder on every system."""
+    """Check a name that must be a safe folder name on every system."""
     if not isinstance(value, str):
         raise complain("a name (put it in quotes)")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", value):
@@ -194,18 +194,18 @@ def folder_name(value: Any) -> str:
 
 
 def text_encoding(value: Any) -> str:
-    """Name of an encoding of text."""
+    """Check the name of a text encoding."""
     try:
-        known = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
+        valid = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
     except (LookupError, ValueError):
-        known = False
-    if not known:
+        valid = False
+    if not valid:
         raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
     return str(value)
 
 
 def time_zone_name(value: Any) -> str:
-    """Name of a time zone."""
+    """Check the name of a time zone."""
     import zoneinfo
 
     try:
@@ -216,7 +216,7 @@ def time_zone_name(value: Any) -> str:
 
 
 def separating_character(value: Any) -> str:
-    """Character that separates the cells of a row; it may be stated as the word tab."""
+    """Check the character that separates cells; the word tab stands for a tab."""
     if value == "tab":
         return "\t"
     if not isinstance(value, str) or len(value) != 1 or value.isalnum() or value in '".\r\n':
@@ -226,20 +226,20 @@ def separating_character(value: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class UnitOf(Checked):
-    """A unit that converts to the unit of a table's column, or the calibration of a sensor."""
+    """A unit that converts to the unit of a column, or the calibration of a sensor."""
 
     target: str
 
     def check(self, value: Any) -> str | Calibration:
-        """Return the unit as written, or the calibration if it is a factor and an offset."""
+        """Return the unit as written, or the calibration given by factor and offset."""
         if isinstance(value, Calibration):
             return value
         if isinstance(value, dict):
             return self._calibration(value)
-        known = isinstance(value, str) and (
+        valid = isinstance(value, str) and (
             conversion(value, self.target) or calibration(value, self.target)
         )
-        if not known:
+        if not valid:
             raise complain(
                 "one of "
                 + ", ".join(allowed_units(self.target))
@@ -251,14 +251,14 @@ class UnitOf(Checked):
         numbers = [
             v for v in value.values() if isinstance(v, (int, float)) and not isinstance(v, bool)
         ]
-        good = (
+        valid = (
             "factor" in value
             and set(value) <= {"factor", "offset"}
             and len(numbers) == len(value)
             and all(-_LARGEST <= v <= _LARGEST for v in numbers)
             and value["factor"] != 0
         )
-        if not good:
+        if not valid:
             raise complain(
                 f"a calibration {{factor: 250, offset: 0}}: {self.target} = factor * raw + offset"
             )
@@ -267,14 +267,14 @@ class UnitOf(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ListOf(Checked):
-    """A list that is not empty.
+    """A non-empty list.
 
     Parameters
     ----------
     what : str
-        The items in words, for the message.
+        Name of the items in messages.
     example : str
-        Such a list, for the message.
+        Example of the list in messages.
     longest, fewest : int
         Largest and smallest number of items.
     repeats : bool
@@ -288,7 +288,7 @@ class ListOf(Checked):
     repeats: bool = False
 
     def check(self, value: Any) -> tuple[Any, ...]:
-        """Return the items; complain about what is not a list, or an empty or endless one."""
+        """Return the items; raise if the value is not a list, or too short or too long."""
         if not isinstance(value, (list, tuple)):
             raise complain(f"a list of {self.what}, such as {self.example}")
         if not self.fewest <= len(value) <= self.longest:
@@ -299,7 +299,7 @@ class ListOf(Checked):
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        """Validate the items, then add what is given twice to their complaints."""
+        """Validate the items and report repeated ones."""
         return core_schema.no_info_wrap_validator_function(self._items, handler(source))
 
     def _items(self, value: Any, validate: core_schema.ValidatorFunctionWrapHandler) -> Any:
@@ -315,14 +315,14 @@ class ListOf(Checked):
         except ValidationError as error:
             for detail in error.errors(include_url=False):
                 context = detail.get("ctx") or {}
-                known = "allowed" in context
-                kind = complain(context["allowed"]) if known else detail["type"]
+                ours = "allowed" in context
+                kind = complain(context["allowed"]) if ours else detail["type"]
                 problems.append(
                     InitErrorDetails(
                         type=kind,
                         loc=detail["loc"],
                         input=detail["input"],
-                        ctx={} if known else context,
+                        ctx={} if ours else context,
                     )
                 )
         if problems:

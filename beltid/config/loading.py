@@ -1,4 +1,4 @@
-"""Load a config from a file or a dict; find the one of a recording; where its values are stated."""
+"""Load a config from a file or a dict, find that of a recording, list the origin of its values."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from beltid.errors import ConfigError
 
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
-    """Load a config; what it leaves out is that of the built-in 5PK rig.
+    """Load a config; missing values are those of the built-in 5PK rig.
 
     Parameters
     ----------
     source : path, mapping, Config or None
         A YAML file, a dict of the same shape, or None for the built-in 5PK rig of the paper.
-        Relative paths under `data` count from the folder of the file.
+        Relative paths under `data` start at the folder of the file.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
 
 
 def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
-    """Load every case of a config: one without a sweep is a single case without a name.
+    """Load every case of a config; without a sweep, one case without a name.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
     Returns
     -------
     list of (str, dict, Config)
-        Name of the case (that of its folder), its swept values by ``section.key``, its config.
+        Name of the case (and of its folder), its swept values by ``section.key``, its config.
 
     Raises
     ------
     ConfigError
-        With everything that is wrong with any of them.
+        With the problems of all cases.
     """
     source = parse(read_text(path), str(path))
     sweep = take_sweep(source)
@@ -80,23 +80,23 @@ def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
         source.problems += case.problems
         if config is not None:
             cases.append((name, values, _with_paths_from(config, path.parent)))
-    source.problems = list(dict.fromkeys(source.problems))  # most are those of every case
+    source.problems = list(dict.fromkeys(source.problems))  # most occur in every case
     source.raise_if_any()
     return cases
 
 
 def _checked(source: Source) -> Config:
     if SWEEP in source.values:
-        take_sweep(source)  # a single stage works on the config without it
+        take_sweep(source)  # a single stage uses the config without the sweep
     config = _validated(source)
     source.raise_if_any()
-    assert config is not None  # else there is a problem
+    assert config is not None  # otherwise there is a problem
     return config
 
 
 def _validated(source: Source) -> Config | None:
-    """The config of a source; None if it is none, and what is wrong is noted in the source."""
-    # `compare:` with nothing under it, everything commented out, means its defaults
+    """Validate the values of a source; if invalid, add the problems to it and return None."""
+    # an empty section, such as `compare:` with all keys commented out, means its defaults
     values = {
         key: value
         for key, value in source.values.items()
@@ -110,7 +110,7 @@ def _validated(source: Source) -> Config | None:
 
 
 def _plain(value: Any) -> Any:
-    """Numpy scalars and arrays of a dict to plain values."""
+    """Convert numpy scalars and arrays of a dict to plain values."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -121,9 +121,9 @@ def _plain(value: Any) -> Any:
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
-    resolved = {kind: _short(folder / path) for kind, path in config.data.files.items()}
+    resolved = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
     tables = {
-        kind: config.runs.of(kind).model_copy(update={"table": _short(folder / table)})
+        kind: config.runs.of(kind).model_copy(update={"table": _shorten(folder / table)})
         for kind, table in config.runs.tables.items()
     }
     return config.model_copy(
@@ -134,8 +134,8 @@ def _with_paths_from(config: Config, folder: Path) -> Config:
     )
 
 
-def _short(path: Path) -> Path:
-    """``configs/../rigdata`` as ``rigdata``, unless a symbolic link makes them differ."""
+def _shorten(path: Path) -> Path:
+    """Shorten ``configs/../rigdata`` to ``rigdata``, unless a symbolic link makes them differ."""
     short = os.path.normpath(path)
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
 
@@ -147,20 +147,20 @@ BUILT_IN = "the built-in 5PK rig of the paper"
 
 @dataclass(frozen=True, slots=True)
 class ConfigSource:
-    """A config and where it came from.
+    """A config and its origin.
 
     Attributes
     ----------
     config : Config
         The config.
     origin : str
-        Where it came from, in words, for the user and the results.
+        Description of its origin, for the user and the results.
     path : Path or None
         The file, or None for the built-in rig.
     case : str
-        Name of the case, if the config is one of a sweep.
+        Name of the case, in a sweep.
     swept : dict
-        Its swept values by ``section.key``.
+        Swept values of the case by ``section.key``.
     """
 
     config: Config
@@ -171,7 +171,7 @@ class ConfigSource:
 
     @property
     def name(self) -> str:
-        """Name of the belt, and of the case in a sweep: that of the folder of the results."""
+        """Path of the results folder: name of the belt, and of the case in a sweep."""
         belt = self.config.belt.name
         return f"{belt}/{self.case}" if self.case else belt
 
@@ -182,40 +182,40 @@ def find_config(
     """Find the config of a recording.
 
     The first of: `explicit`; the file named by ``$BELTID_CONFIG``; ``<stem>.yaml``, then
-    ``beltid.yaml``, beside the recording, then in each parent folder; the built-in 5PK rig.
+    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig.
 
     Parameters
     ----------
     recording_path : path, optional
-        The recording (or artifact) to be worked on; without one no folder is searched.
+        The recording or artifact to process; if not given, no folder is searched.
     explicit : path, optional
-        What the user named.
+        Config named by the user.
 
     Raises
     ------
     ConfigError
-        If the config found is missing or wrong; the message says how it was found.
+        If the config is missing or invalid; the message says how it was found.
     """
     if explicit is not None:
         path = Path(explicit)
         return ConfigSource(load_config(path), f"{path} (--config)", path)
     named = named_by_environment()
     if named is not None:
-        return _found(named, f"named by ${ENVIRONMENT_VARIABLE}")
+        return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
     if recording_path is not None:
         for candidate in _candidates(Path(recording_path)):
             if _is_file(candidate):
-                return _found(candidate, f"found for {Path(recording_path).name}")
+                return _load_found(candidate, f"found for {Path(recording_path).name}")
     return ConfigSource(Config(), BUILT_IN)
 
 
 def named_by_environment() -> Path | None:
-    """The config that the environment variable names, if it names one."""
+    """Return the path in the environment variable BELTID_CONFIG, None if it is not set."""
     named = os.environ.get(ENVIRONMENT_VARIABLE, "").strip()
     return Path(named) if named else None
 
 
-def _found(path: Path, how: str) -> ConfigSource:
+def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
@@ -236,7 +236,7 @@ def _candidates(recording: Path) -> Iterator[Path]:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # a folder that may not be looked into holds no config of ours
+    except OSError:  # a folder without read permission is skipped
         return False
 
 
@@ -245,14 +245,14 @@ DEFAULT: Final = "default"
 
 @dataclass(frozen=True, slots=True)
 class EffectiveValue:
-    """A value of a config.
+    """A value of a config in effect.
 
     Attributes
     ----------
     key : str
         Its key, ``section.key``.
     value : object
-        The value that holds.
+        The value in effect.
     origin : str
         ``file:line`` that states it, or "default".
     """
@@ -263,12 +263,12 @@ class EffectiveValue:
 
 
 def effective_values(source: ConfigSource) -> list[EffectiveValue]:
-    """Every key of a config with its value and its origin, in the order of the model.
+    """List every key of a config with its value and origin, in the order of the model.
 
     Raises
     ------
     ConfigError
-        If the file cannot be read any more.
+        If the file can no longer be read.
     """
     path = source.path
     places = Source() if path is None else parse(read_text(path), str(path))

@@ -1,7 +1,7 @@
-"""Words of the errors of a config: the place, what was found, what is allowed.
+"""Error messages of a config: the place, what was found, what is allowed.
 
-The model checks; this module words every complaint for the person who wrote the config, whatever
-the library underneath calls it.
+The model checks the values; this module rewrites the errors of the validation library for the
+person who wrote the config.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ WORDS: Final = dict.fromkeys(SECTION_TYPES, "must be a section") | {
     "bool_type": "must be true or false",
     "int_type": "must be a whole number",
 }
-"""Type of an error of the library -> what the value must be, where its own words do not fit."""
+"""Error type of pydantic -> what the value must be, where pydantic's message is unsuitable."""
 
 
 def note_problems(error: ValidationError, model: type[BaseModel], source: Source) -> None:
-    """Note a problem in the source for each one that the model found.
+    """Add every problem that the model found to the source.
 
     Parameters
     ----------
     error : ValidationError
-        What the model found.
+        Errors of the model.
     model : type
-        The model, for the keys that it knows.
+        The model, which lists the known keys.
     source : Source
         The values and their places.
     """
@@ -50,21 +50,21 @@ def note_problems(error: ValidationError, model: type[BaseModel], source: Source
 
 
 def requirement(detail: Mapping[str, Any]) -> str:
-    """What a value must be, from an error of the library: ``must be a list``."""
+    """Return what a value must be, such as ``must be a list``, from a pydantic error."""
     if detail["type"] == "literal_error":
         return "must be " + str(detail["ctx"]["expected"]).replace("'", "")
     return WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
 
 
 def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
-    """Place, found and allowed of an error of the library, in a file that no person wrote."""
+    """Describe a pydantic error in a generated file: place, found, allowed."""
     if detail["type"] == "missing":
         return f"{format_path(place)} is missing"
     return f"{format_path(place)} = {repr(detail['input'])[:60]}, {requirement(detail)}"
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """``, did you mean pulley_radius_m?`` if a known word is close, else nothing."""
+    """Return ``, did you mean pulley_radius_m?`` if a known word is similar, else ""."""
     by_lower = {name.lower(): name for name in known}
     close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
     if not close:
@@ -77,7 +77,7 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
     word = str(path[-1])
     known = _keys_at(path[:-1], model)
     where = f"{format_path(path[:-1])} has" if path[:-1] else "a config has"
-    hint = suggestion(word, known) or _elsewhere(word, model)
+    hint = suggestion(word, known) or _other_section(word, model)
     if not hint and word.isdigit() and path[:-1]:
         hint = " (the decimal sign is a point)"  # {span_length_m: 0,10} reads as a key 10
     if word != word.strip():
@@ -86,8 +86,8 @@ def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
     return f"{text}{hint}" if hint else f"{text}, {where} " + ", ".join(known)
 
 
-def _elsewhere(word: str, model: type[BaseModel]) -> str:
-    """A key that belongs to another section than the user put it in."""
+def _other_section(word: str, model: type[BaseModel]) -> str:
+    """Suggest the section that a misplaced key belongs to."""
     for name in model.model_fields:
         if word in _keys_at((name,), model):
             return f", did you mean {name}.{word}?"
@@ -102,11 +102,11 @@ def _found_and_allowed(
     allowed = requirement(detail)
     if detail["type"] in SECTION_TYPES:
         allowed += " with the keys " + ", ".join(_keys_at(path, model))
-    return f"{format_path(path)} = {_shown(path, detail['input'], source)}, {allowed}"
+    return f"{format_path(path)} = {_value_text(path, detail['input'], source)}, {allowed}"
 
 
-def _shown(path: KeyPath, value: Any, source: Source) -> str:
-    """The value as the user wrote it, shortened."""
+def _value_text(path: KeyPath, value: Any, source: Source) -> str:
+    """Return a value as the user wrote it, shortened."""
     if path in source.texts:
         text = source.texts[path] or "empty"
     elif value is None:
@@ -127,7 +127,7 @@ def _shown(path: KeyPath, value: Any, source: Source) -> str:
 
 
 def _keys_at(path: KeyPath, model: type[BaseModel]) -> tuple[str, ...]:
-    """Keys of the section that a path leads to."""
+    """Return the keys of the section at a path."""
     here: Any = model
     for part in path:
         if isinstance(part, str):

@@ -1,9 +1,9 @@
-"""What a config holds: belt, benches and their files, and the settings of every stage.
+"""The config model: belt, benches and their files, and the settings of every stage.
 
-The model is closed (an unknown key is an error) and frozen. The defaults are the built-in rig of
-the paper with a 5PK belt, so an empty config is a complete one. The sections that tell how the
-files of a bench differ from ours (names of columns, units, dialect) have a key for each column of
-the table of its kind of recording, so they are built from the tables.
+The model is closed (an unknown key is an error) and frozen. The defaults are the rig of the paper
+with a 5PK belt, so an empty config is complete. The sections `columns`, `units` and `runs`, which
+describe how bench files differ from ours, have one key per column of a recording; they are built
+from the table definitions.
 """
 
 from __future__ import annotations
@@ -44,26 +44,26 @@ from beltid.tables.schemas import RECORDINGS, SETTINGS, table
 from beltid.tables.units import Calibration
 
 SHOWN: Final = {"deg": "°", "degC": "°C"}
-"""Unit of a column -> how a config shows it."""
+"""Unit of a column -> its symbol in a config."""
 
 
-def _built(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
-    """A section as a class of this module: a config is pickled for worker processes."""
+def _create_section(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
+    """Create a section class in this module, where pickle finds it in worker processes."""
     section = create_model(name, __base__=base, __module__=__name__, **keys)
     globals()[name] = section
     return section
 
 
 def _of_columns(name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]) -> Any:
-    """A section with a key for each column; null where nothing is stated."""
+    """Create a section with an optional key for each column."""
     keys = {column.name: (allowed(column) | None, None) for column in columns}
-    return _built(name, Unstated, keys)
+    return _create_section(name, Unstated, keys)
 
 
 def _per_kind(name: str, section_of: Callable[[str], Any]) -> Any:
-    """A section with a section for each kind of recording."""
+    """Create a section with a subsection for each kind of recording."""
     sections = {kind: section_of(kind) for kind in RECORDINGS}
-    return _built(name, Section, {kind: (of, of()) for kind, of in sections.items()})
+    return _create_section(name, Section, {kind: (of, of()) for kind, of in sections.items()})
 
 
 def _settings(kind: str) -> list[Column]:
@@ -105,7 +105,7 @@ class ColumnsSection(_Names):
     """Our name of a column -> its name in the file, per kind of recording."""
 
     def of(self, kind: str) -> dict[str, str]:
-        """The columns that are named otherwise in files of this kind."""
+        """Return the columns with a different name in files of this kind."""
         return _stated(getattr(self, kind))
 
 
@@ -113,7 +113,7 @@ class UnitsSection(_Units):
     """Our name of a column -> its unit in the file, per kind of recording."""
 
     def of(self, kind: str) -> dict[str, str | Calibration]:
-        """The columns that come in another unit, or as a raw signal, in files of this kind."""
+        """Return the columns in another unit, or as a raw signal, in files of this kind."""
         return _stated(getattr(self, kind))
 
 
@@ -122,18 +122,18 @@ def _stated(section: Section) -> dict[str, Any]:
 
 
 class RunsOfKind(Section):
-    """Where to find label and settings of a run that is a file, group or sheet of its own.
+    """Where to find label and settings of a run if every run is a separate file, group or sheet.
 
     Attributes
     ----------
     pattern : str or None
-        How the names of the files (of the groups, where one file holds all runs) are made up.
+        Pattern of the file names (or of the group names, if one file has all runs).
     table : Path or None
-        A CSV file with a row per file.
+        CSV file with one row per file.
     fields : Section
-        Names of the header fields that hold label and settings.
+        Names of the header fields with label and settings.
     values : Section
-        Settings that hold for every run.
+        Settings that apply to every run.
     """
 
     pattern: Annotated[str, BeforeValidator(pattern_of_names)] | None = None
@@ -143,7 +143,7 @@ class RunsOfKind(Section):
 
     @field_serializer("table", when_used="json")
     def _table_name(self, table: Path | None) -> str | None:
-        """The name without its folder: where a table lies changes no result, its content does."""
+        """Return the name without folder: results depend on the content, not on the place."""
         return None if table is None else table.name
 
 
@@ -152,28 +152,28 @@ def _runs(kind: str) -> Any:
     fields = _of_columns(f"_{kind}_fields", [label, *_settings(kind)], _name)
     values = _of_columns(f"_{kind}_values", _settings(kind), _value)
     keys = {"fields": (fields, fields()), "values": (values, values())}
-    return _built(f"_{kind}_runs", RunsOfKind, keys)
+    return _create_section(f"_{kind}_runs", RunsOfKind, keys)
 
 
 _Runs: Any = _per_kind("_Runs", _runs)
 
 
 class RunsSection(_Runs):
-    """Label and settings of runs whose recordings do not hold them, per kind of recording."""
+    """Label and settings of runs whose recordings lack them, per kind of recording."""
 
     def of(self, kind: str) -> RunsOfKind:
-        """What is said about the runs of a kind of recording."""
+        """Return the section of a kind of recording."""
         runs: RunsOfKind = getattr(self, kind)
         return runs
 
     @property
     def tables(self) -> dict[str, Path]:
-        """The tables that are named, by the kind of recording."""
-        return {kind: found for kind in RECORDINGS if (found := self.of(kind).table) is not None}
+        """Paths of the stated tables, by kind of recording."""
+        return {kind: path for kind in RECORDINGS if (path := self.of(kind).table) is not None}
 
 
 class DialectSection(Section):
-    """How the CSV files of the bench are written; null means: found out from the file."""
+    """Dialect of the bench's CSV files; null: detected from the file."""
 
     separator: Annotated[str, BeforeValidator(separating_character)] | None = None
     decimal: Literal[".", ","] | None = None
@@ -185,7 +185,7 @@ class DialectSection(Section):
 
 
 class BeltSection(Section):
-    """The belt: name of the results' folder, type, and the properties of its cross section."""
+    """The belt: its name, which is also the results folder, type and section properties."""
 
     name: Annotated[str, BeforeValidator(folder_name)] = "5pk"
     type: Annotated[str, Text(40)] = "5PK"
@@ -230,12 +230,12 @@ Speeds = Annotated[
 class RigSection(Section):
     """The friction rig: what it measures, geometry, supports, and the settings of its runs.
 
-    `weight_on` counts where one span hangs on a dead weight, `torque_with` where the tension of one
-    span is measured beside a torque: which one it is decides how its errors act. `slide` counts
-    where a hub force is measured: whether the pulley gives way until the force is that at rest, as
-    under a weight, or is held by its load cell, so that the force grows. On a `running` rig
-    the belt moves at `belt_speed_m_s` (null: a column of the recording), and `running_measures`
-    says which of the other kinds its channels are those of.
+    `weight_on` applies if one span carries a dead weight, `torque_with` if a torque and the tension
+    of one span are measured: the errors act differently on the tight and the slack span. `slide`
+    applies if a hub force is measured: the pulley moves freely under a constant force, as under a
+    weight, or is held by its load cell, so that the force grows. On a `running` rig the belt moves
+    at `belt_speed_m_s` (null: a column of the recording), and `running_measures` names the other
+    kind that has the same channels.
     """
 
     kind: RigKind = "two_cells"
@@ -260,16 +260,16 @@ class RigSection(Section):
 
     @property
     def measures(self) -> MeasuredKind:
-        """The kind whose channels the recording has: that of the rig, or what it is if running."""
+        """Kind of rig that has the channels of the recording; `running_measures` if running."""
         return self.running_measures if self.kind == "running" else self.kind
 
     @property
     def given_force(self) -> params.GivenForce:
-        """The force that stays what it was before the pulley turned.
+        """Force that stays constant while the pulley turns.
 
-        A dead weight is that of one span, a hub force that of both together unless the slide of the
-        pulley is held. On a running rig the spans share the length of one belt: what one gains the
-        other loses, as under a hub force.
+        A dead weight fixes the tension of one span. A hub force fixes the sum of both, unless the
+        pulley slide is held. On a running rig both spans share one belt length: what one gains the
+        other loses, as with a hub force.
         """
         if self.kind == "dead_weight":
             return self.weight_on
@@ -278,18 +278,18 @@ class RigSection(Section):
 
 
 class PulleyConditions(Section):
-    """The pulley that the belt rubs on."""
+    """The pulley in contact with the belt."""
 
     material: Annotated[str, Text(40)] | None = None
     roughness_Ra_um: Annotated[float, Number(0, 1e3, "µm")] | None = None
 
 
 class ConditionsSection(Section):
-    """Under which conditions a bench was run; null where nobody stated it.
+    """Conditions of the bench; null: not stated.
 
-    They travel with the data and change no number. A column of the recording states them run by
-    run, which then counts. What was measured on another surface, or on the other side of the belt,
-    is never put into one friction surface.
+    They are passed on with the data and change no number. A column of the recording states them
+    for each run and takes precedence. Runs on different surfaces, or on different sides of the
+    belt, are never combined into one friction surface.
     """
 
     surface: Literal["dry", "wet", "dusty"] | None = None
@@ -310,11 +310,11 @@ Recorded = Annotated[Path, BeforeValidator(file_path)] | None
 
 
 class DataSection(Section):
-    """Where the recordings are, and whether they are of a real bench.
+    """Paths of the recordings, and whether they are from a real bench.
 
-    A relative path counts from the folder of the config. Whatever is made from recordings of
-    synthetic origin says so; an origin that is not stated stays unknown. `date` is when the
-    recordings were made, of those that do not tell it themselves.
+    A relative path starts at the folder of the config. Results from synthetic recordings say so;
+    an origin that is not stated stays unknown. `date` is the recording date of files that do not
+    state it.
     """
 
     origin: Literal["measured", "synthetic"] | None = None
@@ -325,15 +325,16 @@ class DataSection(Section):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The recordings that are named, by their kind."""
-        named = {"press": self.press, "rig": self.rig, "speedloss": self.speedloss}
-        return {kind: path for kind, path in named.items() if path is not None}
+        """Paths of the stated recordings, by kind."""
+        paths = {"press": self.press, "rig": self.rig, "speedloss": self.speedloss}
+        return {kind: path for kind, path in paths.items() if path is not None}
 
 
 class CompareSection(Section):
-    """How far the simulated friction coefficients may be from the measured ones.
+    """Tolerances between simulated and measured friction coefficients.
 
-    `hold_out` says whose runs `run` leaves out in turn, to predict them from the others.
+    With `hold_out`, `run` leaves out the runs of each arc or speed in turn and predicts them from
+    the others.
     """
 
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
@@ -347,10 +348,10 @@ Share = Annotated[float, Number(0, 0.5)]
 
 
 class UncertaintySection(Section):
-    """Standard uncertainties (k = 1) of what the benches were calibrated and set to.
+    """Standard uncertainties (k = 1) of calibrations and settings of the benches.
 
-    ``_rel`` is a share of the value. The defaults are assumptions about a bench of a usual class,
-    not facts about this one: results say of each whether it was stated or assumed.
+    ``_rel`` means relative to the value. The defaults are assumptions about a typical bench, not
+    facts about this one: results show for each whether it was stated or assumed.
     """
 
     tension_gain_rel: Share = 0.002
@@ -378,10 +379,11 @@ class UncertaintySection(Section):
 
 
 class FrictionSection(Section):
-    """How a run of the friction rig is reduced to a friction coefficient.
+    """Reduction of a rig run to a friction coefficient.
 
-    What is known of the load cells comes first: T = gain (reading - tare) / cos(tilt), with the
-    angle between the span and the axis of its cell; then the imbalance that is left.
+    The calibration of the load cells is applied first: T = gain (reading - tare) / cos(tilt), where
+    tilt is the angle between the span and the axis of its cell. The remaining imbalance is
+    corrected next.
     """
 
     min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
@@ -400,19 +402,19 @@ class FrictionSection(Section):
 
 
 class SurfaceSection(Section):
-    """How the friction surface is built: number of common nodes of the normal force."""
+    """Friction surface: number of common nodes of the normal force."""
 
     force_nodes: Annotated[int, Count(2, 200)] | None = None
 
 
 class SlipSection(Section):
-    """How many pulley speeds the friction rig is to run."""
+    """Number of pulley speeds to run on the friction rig."""
 
     n_speeds: Annotated[int, Count(2, 50)] = 5
 
 
 class SimulationSection(Section):
-    """How the rig is simulated; null leaves a number to the program."""
+    """Simulation of the rig; null: chosen by the program."""
 
     method: Literal["transient", "steady"] = "transient"
     elements: Annotated[int, Count(4, 2000, even=True)] | None = None
@@ -425,7 +427,7 @@ Minutes = Annotated[float, Number(0, 1e4)]
 
 
 class PlanSection(Section):
-    """What the next runs may be set to, and the time they take; null: the settings of the rig."""
+    """Candidate settings of the next runs and the time they take; null: the settings under rig:."""
 
     arcs_deg: Arcs | None = None
     tension_N: Tensions | None = None
@@ -437,8 +439,8 @@ class PlanSection(Section):
 class Config(Section):
     """A belt, its benches, and the settings of every stage.
 
-    The defaults are the rig of the paper with a 5PK belt. Values are made by
-    :func:`beltid.load_config`, which words the errors.
+    The defaults are the rig of the paper with a 5PK belt. Create it with
+    :func:`beltid.load_config`, which writes readable error messages.
     """
 
     belt: BeltSection = BeltSection()
@@ -462,7 +464,7 @@ class Config(Section):
     dialect: DialectSection = DialectSection()
 
     def belt_params(self) -> params.Belt:
-        """Section properties of the belt for the science."""
+        """Return the section properties of the belt."""
         b = self.belt
         return params.Belt(
             EA=b.axial_stiffness_N,
@@ -472,7 +474,7 @@ class Config(Section):
         )
 
     def rig_params(self) -> params.Rig:
-        """Geometry of the rig for the science."""
+        """Return the geometry of the rig."""
         r = self.rig
         return params.Rig(
             R=r.pulley_radius_m,
@@ -482,7 +484,7 @@ class Config(Section):
         )
 
     def contact_params(self) -> params.Contact:
-        """Settings of the contact for the science."""
+        """Return the settings of the contact."""
         return params.Contact(
             C_P=self.contact.damping_N_s_m,
             points_per_element=self.contact.points_per_element,
@@ -491,14 +493,14 @@ class Config(Section):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of all that can change a result: every section but `data`.
+        """SHA-256 of everything that can change a result: every section except `data`.
 
-        Where a recording lies does not matter, what it holds does; its own hash covers that.
+        The place of a recording does not matter; its content has a separate hash.
         """
         return self.section_sha256(*(name for name in type(self).model_fields if name != "data"))
 
     def section_sha256(self, *sections: str) -> str:
-        """SHA-256 of the values of some sections, independent of how the file was written.
+        """Compute the SHA-256 of some sections, independent of the formatting of the file.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
-"""Settings in the names of files: a pattern with names in braces, or a regular expression.
+"""Settings in file names: a pattern with names in braces, or a regular expression.
 
-Names are matched by RE2, which Arrow brings along: its time grows with the length of the name only,
-whatever the pattern is. So it knows no look-around and no back-references.
+Names are matched by RE2 (part of Arrow), whose time is linear in the length of the name for every
+pattern; in return it has no look-around and no back-references.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ _TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side", "pulley_materi
 
 @dataclass(frozen=True, slots=True)
 class NameParts:
-    """A pattern that is known to compile.
+    """A compiled pattern.
 
     Attributes
     ----------
     regex : str
-        Has a named group for every name.
+        Regular expression with one named group per name.
     names : tuple of str
-        Names that it gives values to.
+        Names in the pattern.
     units : dict of str to str
-        Name -> unit in which it is written, where the pattern states one.
+        Name -> unit of its number, if the pattern states one.
     """
 
     regex: str
@@ -34,9 +34,9 @@ class NameParts:
     units: dict[str, str]
 
     def values(self, name: str) -> dict[str, str] | None:
-        """Values that a name holds; None if it does not match."""
-        found = _matched(self.regex, [name])[0].as_py()
-        return None if found is None else {k: v for k, v in found.items() if v}
+        """Return the values in a file name; None if it does not match."""
+        groups = _match(self.regex, [name])[0].as_py()
+        return None if groups is None else {k: v for k, v in groups.items() if v}
 
 
 def name_pattern(pattern: str) -> NameParts:
@@ -46,49 +46,48 @@ def name_pattern(pattern: str) -> NameParts:
     ----------
     pattern : str
         ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``: ``{run}``, ``{test}``, ``{condition}``
-        and ``{side}`` stand for a text, ``{}`` for a text that is not used, other names for a
-        number (decimal sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}`` for a number in
-        this unit. A pattern with
-        ``(?P<name>...)`` is a regular expression of RE2.
+        and ``{side}`` match a text, ``{}`` a text that is ignored, other names a number (decimal
+        sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}`` a number in this unit. A pattern
+        with ``(?P<name>...)`` is a regular expression of RE2.
 
     Raises
     ------
     ValueError
-        If it does not compile.
+        If the pattern does not compile.
     """
     regex, units = (pattern, {}) if "(?P<" in pattern else _from_braces(pattern)
     try:
-        names = tuple(field.name for field in _matched(regex, []).type)
+        names = tuple(field.name for field in _match(regex, []).type)
     except ValueError as error:
-        raise ValueError(_why(str(error))) from None
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise ValueError(f"it does not compile: {', '.join(twice)} is named twice")
+        raise ValueError(_reason(str(error))) from None
+    repeated = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if repeated:
+        raise ValueError(f"it does not compile: {', '.join(repeated)} is named twice")
     return NameParts(regex, names, units)
 
 
-def _matched(regex: str, names: list[str]) -> Any:
-    """Arrow array of the groups that a regular expression finds in whole names."""
+def _match(regex: str, names: list[str]) -> Any:
+    """Match whole names against a regular expression; return an Arrow array of the groups."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if not regex.isprintable():  # a NUL would end it
-        raise ValueError("it holds a character that cannot be printed")
-    # names of files may hold bytes that are no text
+        raise ValueError("it contains a character that cannot be printed")
+    # file names may contain bytes that are not text
     texts = [name.encode("utf-8", "replace").decode() for name in names]
     return pc.extract_regex(pa.array(texts, pa.string()), pattern=rf"\A(?:{regex})\z")
 
 
-def _why(said: str) -> str:
-    """Why a pattern does not compile, in words."""
-    if "unnamed groups" in said:
+def _reason(message: str) -> str:
+    """Explain in plain words why a pattern does not compile."""
+    if "unnamed groups" in message:
         return "it does not compile: a group without a name, write (?:...)"
-    said = said.removeprefix("Invalid regular expression: ").partition(r": \A(?:")[0]
-    return f"it does not compile: {said}"
+    message = message.removeprefix("Invalid regular expression: ").partition(r": \A(?:")[0]
+    return f"it does not compile: {message}"
 
 
 def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
-    """A pattern with braces as a regular expression, and the units that it states."""
+    """Convert a pattern with braces to a regular expression and its units."""
     units: dict[str, str] = {}
     parts: list[str] = []
     at = 0
@@ -109,5 +108,5 @@ def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
 
 
 def number(text: str) -> float:
-    """A number as names of files write it: ``0.21``, ``0,21`` or ``0p21``."""
+    """Parse a number of a file name: ``0.21``, ``0,21`` or ``0p21``."""
     return float(text.replace(",", ".").replace("p", "."))

@@ -1,10 +1,10 @@
-"""A section `sweep`: lists of values for some keys, and the cases that are all their combinations.
+"""The section `sweep`: lists of values for some keys; every combination is a case.
 
     sweep:
       belt.bending_stiffness_N_m2: [0.01, 0.02]
       rig.pulley_radius_m: [0.045, 0.05]
 
-is four cases. Each case is a config of its own, checked like any other.
+gives four cases. Each case is a separate config, checked like any other.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from beltid.config.yaml_source import KeyPath, Source
 SWEEP: Final = "sweep"
 MOST_CASES: Final = 1000
 NOT_SWEPT: Final = ("data", "columns", "units", "dialect", "belt.name", "belt.type")
-"""Where recordings are and how they are read is not a matter of a sweep."""
+"""Sections and keys that cannot be swept: names, places and formats of the recordings."""
 
 Sweep = dict[str, list[Any]]
 
 
 def sweep_keys() -> tuple[str, ...]:
-    """The keys that can be swept, as ``section.key``."""
+    """Return the keys that can be swept, as ``section.key``."""
     return tuple(
         f"{name}.{key}"
         for name, field in Config.model_fields.items()
@@ -48,21 +48,21 @@ def _is_section(annotation: Any) -> bool:
 
 
 def take_sweep(source: Source) -> Sweep:
-    """Take the sweep out of the values of a config; what is wrong with it goes to its problems."""
-    found = source.values.pop(SWEEP, None)
-    if found is None:
+    """Remove the sweep from the values of a config and return it; add its problems to `source`."""
+    section_sweep = source.values.pop(SWEEP, None)
+    if section_sweep is None:
         return {}
-    if not isinstance(found, Mapping):
+    if not isinstance(section_sweep, Mapping):
         _complain(source, (), "must be a section of keys with lists of values")
         return {}
-    known = sweep_keys()
+    allowed = sweep_keys()
     sweep: Sweep = {}
-    for key, values in found.items():
-        if key not in known:
+    for key, values in section_sweep.items():
+        if key not in allowed:
             section, _, name = str(key).partition(".")
-            beside = [k.partition(".")[2] for k in known if k.startswith(f"{section}.")]
-            there = f"{section} has {', '.join(beside)}" if beside else f"such as {known[0]} can"
-            hint = suggestion(name, beside) or f", {there}"
+            keys = [k.partition(".")[2] for k in allowed if k.startswith(f"{section}.")]
+            choices = f"{section} has {', '.join(keys)}" if keys else f"such as {allowed[0]} can"
+            hint = suggestion(name, keys) or f", {choices}"
             text = f"{SWEEP}.{key} is not a key that can be swept{hint}"
             source.complain(source.place((SWEEP, key), key=True), text)
         elif not isinstance(values, list) or not values:
@@ -89,15 +89,15 @@ def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
     for i, value in enumerate(values):
         text = _text(value)
         if text in seen:
-            twice = f"{SWEEP}.{key}[{i}] = {text} is given twice"
-            source.complain(source.place((SWEEP, key, i)), twice, code="config-key")
+            problem = f"{SWEEP}.{key}[{i}] = {text} is given twice"
+            source.complain(source.place((SWEEP, key, i)), problem, code="config-key")
         seen.append(text)
 
 
 def swept_cases(source: Source, sweep: Sweep) -> list[tuple[str, dict[str, Any], Source]]:
-    """Name, swept values and source of every case, in the order of the lists, the last key fastest.
+    """Return name, swept values and source of every case, with the last key varying fastest.
 
-    A value that is wrong is reported at its place in the sweep.
+    An invalid value is reported at its place in the sweep.
     """
     short = Counter(key.partition(".")[2] for key in sweep)
     cases = []
@@ -113,7 +113,7 @@ def swept_cases(source: Source, sweep: Sweep) -> list[tuple[str, dict[str, Any],
 
 
 def _put(case: Source, key: str, value: Any, index: int) -> None:
-    """Put a swept value in its section, with its place in the sweep."""
+    """Set a swept value in its section, with its place in the sweep."""
     section, _, name = key.partition(".")
     present = case.values.get(section)
     case.values[section] = {**(present if isinstance(present, Mapping) else {}), name: value}
@@ -122,7 +122,7 @@ def _put(case: Source, key: str, value: Any, index: int) -> None:
 
 
 def _move(notes: dict[KeyPath, Any], start: KeyPath, end: KeyPath) -> None:
-    """Let what is noted below one path be noted below another instead."""
+    """Replace the entries below `end` by copies of those below `start`."""
     for path in [path for path in notes if path[:2] == end]:
         del notes[path]
     for path in [path for path in notes if path[:3] == start]:
@@ -130,7 +130,7 @@ def _move(notes: dict[KeyPath, Any], start: KeyPath, end: KeyPath) -> None:
 
 
 def case_name(values: Mapping[str, Any]) -> str:
-    """Name of a case, that of its folder: the swept keys and their values, or their hash if long.
+    """Build the name of a case and its folder: swept keys and values, or a hash if too long.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def case_name(values: Mapping[str, Any]) -> str:
 
 
 def _text(value: Any) -> str:
-    """A value as a word; equal numbers are equal words."""
+    """Format a value as a word; equal numbers give equal words."""
     if isinstance(value, bool) or value is None:
         return json.dumps(value)
     if isinstance(value, (int, float)):

@@ -1,4 +1,4 @@
-"""The text of a config for a new belt: every key of the benches with its meaning and its range."""
+"""Config text for a new belt: every bench key with its meaning and range."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ COLUMN: Final = 44
 HEAD: Final = """\
 # Config of the belt {name}, for beltid.
 #
-# Units are part of a key. A line such as "# ribs: 5" holds a default that nobody stated: take the
-# sign # away and put in your own value. `beltid config check FILE` checks this file, `beltid config
-# show -c FILE` shows all keys with their values, also those of the sections friction, surface,
-# slip, simulation, drive and plan, and of columns, units and dialect for files written otherwise.
+# Units are part of a key. A line such as "# ribs: 5" shows a default: remove the # and enter your
+# own value. `beltid config check FILE` checks this file, `beltid config show -c FILE` shows all
+# keys with their values, including the sections friction, surface, slip, simulation, drive and
+# plan, and columns, units and dialect for files in another format.
 """
 
 
 def template_text(config: Config, stated: frozenset[str]) -> str:
-    """Text of a config, with comments; `load_config` reads it back to the same values.
+    """Write a config as commented text; `load_config` reads it back to the same values.
 
     Parameters
     ----------
     config : Config
-        The values. What the text does not write out must have its default.
+        The values. Keys that are not written must have their defaults.
     stated : frozenset of str
-        Keys (``section.key``) that the user stated; the others are commented out, so that they
-        stay defaults: an uncertainty that nobody stated is an assumption.
+        Keys (``section.key``) that the user stated. The others are commented out and so stay
+        defaults: an uncertainty that is not stated is an assumption.
     """
     lines = [HEAD.format(name=config.belt.name)]
     for section, what in SECTIONS.items():
@@ -54,58 +54,58 @@ SECTIONS: Final = {
     "belt": "the belt",
     "press": "compression press: a segment of belt pressed into a grooved plate",
     "rig": "friction rig: the belt lies still over a turning pulley",
-    "conditions": "what the rig was run under; it travels with the results, null: not stated",
-    "contact": "of the simulated rig; no bench measures these",
-    "data": "recordings; relative paths count from the folder of this file",
+    "conditions": "conditions of the rig, passed on with the results; null: not stated",
+    "contact": "contact of the simulated rig; no bench measures these",
+    "data": "recordings; relative paths start at the folder of this file",
     "compare": "tolerances of simulated against measured friction coefficients",
     "compare_drive": "tolerance of predicted against measured speed loss of a drive",
     "uncertainty": "standard uncertainties (k = 1) of benches and settings; _rel: share of value",
 }
-"""Sections that a new config writes out, in its order."""
+"""Sections of a new config, in its order, with their comments."""
 
 MEANINGS: Final = {
     "belt.name": "names the folder of the results",
-    "belt.type": "as the maker calls it; 5PK: five ribs of the profile PK",
+    "belt.type": "manufacturer's designation; 5PK: five ribs of the profile PK",
     "belt.ribs": "number of ribs",
     "belt.width_m": "width of the ribbed side; null: ribs times the pitch of the profile",
     "belt.axial_stiffness_N": "EA, from a tensile test",
-    "belt.shear_stiffness_N_m2": "of the ribs along the belt; not stated: they do not shear",
-    "belt.bending_stiffness_N_m2": "EI; decides how much the reduction of the rig is off",
+    "belt.shear_stiffness_N_m2": "of the ribs along the belt; null: no shear",
+    "belt.bending_stiffness_N_m2": "EI; determines the bias of the rig's reduction",
     "belt.mass_per_length_kg_m": "matters only in motion",
     "belt.damping_time_s": "Kelvin-Voigt c/E; matters only in motion",
     "press.segment_length_cm": "length of belt under the press; scales the stiffness",
-    "press.reference_temperature_degC": "the law handed on is that at this temperature",
-    "press.machine_compliance_mm_N": "travel that the press itself takes up, per force",
+    "press.reference_temperature_degC": "the law is given at this temperature",
+    "press.machine_compliance_mm_N": "deflection of the press itself, per force",
     "press.force_gain": "true force over reading of the press",
     "press.displacement_gain": "true travel over reading of the press",
-    "press.cycles": "load cycles used; virgin rubber is stiffer in its first",
-    "press.loading_only": "the tests were never unloaded on purpose: a note, not a warning",
+    "press.cycles": "load cycles used; new rubber is stiffer in its first cycle",
+    "press.loading_only": "tests intentionally without unloading: a note, not a warning",
     "rig.kind": "what the rig measures, see docs/formats.md",
-    "rig.weight_on": "dead_weight: the span that the weight hangs on",
-    "rig.torque_with": "torque: the span whose tension is measured beside it",
-    "rig.slide": "torque_hub: the pulley gives way to a constant force, or is held by its cell",
+    "rig.weight_on": "dead_weight: the span that carries the weight",
+    "rig.torque_with": "torque: the span whose tension is also measured",
+    "rig.slide": "torque_hub: the pulley moves freely at constant force, or is held by its cell",
     "rig.running_measures": "running: what it measures while the belt moves",
     "rig.belt_speed_m_s": "running: speed of the belt; null: a column",
-    "rig.speed_bins_rad_s": "coast-down: edges of the bins of the speed; null: none",
-    "rig.force_resolution_N": "of the forces of a table of plateaus; null: not stated",
+    "rig.speed_bins_rad_s": "coast-down: edges of the speed bins; null: none",
+    "rig.force_resolution_N": "of the forces in a table of plateaus; null: not stated",
     "rig.pulley_radius_m": "radius of the belt's centreline on the pulley",
-    "rig.span_length_m": "free belt from a load cell to where it meets the pulley",
+    "rig.span_length_m": "free belt from a load cell to the pulley",
     "rig.supports": "how the load cells hold the ends of the belt",
     "rig.arcs_deg": "contact arcs of the campaign; those of the recording if not stated",
     "rig.initial_tensions_N": "tensions before the pulley turns; likewise",
-    "rig.pulley_speeds_rad_s": "speeds of the pulley; likewise",
-    "conditions.surface": "what lies between belt and pulley",
+    "rig.pulley_speeds_rad_s": "pulley speeds; likewise",
+    "conditions.surface": "state of the contact surface",
     "conditions.side": "side of the belt on the pulley",
     "conditions.humidity_percent": "relative humidity of the air",
     "conditions.hours_run": "of the belt, before the bench",
-    "conditions.pulley": "the pulley's material and roughness",
+    "conditions.pulley": "material and roughness of the pulley",
     "contact.damping_N_s_m": "C_P of one contact point; the sliding result does not depend on it",
-    "contact.points_per_element": "contact points of a belt element",
-    "data.origin": "whatever is made from synthetic data says so",
+    "contact.points_per_element": "contact points per belt element",
+    "data.origin": "results of synthetic data say so",
     "data.press": "recording of the press",
     "data.rig": "recording of the friction rig",
-    "data.speedloss": "recording of the two-pulley drive; may be left out",
-    "data.date": "when they were made, such as 2024-05-17, if the files do not tell",
+    "data.speedloss": "recording of the two-pulley drive; optional",
+    "data.date": "recording date, such as 2024-05-17, if the files do not state it",
     "compare.max_rms_relative_error": "root mean square over all runs, share of mu",
     "compare.max_mean_relative_error": "mean magnitude, share of mu",
     "compare.max_relative_error": "largest, share of mu",
@@ -116,10 +116,10 @@ MEANINGS: Final = {
     "uncertainty.cell_linearity_rel": "nonlinearity of each load cell at the largest tension",
     "uncertainty.cell_offset_N": "zero of each load cell",
     "uncertainty.torque_gain_rel": "torque of the friction rig",
-    "uncertainty.bearing_drag_N_m": "drag and zero that are left in that torque",
-    "uncertainty.mass_per_length_rel": "running: mass of the belt per length, as a share",
-    "uncertainty.arc_deg": "contact arc, the same in all runs",
-    "uncertainty.arc_setting_deg": "contact arc, anew with each arc",
+    "uncertainty.bearing_drag_N_m": "residual drag and zero error of that torque",
+    "uncertainty.mass_per_length_rel": "running: mass per length of the belt",
+    "uncertainty.arc_deg": "contact arc, the same error in all runs",
+    "uncertainty.arc_setting_deg": "contact arc, a new error at each setting of the arc",
     "uncertainty.pulley_radius_rel": "radius of the belt's centreline",
     "uncertainty.span_length_m": "length of the free spans",
     "uncertainty.pulley_speed_rel": "speed of the pulley",
@@ -130,9 +130,9 @@ MEANINGS: Final = {
     "uncertainty.segment_length_rel": "length of belt under the press",
     "uncertainty.machine_compliance_mm_N": "compliance of the press",
     "uncertainty.drive_radius_rel": "radius of each pulley of a drive",
-    "uncertainty.drive_centres_m": "place of each pulley of a drive",
+    "uncertainty.drive_centres_m": "position of each pulley of a drive",
     "uncertainty.initial_tension_rel": "belt tension of a drive at rest",
     "uncertainty.torque_rel": "torque of the speed-loss bench",
-    "compare_drive.max_rms_relative_error": "root mean square over all points judged",
+    "compare_drive.max_rms_relative_error": "root mean square over all judged points",
     "compare_drive.min_torque_share": "of the largest torque; points below are not judged",
 }

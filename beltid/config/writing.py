@@ -1,4 +1,4 @@
-"""A config as YAML text that loads to the same config."""
+"""Write a config as YAML text that loads back to the same config."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _COMMENT_COLUMN = 48
 
 
 def config_text(config: Config) -> str:
-    """YAML text of a config, every key with what it allows.
+    """Write a config as YAML text, with the allowed values of every key as comments.
 
-    Sections that only name what differs (`columns`, `units`) are left out where they name nothing.
+    Sections that only list differences (`columns`, `units`) are omitted if empty.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def config_text(config: Config) -> str:
     Returns
     -------
     str
-        Text that `load_config` reads back to an equal config.
+        YAML text that `load_config` reads back to an equal config.
     """
     lines: list[str] = []
     for name in type(config).model_fields:
@@ -58,7 +58,7 @@ def _lines(section: Section, indent: str) -> Iterator[str]:
 
 
 def allowed(annotation: Any, metadata: list[Any]) -> str:
-    """What a key allows, from the very annotation that checks it."""
+    """Return the allowed values of a key, from the annotation that checks it."""
     or_null = "null or " if type(None) in get_args(annotation) else ""
     for check in checks_of(annotation, metadata):
         if isinstance(check, (Number, Count)):
@@ -67,7 +67,7 @@ def allowed(annotation: Any, metadata: list[Any]) -> str:
 
 
 def _choices(annotation: Any) -> Iterator[str]:
-    """The words that a key takes, if it takes a few only."""
+    """Yield the words that a key accepts, if it accepts only a few."""
     if annotation is bool:
         yield from ("true", "false")
     for part in get_args(annotation):
@@ -78,7 +78,7 @@ def _choices(annotation: Any) -> Iterator[str]:
 
 
 def checks_of(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
-    """The checks of a key, from its annotation: its own, then those of its parts."""
+    """Yield the checks of a key from its annotation, then those of its parts."""
     yield from (m for m in metadata if isinstance(m, Checked))
     for part in get_args(annotation):
         if isinstance(part, Checked):
@@ -88,14 +88,14 @@ def checks_of(annotation: Any, metadata: Any = ()) -> Iterator[Checked]:
 
 
 def value_text(value: Any) -> str:
-    """A value as YAML text."""
+    """Format a value as YAML text."""
     if value is None:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
         text = repr(value)
-        # 1e-05 is a number in YAML 1.2 only; with a point every reader takes it as one
+        # 1e-05 is a number only in YAML 1.2; with a point it is one for every reader
         return text if "." in text else text.replace("e", ".0e")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(value_text(item) for item in value) + "]"

@@ -1,7 +1,7 @@
 """YAML text to plain values, with the line and column of every key and value.
 
-YAML 1.2, core schema: ``3025.6e6`` and ``1e5`` are numbers, ``yes`` is a word. What a config never
-needs is refused with its place: duplicate keys, merge keys, tags, recursion, great size or depth.
+YAML 1.2, core schema: ``3025.6e6`` and ``1e5`` are numbers, ``yes`` is a word. Features that a
+config never needs are errors: duplicate keys, merge keys, tags, recursion, excessive size or depth.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from beltid.errors import ConfigError, Problem
 MAX_BYTES: Final = 300_000
 MAX_DEPTH: Final = 16
 SHOWN: Final = 40
-MAX_VALUES: Final = 5_000  # counted where an alias puts them, so that aliases cannot multiply
+MAX_VALUES: Final = 5_000  # values of an alias count at every use, so that they cannot multiply
 
 KeyPath = tuple[str | int, ...]
 
@@ -48,7 +48,7 @@ class Source:
     texts : dict
         Key path to the scalar as written in the file.
     problems : list of (Place, Problem)
-        What is wrong, in the order in which it was found.
+        The problems, in the order in which they were found.
     """
 
     name: str = ""
@@ -59,7 +59,7 @@ class Source:
     problems: list[tuple[Place, Problem]] = field(default_factory=list)
 
     def place(self, path: KeyPath, *, key: bool = False) -> Place:
-        """Place of a value (or its key), of what holds it where it is absent, else `NOWHERE`."""
+        """Return the place of a value (or key); if absent, of its section; else `NOWHERE`."""
         first, second = (self.key_places, self.places) if key else (self.places, self.key_places)
         for end in range(len(path), -1, -1):
             place = first.get(path[:end]) or second.get(path[:end])
@@ -68,23 +68,23 @@ class Source:
         return NOWHERE
 
     def at(self, place: Place, text: str) -> str:
-        """A text with ``file:line:column: `` before it, as far as they are known."""
+        """Prefix a text with ``file:line:column: ``, as far as known."""
         if not self.name:
             return text
         where = "" if place == NOWHERE else f":{place.line}:{place.column}"
         return f"{self.name}{where}: {text}"
 
     def complain(self, place: Place, text: str, *, code: str = "") -> None:
-        """Note a problem at a place."""
+        """Add a problem at a place."""
         self.problems.append((place, Problem(self.at(place, text), code)))
 
     def raise_if_any(self) -> None:
-        """Raise a ConfigError with the problems in the order of the file.
+        """Raise a ConfigError with the problems in file order.
 
         Raises
         ------
         ConfigError
-            If there is any problem; beyond `SHOWN` their number is told.
+            If there is any problem; those beyond `SHOWN` are only counted.
         """
         in_order = sorted(self.problems, key=lambda item: item[0])
         lines = [problem for _, problem in in_order]
@@ -94,7 +94,7 @@ class Source:
 
 
 def read_text(path: Path) -> str:
-    """Text of a config file.
+    """Read the text of a config file.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def read_text(path: Path) -> str:
 
 
 def parse(text: str, name: str) -> Source:
-    """Plain values of a YAML text with their places.
+    """Parse a YAML text to plain values with their places.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def parse(text: str, name: str) -> Source:
     Raises
     ------
     ConfigError
-        If the text is not YAML; what concerns single keys is collected in `Source.problems`.
+        If the text is not YAML. Problems of single keys are collected in `Source.problems`.
     """
     node = _compose(text, name)
     source = Source(name=name)
@@ -166,17 +166,17 @@ def _compose(text: str, name: str) -> Any:
         position = getattr(error, "position", None)
         line = f":{text[:position].count(chr(10)) + 1}" if isinstance(position, int) else ""
         raise ConfigError(
-            f"{name}{line}: not valid YAML: a character that a text must not contain",
+            f"{name}{line}: not valid YAML: a character that YAML does not allow",
             code="config-yaml",
         ) from None
     except ConfigError:
         raise
-    except Exception:  # ruamel.yaml lets nearly anything through on malformed directives, escapes
+    except Exception:  # malformed directives or escapes make ruamel.yaml raise almost any error
         raise ConfigError(f"{name}: not valid YAML", code="config-yaml") from None
 
 
 def _limit(yaml: Any, text: str, name: str) -> None:
-    """Refuse great depth and size before anything recursive runs."""
+    """Reject excessive depth and size before any recursive code runs."""
     depth = 0
     for count, event in enumerate(yaml.parse(text)):
         kind = type(event).__name__
@@ -203,7 +203,7 @@ def _kind(node: Any) -> str:
 
 
 class _Walk:
-    """Turn the node graph into values, noting places and problems."""
+    """Converts the node graph to values and records places and problems."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -211,8 +211,8 @@ class _Walk:
         self.open: list[int] = []
 
     def mapping(self, node: Any, path: KeyPath) -> dict[Any, Any]:
-        """Values of a mapping; a key given twice keeps its first value."""
-        found: dict[str, Any] = {}
+        """Return the values of a mapping; a duplicate key keeps its first value."""
+        values: dict[str, Any] = {}
         first: dict[str, Place] = {}
         for key_node, value_node in node.value:
             here = _start(key_node)
@@ -225,22 +225,22 @@ class _Walk:
                     here, "merge keys (<<) are not part of YAML 1.2, write the values out"
                 )
                 continue
-            if key in found:
-                twice = format_path((*path, key))
-                text = f"{twice} is given twice, first in line {first[key].line}"
+            if key in values:
+                duplicate = format_path((*path, key))
+                text = f"{duplicate} is given twice, first in line {first[key].line}"
                 self.source.complain(here, text, code="config-key")
                 continue
             first[key] = self.source.key_places[(*path, key)] = here
-            found[key] = self.value(value_node, (*path, key))
-        return found
+            values[key] = self.value(value_node, (*path, key))
+        return values
 
     def value(self, node: Any, path: KeyPath) -> Any:
-        """Value of any node."""
+        """Return the value of any node."""
         source, here = self.source, _start(node)
         source.places[path] = here
         self.count += 1
         if id(node) in self.open or len(path) > MAX_DEPTH:
-            raise ConfigError(source.at(here, "an alias (*) repeats itself"))
+            raise ConfigError(source.at(here, "an alias (*) contains itself"))
         if self.count > MAX_VALUES:
             raise ConfigError(source.at(here, "too many values, this is not a config"))
         if not re.fullmatch(r"tag:yaml\.org,2002:[a-z]+", str(node.tag)):
@@ -268,7 +268,7 @@ def _is_plain(node: Any) -> bool:
 
 
 def scalar(text: str) -> Any:
-    """Value of an unquoted scalar by the core schema of YAML 1.2."""
+    """Convert an unquoted scalar by the core schema of YAML 1.2."""
     if text in ("", "~", "null", "Null", "NULL"):
         return None
     if text in ("true", "True", "TRUE", "false", "False", "FALSE"):
@@ -289,7 +289,7 @@ def scalar(text: str) -> Any:
 
 
 def format_path(path: KeyPath) -> str:
-    """Key path as a person writes it: ``rig.arcs_deg[1]``."""
+    """Format a key path as a person writes it: ``rig.arcs_deg[1]``."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)

@@ -1,4 +1,4 @@
-"""What a column and a table are: names, types, units, ranges, meanings."""
+"""Column and table definitions: names, types, units, ranges, meanings."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Column:
     Attributes
     ----------
     name : str
-        Public name, with the unit as its ending.
+        Public name, with the unit as suffix.
     dtype : {"float64", "int64", "bool", "string", "list"}
-        Type; "list" is a list of float64, of one length in all rows that have one.
+        Type; "list" is a list of float64 that has the same length in all rows.
     unit : str
-        Unit; "" for none, "1" for a pure number.
+        Unit; "" for none, "1" for a dimensionless number.
     meaning : str
-        What it is, in words.
+        Description.
     nullable : bool
         Whether a value may be missing (nan, or None in a string column).
     low, high : float
@@ -32,9 +32,9 @@ class Column:
     required : bool
         Whether the table must have the column.
     length : int
-        Numbers in a list; 0 leaves it to the table.
+        Length of a list; 0: any, but equal in all rows.
     choices : tuple of str
-        Texts that are allowed; all of them where there are none.
+        Allowed texts; empty: any.
     """
 
     name: str
@@ -52,14 +52,14 @@ class Column:
 
     @property
     def allowed(self) -> str:
-        """The range in words: ``> 0``, ``in (0, 360)``; the choices of a text."""
+        """Allowed range as text, ``> 0`` or ``in (0, 360)``, or the allowed texts."""
         if self.choices:
             return " or ".join(filter(None, [", ".join(self.choices[:-1]), self.choices[-1]]))
         return interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
 
 
 def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str:
-    """A range in words: ``> 0``, ``in (0, 360)``, or ``finite`` without bounds."""
+    """Format a range: ``> 0``, ``in (0, 360)``, or ``finite`` without bounds."""
     if math.isinf(low) and math.isinf(high):
         return "finite"
     if math.isinf(high):
@@ -79,13 +79,13 @@ class Table:
     kind : str
         Name of the kind.
     version : int
-        Schema version; it changes when a column changes its name, unit or meaning.
+        Schema version; it changes when the name, unit or meaning of a column changes.
     command : str
-        What writes it, for messages.
+        Command or bench that writes it, for messages.
     columns : tuple of Column
-        Columns in their order.
+        Columns in order.
     label : str
-        The column that labels one recording; "" if there is none.
+        Column with the label of a run or test; "" if there is none.
     """
 
     kind: str
@@ -95,7 +95,7 @@ class Table:
     label: str = ""
 
     def column(self, name: str) -> Column:
-        """The column of that name; KeyError if there is none."""
+        """Return a column by name; KeyError if there is none."""
         for column in self.columns:
             if column.name == name:
                 return column
@@ -108,45 +108,45 @@ class Table:
 
 
 def positive(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
-    """A number > 0."""
+    """Define a column of numbers > 0."""
     return Column(name, "float64", unit, meaning, nullable, 0.0, open_low=True)
 
 
 def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
-    """A number >= 0."""
+    """Define a column of numbers >= 0."""
     return Column(name, "float64", unit, meaning, nullable, 0.0)
 
 
 def standard_error(name: str, unit: str) -> Column:
-    """Uncertainty from noise alone; it may be missing."""
+    """Define a column of uncertainties from noise alone; values may be missing."""
     return nonnegative(name, unit, "standard error", nullable=True)
 
 
 def uncertainty(name: str, unit: str) -> Column:
-    """Uncertainty from noise and benches together; it may be missing."""
+    """Define a column of uncertainties from noise and benches; values may be missing."""
     return nonnegative(name, unit, "combined standard uncertainty", nullable=True)
 
 
 def real(name: str, unit: str, meaning: str, *, nullable: bool = True) -> Column:
-    """Any finite number; it may be missing unless said otherwise."""
+    """Define a column of finite numbers; values may be missing unless `nullable` is False."""
     return Column(name, "float64", unit, meaning, nullable)
 
 
 def numbers(name: str, unit: str, meaning: str) -> Column:
-    """A list of numbers, as many in each row that has one; it may be missing."""
+    """Define a column of lists of equal length; values may be missing."""
     return Column(name, "list", unit, meaning, nullable=True, length=0)
 
 
 def count(name: str, meaning: str) -> Column:
-    """A whole number >= 0."""
+    """Define a column of whole numbers >= 0."""
     return Column(name, "int64", "1", meaning, low=0)
 
 
 def text(name: str, meaning: str, *, nullable: bool = False) -> Column:
-    """A text."""
+    """Define a column of texts."""
     return Column(name, "string", "", meaning, nullable)
 
 
 def optional(*columns: Column) -> tuple[Column, ...]:
-    """Columns that a table may do without."""
+    """Mark columns that a table may lack."""
     return tuple(replace(column, required=False) for column in columns)

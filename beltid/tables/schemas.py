@@ -1,7 +1,7 @@
-"""Every table that is read or written: one source for all.
+"""Definitions of all tables that are read or written.
 
-The tables are those of the bench recordings (press, rig, speedloss) and of the artifacts. Optional
-columns of an artifact are diagnostics beyond its public columns.
+They are the bench recordings (press, rig, speedloss, points) and the artifacts. Optional columns of
+an artifact are diagnostics in addition to its public columns.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ARC = Column("arc_deg", "float64", "deg", "contact arc", False, 0.0, 3600.0, op
 _PULLEY_SPEED = real("pulley_speed_rad_s", "rad/s", "speed of the pulley")
 _FORCE = nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True)
 _SLIDING_SPEED = real("slip_speed_m_s", "m/s", "sliding speed omega R")
-_SET_TENSION = positive("nominal_tension_N", "N", "tension the run was set to", nullable=True)
+_SET_TENSION = positive("nominal_tension_N", "N", "nominal tension of the run", nullable=True)
 _STATUS = text("status", "ok, or why it was set aside")
 _NOTES = text("notes", "what the user should know", nullable=True)
 _TIGHT = positive("tension_tight_N", "N", "tension of the tight span", nullable=True)
@@ -74,22 +74,22 @@ _CONDITIONS = (
     nonnegative("roughness_Ra_um", "um", "roughness Ra of the pulley", nullable=True),
 )
 CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
-"""Columns that tell under which conditions a run was made."""
+"""Columns with the conditions of a run."""
 _TENSIONS_FROM = (
-    nonnegative("momentum_N", "N", "part of the tensions that turned a running belt, taken off"),
+    nonnegative("momentum_N", "N", "m v² of a running belt, subtracted from its tensions"),
     Column(
         "torque_with",
         "string",
         "",
-        "span whose tension was measured beside a torque",
+        "span whose tension was measured together with a torque",
         True,
         choices=("tight", "slack"),
     ),
 )
 WHERE_KNOWN: Final = (*CONDITIONS, *(column.name for column in _TENSIONS_FROM))
-"""Columns of the friction table that only some rigs and recordings have."""
+"""Columns of the friction table that only some rigs and recordings provide."""
 SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
-"""Columns of a recording that are not filled in where nobody states them."""
+"""Columns of a recording that stay empty if they are not stated."""
 
 
 _ANY_RIG = Table(
@@ -247,7 +247,7 @@ _FRICTION = Table(
             real("peak_time_s", "s", "time of the sticking peak"),
             real("plateau_start_s", "s", "start of the sliding plateau"),
             real("plateau_end_s", "s", "end of the sliding plateau"),
-            count("n_spikes", "spikes taken out"),
+            count("n_spikes", "spikes removed"),
             count("n_missing", "samples missing"),
             nonnegative("ripple_amplitude_N", "N", "ripple of the turning pulley", nullable=True),
             nonnegative("ripple_period_s", "s", "period of the ripple", nullable=True),
@@ -277,10 +277,10 @@ _SHEAR = Table(
             nullable=True,
         ),
         standard_error("slope_se_N_m", "N/m"),
-        positive("slope_fitted_N_m", "N/m", "the same by the shear stiffness found", nullable=True),
+        positive("slope_fitted_N_m", "N/m", "slope from the fitted shear stiffness", nullable=True),
         count("n_samples", "samples of the build-up"),
-        positive("sampling_rate_Hz", "Hz", "of these samples", nullable=True),
-        positive("needed_rate_Hz", "Hz", "at which there are enough of them", nullable=True),
+        positive("sampling_rate_Hz", "Hz", "sampling rate of the build-up", nullable=True),
+        positive("needed_rate_Hz", "Hz", "sampling rate that would be sufficient", nullable=True),
         _STATUS,
     ),
     label="run",
@@ -314,7 +314,7 @@ _PROFILES = Table(
         real("time_s", "s", "time in the simulated recording", nullable=False),
         real("arc_position_m", "m", "along the arc, from the tight side's tangent point"),
         nonnegative("normal_force_N_m", "N/m", "normal force per length"),
-        nonnegative("capstan_force_N_m", "N/m", "the same by Eq. (8), from the tensions"),
+        nonnegative("capstan_force_N_m", "N/m", "the same from the tensions, Eq. (8)"),
         real("tangential_force_N_m", "N/m", "friction force per length on the belt"),
         real("slip_speed_m_s", "m/s", "speed of the pulley's surface relative to the belt"),
         real("tension_N", "N", "axial force of the belt"),
@@ -341,8 +341,8 @@ _COMPARE = Table(
             replace(_FORCE, meaning="mean of Eq. (8), measured"),
             _SLIDING_SPEED,
             nonnegative("u_measured", "1", "standard uncertainty of mu_measured", nullable=True),
-            nonnegative("u_input", "1", "of mu_simulated by its inputs", nullable=True),
-            nonnegative("u_numerical", "1", "of mu_simulated by its mesh", nullable=True),
+            nonnegative("u_input", "1", "of mu_simulated, from its inputs", nullable=True),
+            nonnegative("u_numerical", "1", "of mu_simulated, from its mesh", nullable=True),
             nonnegative("u_validation", "1", "standard uncertainty of difference", nullable=True),
             real("e_over_u", "1", "difference over u_validation"),
             text("force_band", "low, middle or high normal force", nullable=True),
@@ -352,7 +352,7 @@ _COMPARE = Table(
     label="run",
 )
 
-_LOSS = real("speed_loss_rad_s", "rad/s", "speed when idling less speed under load")
+_LOSS = real("speed_loss_rad_s", "rad/s", "speed at idle minus speed under load")
 _DRIVE = Table(
     "drive",
     1,
@@ -367,10 +367,10 @@ _DRIVE = Table(
         real("speed_rad_s", "rad/s", "speed of the pulley, in the sign of the driver's"),
         _LOSS,
         nonnegative("speed_loss_u_rad_s", "rad/s", "its standard uncertainty", nullable=True),
-        real("loss_creep_rad_s", "rad/s", "part of the loss by the stretch of the belt"),
-        real("loss_seating_rad_s", "rad/s", "part by the penetration of the ribs"),
-        real("loss_slip_rad_s", "rad/s", "part by pulleys that slide as a whole"),
-        nonnegative("tension_in_N", "N", "axial force where the belt runs on", nullable=True),
+        real("loss_creep_rad_s", "rad/s", "part of the loss from the stretch of the belt"),
+        real("loss_seating_rad_s", "rad/s", "part from the penetration of the ribs"),
+        real("loss_slip_rad_s", "rad/s", "part from pulleys that slide as a whole"),
+        nonnegative("tension_in_N", "N", "axial force where the belt enters", nullable=True),
         nonnegative("tension_out_N", "N", "axial force where the belt leaves", nullable=True),
         nonnegative("hub_force_N", "N", "force of the belt on the axis", nullable=True),
         real("hub_angle_deg", "deg", "its direction, anticlockwise from the x axis"),
@@ -415,9 +415,9 @@ _COMPARE_DRIVE = Table(
         nonnegative("u_input_rad_s", "rad/s", "of the predicted loss", nullable=True),
         nonnegative("u_validation_rad_s", "rad/s", "of the difference", nullable=True),
         real("e_over_u", "1", "difference over its standard uncertainty"),
-        real("loss_creep_rad_s", "rad/s", "predicted part by the stretch of the belt"),
-        real("loss_seating_rad_s", "rad/s", "predicted part by the penetration of the ribs"),
-        real("loss_slip_rad_s", "rad/s", "predicted part by pulleys that slide as a whole"),
+        real("loss_creep_rad_s", "rad/s", "predicted part from the stretch of the belt"),
+        real("loss_seating_rad_s", "rad/s", "predicted part from the penetration of the ribs"),
+        real("loss_slip_rad_s", "rad/s", "predicted part from pulleys that slide as a whole"),
         nonnegative("arc_share", "1", "largest share of an arc that slides", nullable=True),
         Column("judged", "bool", "", "whether the point counts in the verdict"),
         text("status", "ok, or why the point is not judged"),
@@ -446,8 +446,8 @@ _RIG_CURVES = Table(
     (
         _RUN,
         _TIME,
-        real("tension_tight_N", "N", "tension of the tight span, known cell errors taken off"),
-        real("tension_slack_N", "N", "tension of the slack span, known cell errors taken off"),
+        real("tension_tight_N", "N", "tension of the tight span, corrected for known cell errors"),
+        real("tension_slack_N", "N", "tension of the slack span, corrected for known cell errors"),
         real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
         _PULLEY_SPEED,
     ),
@@ -477,19 +477,19 @@ TABLES: Final[dict[str, Table]] = {
 }
 RECORDINGS: Final = ("press", "rig", "speedloss", "points")
 NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
-"""Columns that hold the nominal settings of a run, constant within it."""
+"""Columns with the nominal settings of a run, constant within it."""
 SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *SAID_OF_RUNS)
-"""Columns that hold one value in a whole run."""
+"""Columns with one value per run."""
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 
 
 def table(kind: str) -> Table:
-    """The table of a kind.
+    """Return the table of a kind.
 
     Raises
     ------
     KeyError
-        If there is no such kind; a mistake in the code, not of the user.
+        If there is no such kind; a bug in the code, not a user error.
     """
     return TABLES[kind]
 
@@ -501,43 +501,43 @@ RIG_KINDS: Final = (
     ("torque_hub", "tight"),
     ("torque", "tight"),
 )
-"""Kinds of a friction rig, and the span of the weight; those that need more channels come first."""
+"""Kinds of friction rig and the span with the weight; those that need more channels come first."""
 
 
 def rig_table(
     measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
 ) -> Table:
-    """The table of a recording of a friction rig, by what the rig measures.
+    """Return the table of a friction-rig recording for what the rig measures.
 
     Parameters
     ----------
     measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        What it measures. One of both tensions is enough for `torque`.
+        What it measures. For `torque`, one of the two tensions is enough.
     weight_on : {"tight", "slack"}
-        Span that hangs on a dead weight.
+        Span that carries a dead weight.
     running : bool
         Whether the belt moves.
     """
     cell = "tension_slack_N" if weight_on == "tight" else "tension_tight_N"
-    needed = {
+    required = {
         "two_cells": ("tension_tight_N", "tension_slack_N"),
         "dead_weight": ("weight_N", cell),
         "torque": ("torque_N_m",),
         "torque_hub": ("torque_N_m", "hub_force_N"),
     }[measures]
-    more: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
-    more += ("idle",) if "torque_N_m" in needed else ()
-    more += ("belt_speed_m_s",) if running else ()
+    extra: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
+    extra += ("idle",) if "torque_N_m" in required else ()
+    extra += ("belt_speed_m_s",) if running else ()
     channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
-    # a bench that needs no initial tension need not state one
-    left_open = set() if measures == "two_cells" and not running else {_INITIAL.name}
+    # only rigs with two cells and a belt at rest need the initial tension
+    unneeded = set() if measures == "two_cells" and not running else {_INITIAL.name}
     columns = []
     for column in table("rig").columns:
-        if column.name in needed:
+        if column.name in required:
             columns.append(replace(column, required=True))
-        elif column.name in left_open:
+        elif column.name in unneeded:
             columns.append(replace(column, required=False, nullable=True))
-        elif column.name in more:
+        elif column.name in extra:
             columns.append(replace(column, required=False))
         elif column.name not in channels:
             columns.append(column)

@@ -1,7 +1,7 @@
-"""Units that recordings may come in, and their conversion to the units of the tables.
+"""Units of recordings and their conversion to the units of the tables.
 
-The unit of a column is part of its name (``tension_tight_N``); this table says what else a bench
-may write and how to convert it: ``value_in_table_unit = (value + shift) * factor``.
+The unit of a column is part of its name (``tension_tight_N``). This module lists the other units
+that a bench may use and how to convert them: ``value_in_table_unit = (value + shift) * factor``.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ T = TypeVar("T", float, "np.ndarray")
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """Conversion of one unit to a table's unit: ``(value + shift) * factor``."""
+    """Conversion from a unit to the unit of a table: ``(value + shift) * factor``."""
 
     factor: float
     shift: float = 0.0
 
     def apply(self, values: T) -> T:
-        """A number, or an array of any shape, in the table's unit."""
+        """Convert a number, or an array of any shape, to the table's unit."""
         return (values + self.shift) * self.factor
 
 
@@ -97,7 +97,7 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
     "1": {"1": Conversion(1.0)},
 }
 
-# Other spellings that benches and spreadsheets use, after blanks and brackets are gone.
+# Other spellings in benches and spreadsheets, after blanks and brackets are removed.
 _SPELLINGS: Final[dict[str, str]] = {
     "Newton": "N",
     "Newtons": "N",
@@ -174,7 +174,7 @@ _SPELLINGS: Final[dict[str, str]] = {
 }
 
 LONGEST: Final = 80
-"""Longer texts are no units, and are not searched for one."""
+"""Longest text that is checked for a unit [characters]."""
 
 _BY_LOWER: Final[dict[str, str]] = {
     word.lower(): unit
@@ -183,12 +183,12 @@ _BY_LOWER: Final[dict[str, str]] = {
         _SPELLINGS,
     )
     for word, unit in words.items()
-    if len(word) > 2 and not word.startswith("mN")  # MN m is no mN m
+    if len(word) > 2 and not word.startswith("mN")  # MN m is not mN m
 }
 
 
 def canonical_unit(text: str) -> str:
-    """Canonical spelling of a unit: without brackets, dots and other spellings.
+    """Convert a unit to its canonical spelling, without brackets and dots.
 
     Parameters
     ----------
@@ -203,15 +203,15 @@ def canonical_unit(text: str) -> str:
     if len(text) > LONGEST:
         return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
-    bare = re.sub(r"\s+since\s.*", "", bare)  # of times in NetCDF: minutes since 2026-01-01
+    bare = re.sub(r"\s+since\s.*", "", bare)  # times in NetCDF: minutes since 2026-01-01
     if re.fullmatch(r"[\d.,]+", bare):
-        return bare  # "1" is a unit, ".1" is none
+        return bare  # "1" is a unit, ".1" is not
     tight = re.sub(r"[\s*·⋅.]+", "", bare)
     if tight in _SPELLINGS:
         return _SPELLINGS[tight]
     if _is_known(bare):
         return bare
-    # beyond these, case tells no unit of three letters or more from another one
+    # all other units of three or more letters are unique regardless of case
     return _BY_LOWER.get(tight.lower(), tight) if len(tight) > 2 else tight
 
 
@@ -220,12 +220,12 @@ def _is_known(unit: str) -> bool:
 
 
 def is_known_unit(text: str) -> bool:
-    """Whether a text is a unit that converts to the unit of some table's column."""
+    """Return whether a text is a unit that converts to the unit of any column."""
     return _is_known(canonical_unit(text))
 
 
 def conversion(unit: str, target: str) -> Conversion | None:
-    """Conversion from a unit to the unit of a table, or None where there is none.
+    """Return the conversion from a unit to the unit of a table; None if there is none.
 
     Parameters
     ----------
@@ -239,14 +239,14 @@ def conversion(unit: str, target: str) -> Conversion | None:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What a channel's raw numbers mean: ``value = factor * raw + offset`` in the table's unit.
+    """Calibration of a raw channel: ``value = factor * raw + offset`` in the table's unit.
 
     Attributes
     ----------
     factor, offset : float
-        As the calibration sheet of the sensor states them.
+        As stated in the calibration sheet of the sensor.
     per : str
-        Unit of the raw numbers the factor is stated for, "V" or "mV"; "" for whatever they are.
+        Raw unit of the factor, "V" or "mV"; "" for any raw unit.
     """
 
     factor: float
@@ -254,7 +254,7 @@ class Calibration:
     per: str = ""
 
     def conversion(self, raw_unit: str = "") -> Conversion | None:
-        """Conversion of numbers in a raw unit; None if the factor is not stated for that unit."""
+        """Return the conversion of numbers in a raw unit; None if the factor has another unit."""
         factor = self.factor
         raw = canonical_unit(raw_unit)
         if self.per and raw and raw != self.per:
@@ -268,16 +268,16 @@ _PER_VOLT: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\
 
 
 def calibration(text: str, target: str) -> Calibration | None:
-    """Calibration factor such as ``250 N/V`` or ``0.5 kN/mV``; None if the text is none."""
-    found = _PER_VOLT.fullmatch(text.strip()) if len(text) <= LONGEST else None
-    known = conversion(found[2], target) if found else None
-    if found is None or known is None or known.shift:
+    """Parse a calibration factor such as ``250 N/V`` or ``0.5 kN/mV``; None if it is not one."""
+    match = _PER_VOLT.fullmatch(text.strip()) if len(text) <= LONGEST else None
+    to_target = conversion(match[2], target) if match else None
+    if match is None or to_target is None or to_target.shift:
         return None
-    if not 0.0 < abs(float(found[1]) * known.factor) < float("inf"):
+    if not 0.0 < abs(float(match[1]) * to_target.factor) < float("inf"):
         return None
-    return Calibration(float(found[1]) * known.factor, 0.0, found[3])
+    return Calibration(float(match[1]) * to_target.factor, 0.0, match[3])
 
 
 def allowed_units(target: str) -> tuple[str, ...]:
-    """Units that can be converted to the unit of a table."""
+    """Return the units that can be converted to the unit of a table."""
     return tuple(CONVERSIONS.get(target, {}))

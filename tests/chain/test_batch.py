@@ -347,7 +347,7 @@ def test_an_interrupt_ends_all_and_keeps_what_is_finished(
     stdout, rest = process.communicate(timeout=30)
     assert process.returncode == status
     assert stdout == ""
-    assert f"{word}; what was finished stands in runs; the same command goes on" in rest
+    assert f"{word}; finished results are in runs; the same command continues" in rest
     assert "Traceback" not in talk + rest
     assert left_of(process.pid, 20.0) == []
     kept = contents(bench / "runs")

@@ -113,7 +113,7 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
         (("--executor", "dask", "--scheduler-file", "no.json"), "there is no such file"),
         (("--executor", "slurm"), "--executor = slurm, must be local or dask"),
         (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: needs --executor dask"),
-        (("--executor", "dask", "-j", "2"), "--jobs: is for this machine"),
+        (("--executor", "dask", "-j", "2"), "--jobs: applies to this machine only"),
     ],
 )
 def test_a_cluster_that_is_not_there_is_status_2_and_said(

@@ -84,7 +84,7 @@ def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
         ("belt: {ribs: 5}\nbelt: {ribs: 6}\n", "2:1", "belt is given twice, first in line 1"),
         ("belt:\n  ribs: 5\n  ribs: 5\n", "3:3", "belt.ribs is given twice, first in line 2"),
         ("rig:\n  # three\n  arcs_deg:\n    - 400\n", "4:7", "rig.arcs_deg[0] = 400, must be in"),
-        ("belt: &a {ribs: *a}\n", "1:7", "repeats"),
+        ("belt: &a {ribs: *a}\n", "1:7", "contains itself"),
         ("belt: {<<: {ribs: 5}}\n", "1:8", "merge keys"),
         ("belt: !!python/object/apply:os.system [ls]\n", "1:7", "tag"),
         ("- belt\n", "1:1", "found a list"),

@@ -136,7 +136,7 @@ def test_a_link_out_of_the_folder_of_the_results_is_refused(tmp_path, link, argu
     call = ["run", str(belts_config(tmp_path)), "--runs-dir", str(tmp_path / "runs"), *arguments]
     result = CliRunner().invoke(app, call)
     assert result.exit_code == 2
-    assert f"{path}: is a link to {path.resolve()}, out of the folder" in result.stderr
+    assert f"{path}: is a link to {path.resolve()}, outside the results folder" in result.stderr
     assert list(outside.iterdir()) == []
 
 

@@ -1,1 +1,1 @@
-"""The commands: parse, call a stage, print, exit. No science, no files."""
+"""The commands: parse arguments, call a stage, print, exit. No science, no file access."""

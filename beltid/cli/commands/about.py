@@ -1,4 +1,4 @@
-"""What runs here, what a file is, which values hold."""
+"""Show versions, the contents of a file, the values in effect, and explanations of errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def explanations() -> dict[str, str]:
-    """Pages about the errors that people make, as Markdown, by the code that its errors carry."""
+    """Return the pages about common errors, as Markdown, by error code."""
     from importlib.resources import files  # slow, and the help must be fast
 
     pages = (files("beltid.cli") / "explanations").iterdir()
@@ -49,7 +49,7 @@ def info(
     *,
     common: Common,
 ) -> None:
-    """Show what a file is: kind, origin, range of validity, hashes of what it was made from.
+    """Show what a file is: kind, origin, range of validity, hashes of its inputs.
 
     With --verbose also its settings, what was set aside and why, and fit statistics. Without a
     file: version, libraries and environment of this program, for a bug report.
@@ -61,12 +61,12 @@ def info(
     finish(lambda options: stage.program() if file is None else stage.file_info(file), common)
 
 
-@command("show", of=config_app, short="the values that hold, and their origin")
+@command("show", of=config_app, short="the values in effect, and their origin")
 def show(
     file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="FILE", help="Input whose config is looked for, as every command does."
+            metavar="FILE", help="Input whose config is searched for, as in every command."
         ),
     ] = None,
     origin: Annotated[
@@ -96,7 +96,7 @@ def show(
     print_text(text, common)
 
 
-@command("check", of=config_app, short="all that is wrong in configs")
+@command("check", of=config_app, short="all problems in configs")
 def check(
     configs: Annotated[list[Path], typer.Argument(metavar="CONFIG", help="Configs to check.")],
     *,
@@ -105,7 +105,7 @@ def check(
     """Check configs as run does: keys, values, recordings that are missing or empty.
 
     Reports all problems at once, with file, line and column. Exit status 2 if there are any.
-    What cannot be read of the recordings as the config states them is a warning.
+    A recording that cannot be read as the config states is a warning.
 
     Example: beltid config check configs/5pk.yaml
     """
@@ -137,7 +137,7 @@ def explain(
         return pages if code is None else {code: pages[code]}
 
     def rows(options: Options) -> Summary:
-        table = [{"code": known, "page": page} for known, page in chosen().items()]
+        table = [{"code": name, "page": page} for name, page in chosen().items()]
         return Summary(stage="explain", title="errors explained", table=table)
 
     if common.json:

@@ -1,4 +1,4 @@
-"""The drive: its prediction, and its comparison with the speed-loss bench."""
+"""Belt drive: predict it and compare it with the speed-loss bench."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contact law for other programs."""
+"""Export the contact law to other programs."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ TARGET_NAMES = (
 
 
 class SurfaceChoice(StrEnum):
-    """Which friction surface is exported."""
+    """Friction surface to export."""
 
     refined = "refined"
     published = "published"
 
 
 class UnitsChoice(StrEnum):
-    """Units of files that leave them open."""
+    """Units of the files whose format does not fix them."""
 
     SI = "SI"
     mm = "mm"
@@ -92,14 +92,14 @@ def export(
     ] = None,
     surface: Annotated[
         SurfaceChoice | None,
-        typer.Option(help="Friction surface. Default: the refined one, if it is there."),
+        typer.Option(help="Friction surface. Default: the refined one, if it exists."),
     ] = None,
     normal_force: Annotated[
         float | None,
         typer.Option(
             metavar="N/m",
             help="Line force at which a linear stiffness, a constant mu or mu(v) is exact, for "
-            "targets that hold no more. Default: the middle of the measured range.",
+            "targets that support no more. Default: the middle of the measured range.",
         ),
     ] = None,
     speed: Annotated[
@@ -152,5 +152,5 @@ def export(
             units=units.value,
         ),
         common,
-        kept="files that were written are whole",
+        kept="files already written are complete",
     )

@@ -1,4 +1,4 @@
-"""The fit commands: from a bench recording to a law or a friction coefficient per run."""
+"""Fit commands: from a bench recording to a law or a friction coefficient per run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltid.cli.program import Common, command
 @command("fit-stiffness")
 @reads_recording("press", name="force_N: Load", unit="force_N: kN")
 def fit_stiffness(press: Press, *, common: Common) -> None:
-    """Identify the stiffness of the contact of ribs and grooves from a compression press.
+    """Identify the contact stiffness between ribs and grooves from a compression press.
 
     The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
     Contact point, machine compliance, load cycles and hysteresis are taken into account; a
@@ -39,7 +39,7 @@ def fit_stiffness(press: Press, *, common: Common) -> None:
 def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     """Identify the sliding speeds in service from the speed loss of a two-pulley drive.
 
-    They show at which pulley speeds the friction rig has to run for this belt. The sliding speed
+    They show at which pulley speeds to run the friction rig for this belt. The sliding speed
     is the speed loss times rig.pulley_radius_m of the config, default 0.05. Writes slip.parquet.
 
     (columns)
@@ -99,7 +99,7 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
     the reason is given. Writes friction.parquet.
 
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
-    unless the config states rig.pulley_radius_m, whatever bench the file is from.
+    unless the config states rig.pulley_radius_m, for recordings of any bench.
 
     rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
     torque, torque_hub, or running for a belt that moves.
@@ -121,7 +121,7 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
         execute(stage.run, {"points": table}, "friction.parquet", common)
         return
     if rig is None or table is not None:
-        raise typer.BadParameter("it takes a recording, or a table by --table")
+        raise typer.BadParameter("give a recording, or a table by --table")
     from beltid.bench.recording import is_big
     from beltid.stages.workers import Workers
 

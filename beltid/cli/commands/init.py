@@ -1,4 +1,4 @@
-"""A config for a new belt, by asking or by flags."""
+"""Write the config of a new belt from questions or flags."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ QUESTIONS: Final = (
     ("data.speedloss", "Recording of the speed-loss bench (file, empty: none)"),
     ("data.origin", "Where they come from: measured or synthetic (empty: not said)"),
 )
-"""What is asked on a terminal, in this order; an empty answer keeps the default, which is shown."""
+"""Questions on a terminal, in this order; an empty answer keeps the default, which is shown."""
 
 
 def _numbers(text: str | None) -> list[Any] | None:
-    """``40,68,82`` as a list; what is no number is left for the config to complain about."""
+    """Parse a list such as ``40,68,82``; the config check rejects parts that are not numbers."""
     from beltid.config.yaml_source import scalar
 
     return None if text is None else [scalar(part.strip()) for part in text.split(",")]
@@ -44,7 +44,7 @@ def _option(help: str, metavar: str) -> Any:
 
 
 def on_terminal() -> bool:
-    """Whether somebody is there to answer."""
+    """Return whether stdin is a terminal, so that questions can be answered."""
     return sys.stdin.isatty()
 
 
@@ -129,14 +129,14 @@ def init(
     ask = on_terminal() and not (no_input or common.quiet or common.json)
 
     def work(options: Options) -> Summary:
-        answers = _asked(stated, options.reporter) if ask else stated
+        answers = _ask_for_rest(stated, options.reporter) if ask else stated
         return stage.run(answers, common.out, options)
 
     finish(work, common, kept="no config was written")
 
 
-def _asked(stated: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
-    """The answers to what no flag said, each checked before the next question."""
+def _ask_for_rest(stated: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    """Ask for all values that no flag stated; check each answer before the next question."""
     from beltid.stages.setup import new_config as stage
 
     answers = dict(stated)
@@ -145,9 +145,9 @@ def _asked(stated: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
             continue
         default = stage.default_of(key, answers)
         word = f"{default:g}" if isinstance(default, float) else default
-        shown = question if default is None else f"{question} [{word}]"
+        prompt = question if default is None else f"{question} [{word}]"
         before = None
-        while text := _prompted(shown):
+        while text := _prompt(prompt):
             value = _value_of(key, text)
             problems = stage.problems_of_answer(key, value)
             for line in problems:
@@ -160,7 +160,7 @@ def _asked(stated: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     return answers
 
 
-def _prompted(question: str) -> str:
+def _prompt(question: str) -> str:
     from beltid.errors import InputError
 
     try:
@@ -171,7 +171,7 @@ def _prompted(question: str) -> str:
 
 
 def _value_of(key: str, text: str) -> Any:
-    """An answer as the config would read it."""
+    """Convert an answer to the type that the config would read."""
     from beltid.config.yaml_source import scalar
 
     return text if key in _FILES or key in _WORDS else scalar(text)

@@ -1,4 +1,4 @@
-"""Look into a file of a bench before anything is computed with it."""
+"""Inspect a bench file before computing anything from it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def inspect(
         str | None,
         typer.Option(
             metavar="press|rig|speedloss",
-            help="What it is a recording of. Default: inferred from the names of the channels.",
+            help="Kind of recording. Default: inferred from the names of the channels.",
         ),
     ] = None,
     *,

@@ -1,4 +1,4 @@
-"""What to measure next on the friction rig."""
+"""Plan what to measure next on the friction rig."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def plan(
         typer.Option(
             "--target",
             metavar="surface|drive",
-            help="Where friction has to be known: at all forces and speeds of the candidates, or "
+            help="Where friction must be known: at all forces and speeds of the candidates, or "
             "where the drive of the config slides. Default: surface.",
         ),
     ] = "surface",
@@ -51,20 +51,21 @@ def plan(
         typer.Option(
             "--from",
             metavar="FRICTION",
-            help="friction.parquet of fit-friction: the noise of new runs is that of its runs.",
+            help="friction.parquet of fit-friction: new runs are assumed as noisy as its runs.",
         ),
     ] = None,
     *,
     common: Common,
 ) -> None:
-    """Plan the next runs of the friction rig, or say stop.
+    """Plan the next runs of the friction rig, or report that no more are needed.
 
     Selects, from the settings under plan: in the config, the runs that minimise the uncertainty
     of the refined surface, averaged over the target. Errors that all runs share (load cells, arcs,
     radius, bending stiffness) are taken from uncertainty: in the config. Prints the uncertainty of
-    each region before and after. Says stop if the goal is reached or further runs do not help, and
-    then which statement would. Without SURFACE and STIFFNESS it starts from values typical of such
-    a belt. Writes plan.csv, one row per run in the order of the session, and plan.png.
+    each region before and after. Prints stop if the goal is reached or further runs do not help;
+    then it names the shared error whose reduction would help most. Without SURFACE and STIFFNESS
+    it starts from values typical of such a belt. Writes plan.csv, one row per run in the order of
+    the session, and plan.png.
 
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """

@@ -1,4 +1,4 @@
-"""The proof: the rig on the computer, and its comparison with the bench."""
+"""Validation: simulate the rig and compare it with the bench."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def simulate_rig(
         typer.Option(
             "--from",
             metavar="FRICTION",
-            help="friction.parquet whose runs are repeated. Default: the one beside SURFACE that "
+            help="friction.parquet whose runs are repeated. Default: the one next to SURFACE that "
             "it was made from, else all combinations of the settings under rig: of the config.",
         ),
     ] = None,
@@ -61,7 +61,7 @@ def simulate_rig(
             min=4,
             max=2000,
             metavar="EVEN NUMBER",
-            help="Beam elements of the belt, an even number: as many on either half of the arc. "
+            help="Beam elements of the belt, an even number: half of them on each half of the arc. "
             "Default: as the config says, else by its stiffness.",
         ),
     ] = None,

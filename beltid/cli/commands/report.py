@@ -1,4 +1,4 @@
-"""The commands that show results: a page to read, a figure or a table of any file."""
+"""Commands that show results: the report page, a figure or a table of any artifact."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def report(
     """Write the report of a belt, one page: verdict, figures, tables, provenance.
 
     The page needs no network and no other file; the friction surface can be turned with the
-    mouse. The page says what is missing in the folder. `beltid run` ends by writing it. For
+    mouse. The page lists what is missing in the folder. `beltid run` writes it at the end. For
     several folders: a report in each of them, and one page in the folder above that compares the
     belts.
 
@@ -48,7 +48,7 @@ def report(
     finish(
         lambda options: stage.run(folders, common.out, options, common.config),
         common,
-        kept="reports that were finished stand",
+        kept="finished reports are kept",
     )
 
 

@@ -1,4 +1,4 @@
-"""The whole chain for one belt or several."""
+"""Run the whole chain for one or several belts."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ PartOf = Annotated[
     str | None,
     typer.Option(
         metavar="I/N",
-        help="Run only every N-th belt or case from the I-th on, such as 2/4: for the jobs of "
-        "an array. A last run without it finds everything up to date and writes the summary.",
+        help="Run only every N-th belt or case from the I-th on, such as 2/4, for the jobs of an "
+        "array. A last run without it finds everything up to date and writes the summary.",
     ),
 ]
 Executor = Annotated[
@@ -109,8 +109,8 @@ def run(
     folder = common.out or Path("runs")
     where = Where(executor, scheduler, scheduler_file, jobs)
 
-    def work(given: Options) -> Summary:
-        reporter = given.reporter
+    def work(common_options: Options) -> Summary:
+        reporter = common_options.reporter
         from beltid.batch.sources import Shard, config_sources
         from beltid.errors import InputError
 
@@ -124,16 +124,16 @@ def run(
             from beltid.batch.chain import BatchOptions
             from beltid.batch.plan import plan_batch
 
-            asked = BatchOptions(force=common.force, bootstrap=bootstrap, seed=seed)
-            return plan_batch(chosen, folder, asked)
+            dry_options = BatchOptions(force=common.force, bootstrap=bootstrap, seed=seed)
+            return plan_batch(chosen, folder, dry_options)
         first_time = any(not (folder / source.name).is_dir() for source in chosen)
-        anew = first_time or common.force
-        if anew and executor == "local":
+        has_work = first_time or common.force
+        if has_work and executor == "local":
             from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 
-            if compile_ahead(rooms_called(chosen)):
+            if compile_ahead(packages_with_kernels(chosen)):
                 reporter.report(COMPILING)
-        workers = where.workers(at_once=anew)
+        workers = where.workers(at_once=has_work)
         from beltid.batch.chain import BatchOptions, run_batch
 
         reporter.detail(f"workers: {workers.about}")
@@ -151,24 +151,25 @@ def run(
         )
         return run_batch(chosen, folder, options)
 
-    kept = f"what was finished stands in {folder}; the same command goes on from there"
+    kept = f"finished results are in {folder}; the same command continues from there"
     finish(work, common, kept=kept)
 
 
-def rooms_called(sources: Sequence[ConfigSource]) -> list[str]:
-    """Rooms with kernels that belts need, if all are computed anew."""
-    simulated = [one.config for one in sources if {"press", "rig"} <= set(one.config.data.files)]
+def packages_with_kernels(sources: Sequence[ConfigSource]) -> list[str]:
+    """Return the packages whose kernels the belts need if everything is recomputed."""
+    configs = [source.config for source in sources]
+    simulated = [config for config in configs if {"press", "rig"} <= set(config.data.files)]
     driven = [
-        one
-        for one in simulated
-        if "drive" in one.model_fields_set and "speedloss" in one.data.files
+        config
+        for config in simulated
+        if "drive" in config.model_fields_set and "speedloss" in config.data.files
     ]
     return [*(["rigsim"] if simulated else []), *(["drive"] if driven else [])]
 
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Where the work is done: options of this command that belong together."""
+    """Options that state where the work is done."""
 
     executor: str
     scheduler: str | None
@@ -176,7 +177,7 @@ class Where:
     jobs: int | None
 
     def check(self) -> None:
-        """Say what is wrong with the options."""
+        """Raise an InputError if the options contradict each other."""
         from beltid.errors import InputError
 
         problems = []
@@ -187,14 +188,14 @@ class Where:
         if self.executor == "local":
             problems += [f"{name}: needs --executor dask" for name in given]
         elif self.jobs is not None:
-            problems.append("--jobs: is for this machine; a cluster has the workers that it has")
+            problems.append("--jobs: applies to this machine only; a cluster sets its own workers")
         if len(given) > 1:
             problems.append("--scheduler, --scheduler-file: only one of them can be given")
         if problems:
             raise InputError(problems)
 
     def workers(self, *, at_once: bool) -> Workers:
-        """The workers; those of this machine are started at once if there is work for sure."""
+        """Create the workers; with `at_once`, start those of this machine immediately."""
         if self.executor == "dask":
             from beltid.batch.cluster import ClusterWorkers
 

@@ -1,4 +1,4 @@
-"""Friction over force and speed: as published, and without the bias of bending."""
+"""Friction surfaces: as published, and corrected for the bias of bending."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FitBending = Annotated[
     bool,
     typer.Option(
         "--fit-bending",
-        help="Also identify the bending stiffness from the runs, and show it beside the stated "
+        help="Also identify the bending stiffness from the runs, and show it next to the stated "
         "one.",
     ),
 ]
