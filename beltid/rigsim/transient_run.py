@@ -111,9 +111,9 @@ def settling_time(model: RigModel, sliding: StaticState) -> float:
 def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
     """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
 
-    The build-up covers 1.25 times the static travel. The steps of the plateau are also large
-    compared with the oscillation period of the slack span: an implicit Euler step damps what it
-    does not resolve, so vibrations from the start decay within the run.
+    The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
+    of the oscillation period of the slack span: an implicit Euler step damps what it does not
+    resolve, so vibrations from the start decay within the run.
     """
     rest = max(steps // 13, 3)
     build_up = steps // 2
