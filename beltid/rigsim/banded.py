@@ -1,8 +1,8 @@
-"""Banded linear systems in compiled code: LU with partial pivoting, row by row.
+"""Solve banded linear systems in compiled code: LU with partial pivoting, row by row.
 
-The tangent of the belt couples a node with its two neighbours, so with ``HALF`` off-diagonals the
-factorisation costs O(n) and the belt can have any number of elements. Row i of the storage holds
-the columns ``i - HALF ... i + 2 HALF``; the last ``HALF`` are room for the fill of row exchanges.
+The tangent of the belt couples a node to its two neighbours only, so with ``HALF`` off-diagonals
+the factorisation costs O(n) for n coordinates. Row i of the storage holds the columns
+``i - HALF ... i + 2 HALF``; the last ``HALF`` take the fill-in of row exchanges.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
     Returns
     -------
     bool
-        False if a pivot vanished, that is the matrix is singular to working precision.
+        False if a pivot vanished: the matrix is singular to working precision.
     """
     n = A.shape[0]
-    right = 0  # last column that the rows exchanged so far reach
+    right = 0  # last column reached by the rows exchanged so far
     for k in range(n):
         last = min(k + HALF, n - 1)
         p = k
@@ -59,7 +59,7 @@ def factorize(A: NDArray[np.float64], pivots: NDArray[np.int64]) -> bool:
             A[i, at] = factor
             if factor == 0.0:
                 continue
-            # loops of fixed length are fast; beyond the last column the storage holds zeros
+            # loops of fixed length are fast; the storage holds zeros beyond the last column
             if filled:
                 for j in range(1, 2 * HALF + 1):
                     A[i, at + j] -= factor * A[k, HALF + j]

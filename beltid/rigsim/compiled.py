@@ -1,12 +1,12 @@
-"""Compiled kernels: one decorator, and a cache that notices every edit and every damage.
+"""Compile kernels and cache them so that every edit and every damaged file is detected.
 
-numba's own cache looks at the file of a kernel only, so an edit of a kernel that is *called* would
-go unnoticed. Here the cache folder carries a hash of all sources of the compiled rooms: any edit
-starts a fresh folder. Every cache file is sealed with its hash: machine code with a flipped bit
-would crash the process. A file that does not match is thrown away and its kernel compiled anew.
-Names of data files follow from the signature, so that processes that compile at the same time
-cannot give one file two meanings; they wait for each other, so that none compiles what another one
-is compiling.
+numba's own cache checks only the file of the kernel itself, so it misses an edit of a function
+that the kernel *calls*. Here the name of the cache folder contains a hash of all compiled sources:
+any edit starts a new folder. Every cache file ends with its own hash, because machine code with a
+flipped bit would crash the process. A file that does not match its hash is deleted and its kernel
+is recompiled. The signature determines the name of a data file, so processes that compile at the
+same time cannot write different code to the same file. They wait for each other, so no kernel is
+compiled twice.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from beltid.rigsim.kernel_cache import cache_folder
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-numba_config: Any = _numba_config  # its settings are made at run time, unknown to a type checker
+numba_config: Any = _numba_config  # numba sets its attributes at run time: no static types
 
 _SEAL = hashlib.sha256().digest_size
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "_nrt": False}
 
 
 class DamagedCacheError(Exception):
-    """A cache file is not what was written."""
+    """A cache file does not match its hash."""
 
 
 class SealedCacheFile(IndexDataCacheFile):
-    """Index and data files of one kernel, each with the hash of its content at the end."""
+    """Index and data files of one kernel, each followed by the hash of its content."""
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)
         return content + hashlib.sha256(content).digest()
 
     def save(self, key: Any, data: Any) -> None:
-        """Save machine code under a name of its own, then enter it in the index."""
+        """Save machine code under a name unique to its signature, then add it to the index."""
         overloads = self._load_index()
         number = int.from_bytes(hashlib.sha256(repr(key).encode()).digest()[:6], "big")
         overloads[key] = self._data_name(number)
@@ -68,7 +68,7 @@ class SealedCacheFile(IndexDataCacheFile):
         except FileNotFoundError:
             return {}
         stream = io.BytesIO(content)
-        pickle.load(stream)  # the version stands before the sealed part
+        pickle.load(stream)  # the version precedes the sealed part
         _check_seal(stream.read())
         index: dict[Any, str] = super()._load_index()
         return index
@@ -79,22 +79,22 @@ def _check_seal(content: bytes) -> None:
         raise DamagedCacheError
 
 
-class _Turn:
-    """Whose turn it is to compile a kernel: of many processes at once, one does, the others wait.
+class _CompileLock:
+    """File lock that lets one process at a time compile a kernel while the others wait.
 
-    The system lets a lock go when its holder ends, however it ends. Kernels that call each other
-    are waited for from caller to callee only, so that no two processes wait for each other.
+    The system releases the lock when its holder ends, even in a crash. Processes wait from caller
+    to callee only, so they cannot deadlock.
     """
 
     def __init__(self, path: str) -> None:
         self.path = path
         self.descriptor: int | None = None
-        self.collects = False
+        self.pauses_gc = False
 
-    def take(self) -> None:
-        """Wait for the turn; where there are no locks it is everybody's."""
-        # a compiler makes many objects and hardly any garbage: to look for it takes 6 % of its time
-        self.collects = gc.isenabled()
+    def acquire(self) -> None:
+        """Wait for the lock; without support for file locks, go on at once."""
+        # the compiler creates many objects and little garbage: collection takes 6 % of its time
+        self.pauses_gc = gc.isenabled()
         gc.disable()
         try:
             import fcntl
@@ -104,89 +104,88 @@ class _Turn:
         except (ImportError, OSError):
             pass
 
-    def end(self) -> None:
-        """Let the next one."""
-        if self.collects:
+    def release(self) -> None:
+        """Release the lock for the next process."""
+        if self.pauses_gc:
             gc.enable()
-            self.collects = False
+            self.pauses_gc = False
         if self.descriptor is not None:
             os.close(self.descriptor)
             self.descriptor = None
 
 
-def _heal(cache: Any) -> None:
-    """Seal a numba cache object; make it survive damage, an unwritable folder, and a crowd."""
+def _harden(cache: Any) -> None:
+    """Make a numba cache robust to damage, unwritable folders and concurrent processes."""
     sealed = SealedCacheFile.__new__(SealedCacheFile)
     sealed.__dict__.update(cache._cache_file.__dict__)
     cache._cache_file = sealed
     load, save = cache.load_overload, cache.save_overload
-    turn = _Turn(f"{sealed._index_path}.lock")
+    lock = _CompileLock(f"{sealed._index_path}.lock")
 
     def load_or_discard(sig: Any, target_context: Any) -> Any:
         try:
             return load(sig, target_context)
-        except Exception:  # a damaged file can fail in any way while it is read
+        except Exception:  # reading a damaged file can raise any exception
             shutil.rmtree(cache.cache_path, ignore_errors=True)
             pathlib.Path(cache.cache_path).mkdir(parents=True, exist_ok=True)
             return None
 
-    def load_in_turn(sig: Any, target_context: Any) -> Any:
-        found = load_or_discard(sig, target_context)
-        if found is None:  # it will be compiled, and saved
-            turn.end()
-            turn.take()
-            found = load_or_discard(sig, target_context)
-            if found is not None:  # by another process meanwhile
-                turn.end()
-        return found
+    def load_or_lock(sig: Any, target_context: Any) -> Any:
+        overload = load_or_discard(sig, target_context)
+        if overload is None:  # numba compiles it next, then saves it
+            lock.release()
+            lock.acquire()
+            overload = load_or_discard(sig, target_context)
+            if overload is not None:  # another process has compiled it meanwhile
+                lock.release()
+        return overload
 
     def save_if_possible(sig: Any, data: Any) -> None:
         try:
             save(sig, data)
-        except Exception:  # the index may be the damaged file, or the disk full: go on without
+        except Exception:  # damaged index or full disk: go on without the cache
             warnings.warn(
                 f"compiled kernels could not be cached in {cache.cache_path}", stacklevel=2
             )
         finally:
-            turn.end()
+            lock.release()
 
-    cache.load_overload = load_in_turn
+    cache.load_overload = load_or_lock
     cache.save_overload = save_if_possible
 
 
 def kernel(function: F) -> F:
-    """Compile a function that Python calls: cached, without the interpreter lock, strict.
+    """Compile a function that Python calls: cached, and without the interpreter lock.
 
-    It gets all the memory that it needs from its caller: without reference counts there is much
-    less to compile.
+    The caller allocates all memory: without reference counting there is much less to compile.
     """
     return _compiled(function, {**_OPTIONS, "pipeline_class": _KernelCompiler})
 
 
-class _TakenIn(JITCodeLibrary):
-    """Code that the kernels that call it take in: it is optimised and made native with them."""
+class _LeafLibrary(JITCodeLibrary):
+    """Code of a function that is optimised and compiled only as part of the calling kernels."""
 
     @property
     def codegen(self) -> Any:
-        """Takes the environment of the function, which nobody but its kernel needs."""
+        """Object that receives the environment of the function, which only its kernel needs."""
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Leave it: there is no native code to get it."""
+        """Ignore the environment: there is no native code to use it."""
 
     def _optimize_final_module(self) -> None:
-        """Leave it to the kernel."""
+        """Skip: the kernel optimises this code."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
 
 
-class _Whole(JITCodeLibrary):
-    """Code of a kernel with all that it has taken in, optimised in one go.
+class _KernelLibrary(JITCodeLibrary):
+    """Code of a kernel and all functions in it, optimised in one pass.
 
-    There are no reference counts to be removed first. Vectors do not pay in loops of four to
-    fifteen rounds; those of equal operations one after the other take 5 % off a step.
+    There are no reference counts to remove first. Loop vectorisation does not pay in loops of four
+    to fifteen iterations; vectorising equal operations in sequence (SLP) makes a step 5 % faster.
     """
 
     def _optimize_final_module(self) -> None:
@@ -197,34 +196,34 @@ class _Whole(JITCodeLibrary):
 
 
 class _KernelCompiler(Compiler):
-    """Compiles a kernel."""
+    """Compiler of a kernel."""
 
     def compile_extra(self, func: Any) -> Any:
-        self.state.library = _Whole(self.state.targetctx.codegen(), func.__qualname__)
+        self.state.library = _KernelLibrary(self.state.targetctx.codegen(), func.__qualname__)
         self.state.library.enable_object_caching()
         return super().compile_extra(func)
 
 
 class _LeafCompiler(Compiler):
-    """Compiles a function for the kernels that call it, and no code for itself."""
+    """Compiler of a function for its calling kernels only, without stand-alone native code."""
 
     def compile_extra(self, func: Any) -> Any:
         codegen = self.state.targetctx.codegen()
-        self.state.library = _TakenIn(codegen, func.__qualname__)
+        self.state.library = _LeafLibrary(codegen, func.__qualname__)
         return super().compile_extra(func)
 
 
 def leaf(function: F) -> F:
-    """Let kernels call a function; called from Python, it runs as Python.
+    """Inline a function into the kernels that call it; called from Python, it runs as Python.
 
-    So nothing is compiled for calls from Python, which for many arrays is dearer than the function.
-    Its code is put into the kernel.
+    No code is compiled for calls from Python, which with many arrays costs more than the function
+    itself.
     """
     return _compilable(function, {**_OPTIONS, "forceinline": True})
 
 
 def shared_leaf(function: F) -> F:
-    """Like :func:`leaf`, for larger functions with several callers, who share the code."""
+    """Mark a larger function whose several callers share its code; otherwise as :func:`leaf`."""
     return _compilable(function, _OPTIONS)
 
 
@@ -234,24 +233,24 @@ def _compilable(function: F, options: Any) -> F:
 
 
 def part(function: F) -> F:
-    """A piece of the one kernel that calls it: put in before anything is compiled.
+    """Merge a function into the only kernel that calls it before compilation.
 
-    A function with many arrays is dear to compile twice, on its own and in its caller. Only for
-    functions with one caller: with more, each would compile its own copy.
+    This avoids compiling a function with many arrays twice, alone and in its caller. Use it only
+    for functions with one caller: each further caller would compile its own copy.
     """
-    piece: Any = numba.njit(inline="always", **_OPTIONS)(function)
-    return piece
+    merged: Any = numba.njit(inline="always", **_OPTIONS)(function)
+    return merged
 
 
 def _compiled(function: F, options: Any) -> F:
     saved = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = str(cache_folder())
     try:
-        # else numba would fall back to a folder beside the sources, which misses edits
+        # otherwise numba would use a folder next to the sources, which misses edits
         cache_folder().mkdir(parents=True, exist_ok=True)
         dispatcher: Any = numba.njit(cache=True, **options)(function)
-        _heal(dispatcher._cache)
-    except (RuntimeError, OSError):  # no folder can be written: compile in memory only
+        _harden(dispatcher._cache)
+    except (RuntimeError, OSError):  # no writable folder: compile in memory only
         dispatcher = numba.njit(**options)(function)
     finally:
         numba_config.CACHE_DIR = saved

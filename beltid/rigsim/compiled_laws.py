@@ -1,6 +1,6 @@
-"""The laws of :mod:`beltid.laws`, compiled: the functions that everybody calls, no copies of them.
+"""Make the functions of :mod:`beltid.laws` callable from kernels, without copying them.
 
-The laws know no compiler, so that a recording is reduced without loading one; here they are put
+The laws do not import the compiler, so reducing a recording does not load it; here they are inlined
 into the kernels of the simulated rig.
 """
 

@@ -1,4 +1,4 @@
-"""Compile the rig ahead: a call with arguments of the types that it has, ``python -m`` this."""
+"""Compile the rig ahead of use by a call with its argument types; run with ``python -m``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltid.rigsim.steady import lay_on
 
 
 def first_call() -> None:
-    """Lay a belt on a pulley: this calls the kernel of the rig."""
+    """Lay a belt on a pulley, which compiles the kernel of the rig."""
     friction = FrictionSurface.constant(0.5)
     bench = Bench(Belt(1e5, 0.02, 0.1), Rig(0.05, 0.1), Contact(), NormalLaw(1e8), friction)
     lay_on(bench.model(OperatingPoint(1.4, 270.0, 0.2)))

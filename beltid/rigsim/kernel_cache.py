@@ -1,10 +1,10 @@
-"""Where compiled kernels are kept, and processes that compile them ahead.
+"""Locate the cache of compiled kernels and start processes that compile them ahead of use.
 
-A first run on a machine compiles the simulation, while nothing is simulated yet and the first
-stages read and fit: ``python -m beltid.rigsim.first_call`` compiles what the rig needs and leaves
-it in the cache, ``beltid.drive.first_call`` what a drive needs. Who simulates meanwhile waits for
-the kernel that is being compiled (:mod:`beltid.rigsim.compiled`), so that nothing is compiled
-twice. This module loads no compiler.
+The first run on a machine compiles the simulation in the background while the first stages read
+and fit: ``python -m beltid.rigsim.first_call`` compiles the kernels of the rig into the cache,
+``beltid.drive.first_call`` those of a drive. A simulation that starts meanwhile waits for the
+kernel that is being compiled (:mod:`beltid.rigsim.compiled`), so nothing is compiled twice. This
+module does not import the compiler.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from beltid.child_processes import same_package, signals_blocked
 
 _ROOMS: Final = ("rigsim", "laws", "drive")
 KERNELS: Final = {"rigsim": "step.march", "drive": "string.arcs_of_pulleys"}
-"""Room -> the last of its kernels to be compiled, in the order in which they are needed."""
+"""Package -> its kernel that is compiled last; packages in the order in which they are needed."""
 COMPILING: Final = "compiling the simulation, once per machine"
 NICENESS: Final = {"rigsim": 5, "drive": 10}
-"""The stages that read and fit meanwhile come first, then what is needed first."""
+"""Increments of the process priority: reading and fitting come first, then the rig, the drive."""
 
 
 def _processor() -> str:
-    """Kind of processor: machine code is made for the one that compiles."""
+    """Return the processor model: machine code is specific to it."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n"):
             if line.startswith("model name"):
@@ -44,7 +44,7 @@ def _processor() -> str:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels for the sources, numba, Python and processor in use."""
+    """Return the folder of the kernels for the current sources, numba, Python and processor."""
     package = Path(__file__).resolve().parents[1]
     numba = importlib.metadata.version("numba")
     digest = hashlib.sha256(f"{numba} {sys.version} {_processor()}".encode())
@@ -59,7 +59,7 @@ def cache_folder() -> Path:
 
 
 def is_compiled(room: str) -> bool:
-    """Whether the cache has the kernels of a room, "rigsim" or "drive"."""
+    """Return whether the cache has the kernels of a package, "rigsim" or "drive"."""
     return any(cache_folder().glob(f"*/{KERNELS[room]}-*.nbi"))
 
 
@@ -67,37 +67,37 @@ _under_way: list[subprocess.Popen[bytes]] = []
 
 
 def compile_ahead(rooms: Iterable[str]) -> bool:
-    """Begin to compile what the cache lacks of some rooms, in a process for each.
+    """Start one process for each package whose kernels are missing in the cache.
 
-    The processes end with this one, however it ends; they say nothing, and hear no signal that a
-    terminal sends. Where the cache cannot be written nothing is to be gained, and none starts.
+    The processes end with this one, even if it crashes; they print nothing and ignore the signals
+    of a terminal. None starts if the cache is not writable.
 
     Parameters
     ----------
     rooms : iterable of str
-        Rooms that will be called: "rigsim", "drive".
+        Packages that will be called: "rigsim", "drive".
 
     Returns
     -------
     bool
         Whether a process was started: at most once in the life of this one.
     """
-    lacking = [room for room in rooms if not is_compiled(room)]
-    if _under_way or not lacking:
+    missing = [room for room in rooms if not is_compiled(room)]
+    if _under_way or not missing:
         return False
     try:
         cache_folder().mkdir(parents=True, exist_ok=True)
         if not os.access(cache_folder(), os.W_OK):
             return False
-        for room in lacking:
+        for room in missing:
             _under_way.append(_first_call(room))
-    except OSError:  # a full disk, no more processes: who simulates compiles
+    except OSError:  # full disk or process limit: the simulation compiles for itself
         pass
     return bool(_under_way)
 
 
 def _first_call(room: str) -> subprocess.Popen[bytes]:
-    """A process that compiles the kernels of a room; its stdin ends with this process."""
+    """Start a process that compiles the kernels of a package; its stdin closes with this one."""
     with signals_blocked():
         return subprocess.Popen(
             [sys.executable, "-m", f"beltid.{room}.first_call"],
@@ -109,7 +109,7 @@ def _first_call(room: str) -> subprocess.Popen[bytes]:
 
 
 def compile_for_caller(room: str, first_call: Callable[[], None]) -> None:
-    """Compile the kernels of a room in a process of its own, which ends with who started it."""
+    """Compile the kernels of a package in this child process, which ends with its parent."""
     threading.Thread(target=_end_with_caller, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(NICENESS[room])
@@ -117,5 +117,5 @@ def compile_for_caller(room: str, first_call: Callable[[], None]) -> None:
 
 
 def _end_with_caller() -> None:
-    os.read(0, 1)  # nothing is ever written: it returns when the other end is closed
+    os.read(0, 1)  # nothing is ever written: this returns when the parent closes the pipe
     os._exit(1)

@@ -1,4 +1,4 @@
-"""The rig as one model: path, mesh, belt, pulley and supports, built once for a run."""
+"""Build the model of one run: path, mesh, belt, pulley and supports."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST_STRAIN = 0.2
 
 
 class System(NamedTuple):
-    """What compiled code needs of the model; constant during a run."""
+    """Arrays of the model for compiled code; constant during a run."""
 
     belt: BeltArrays
     pulley: ContactArrays
@@ -32,15 +32,15 @@ class System(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays of one linearised system, used again in every iteration.
+    """Arrays of one linearised system, reused in every iteration.
 
-    ``A`` (n, WIDTH) banded tangent with ``pivots`` (n,); ``vectors`` (2, n) residual and its
-    derivative in the stretch, of a running belt (3, n) also in the speed of the pulley, and where
-    its ribs shear (3 + MOST_ZONES, n) in what their zones add; ``steps`` solutions of the same
-    shape, the last one the movement of ends that give way; ``strain_old`` (n_e, n_g, 2) strains at
-    the last time step; ``reactions`` of the supports; ``border`` (b, 1 + b) equations of the
-    unknowns beside the coordinates, right-hand sides first; ``combined`` (2, 4) weights of the
-    supports' forces in the first two of them.
+    ``A`` (n, WIDTH) is the banded tangent with ``pivots`` (n,). ``vectors`` (2, n) are the residual
+    and its derivative in the stretch; for a running belt (3, n) also that in the speed of the
+    pulley, and for shearing ribs (3 + MOST_ZONES, n) those in ``a_z`` of the zones. ``steps`` are
+    solutions of the same shape, the last one the movement of ends that give way. ``strain_old``
+    (n_e, n_g, 2) are the strains at the last time step, ``reactions`` those of the supports.
+    ``border`` (b, 1 + b) are the equations of the additional unknowns, right-hand sides first;
+    ``combined`` (2, 4) are the weights of the support forces in the first two of them.
     """
 
     A: Array
@@ -81,19 +81,19 @@ class RigModel:
     friction_falls: bool
 
     def path_coordinates(self) -> Array:
-        """Nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
+        """Return the nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
         path = self.path
         coordinates: Array = path_coordinates(path.R, path.span, path.beta, self.nodes)
         return coordinates
 
     def with_surface(self, surface: FrictionSurface) -> RigModel:
-        """The same rig with another friction surface."""
+        """Return the rig with another friction surface."""
         pulley = with_surface(self.system.pulley, surface)
         system = self.system._replace(pulley=pulley)
         return replace(self, system=system, friction_falls=surface.falls_with_speed)
 
     def workspace(self, borders: int = 1) -> Workspace:
-        """Room for the linearised system with so many unknowns beside the coordinates."""
+        """Allocate the linearised system with ``borders`` unknowns besides the coordinates."""
         belt = self.system.belt
         borders = max(borders, 2 if self.system.supports.give_way else 1)
         n = 4 * belt.h.size + 4
@@ -141,7 +141,7 @@ class Bench:
         object.__setattr__(self, "friction_falls", self.surface.falls_with_speed)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # rebuilt: pickled arrays would come back writable, for which all is compiled once more
+        # rebuild: unpickled arrays are writable, another type for which all is compiled again
         return type(self), (self.belt, self.rig, self.contact, self.law, self.surface)
 
     def model(self, point: OperatingPoint, elements: int | None = None) -> RigModel:
@@ -161,7 +161,7 @@ class Bench:
         nodes, fineness = graded_nodes(self.belt, self.rig, self.law, point, elements)
         system = System(
             belt=belt_arrays(self.belt, nodes, self.contact.points_per_element),
-            # C_P belongs to a point of the default mesh: along the belt the damping stays the same
+            # C_P is that of a point of the default mesh: keep the damping per length of belt
             pulley=self.pulley._replace(C_P=self.pulley.C_P / fineness),
             supports=support_arrays(self.rig, point.beta),
         )

@@ -1,4 +1,4 @@
-"""The contact along the arc at one instant: forces, slip speed, tension, who sticks."""
+"""Report the contact along the arc at one instant: forces, slip speed, tension, sticking."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class ContactState:
     tangential_force : ndarray
         Friction force of the points [N].
     slip_speed : ndarray
-        Speed of the pulley's surface, at the radius R, relative to the belt [m/s]: the one at which
-        mu is looked up; omega R where the belt rests.
+        Speed of the pulley's surface relative to the belt at the radius R [m/s], at which mu is
+        looked up; omega R if the belt rests.
     sticks : ndarray
         1 where the belt sticks, else 0.
     """
@@ -52,13 +52,13 @@ class ContactState:
     sticks: Array
 
     def profile(self) -> dict[str, NDArray[np.generic]]:
-        """What touches, from the tight to the slack side.
+        """Return the quantities at the touching points, from the tight to the slack side.
 
         Returns
         -------
         dict of ndarray
             arc_position_m (from the nominal tangent point on the tight side), normal_force_N_m,
-            capstan_force_N_m (Eq. (8) with the tensions of this instant), tangential_force_N_m,
+            capstan_force_N_m (Eq. (8) with the present tensions), tangential_force_N_m,
             slip_speed_m_s, tension_N (axial force of the belt), sticks (bool).
         """
         path, belt = self.model.path, self.model.system.belt
@@ -78,10 +78,10 @@ class ContactState:
         }
 
     def _axial_force(self) -> Array:
-        """Axial force at the contact points from the balance of the belt up to there [N].
+        """Compute the axial force at the contact points from equilibrium of the belt [N].
 
-        The strain of the elements ripples about the true one; the forces of the support and of the
-        contact points in between do not. Half of a point's own force counts; inertia does not.
+        The strain of the elements oscillates about the true one; the forces of the support and of
+        the contact points do not. Half of a point's own force is included; inertia is neglected.
         """
         belt = self.model.system.belt
         normal = np.stack([np.sin(self.angle), np.cos(self.angle)], axis=-1)
@@ -97,7 +97,7 @@ class ContactState:
 
 
 def steady_contact(model: RigModel, state: StaticState) -> ContactState:
-    """Contact of the sliding limit: the belt rests, so all points slip with omega R."""
+    """Return the contact in the sliding limit: the belt rests, so all points slip at omega R."""
     points = state.points
     return ContactState(
         model=model,

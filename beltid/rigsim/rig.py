@@ -1,4 +1,4 @@
-"""Front door of the simulated rig: one run, or a campaign of runs."""
+"""Simulate one run of the rig, or a campaign of runs."""
 
 from __future__ import annotations
 
@@ -28,31 +28,30 @@ Method = Literal["transient", "steady"]
 
 DEFAULT_STEPS = 130
 FEWEST_STEPS = 52
-LOOK_UP_S = 0.2  # time after which one who waits for runs wakes up [s]
+LOOK_UP_S = 0.2  # longest wait for a run before signals are handled [s]
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """How the rig is simulated.
+    """Settings of the simulation.
 
     Parameters
     ----------
     method : {"transient", "steady"}
         Time stepping from the belt at rest, or Newton's method on the sliding limit.
     elements : int, optional
-        Number of belt elements, even; by default it follows from the elastic-bed length.
+        Number of belt elements, even; the default follows from the elastic-bed length.
     steps : int
-        Time steps of a transient run; those of the recording. A step that does not converge is cut
-        further.
+        Time steps of a transient run and of its recording. A step that does not converge is
+        subdivided.
     friction_solver : {"newton", "lemke"}
-        Stick and slip of a step by the active set (semismooth Newton), or by Lemke's method on the
-        Delassus matrix: the reference, slower by a factor of about ten, and compiled by its first
-        run.
+        Stick and slip by the active set (semismooth Newton), or by Lemke's method on the Delassus
+        matrix: the reference, about ten times slower, and compiled in its first run.
     sensitivities : bool
-        Also give the sensitivities of the tensions to mu (steady method only).
+        Also compute the sensitivities of the tensions to mu (steady method only).
     profile_times_s : tuple of float
-        Times after the start of rotation at which the contact along the arc is kept [s] (transient
-        method only): the end of the step that holds the time.
+        Times after the start of rotation at which the contact along the arc is stored [s]
+        (transient method only), at the end of the step that contains the time.
     """
 
     method: Method = "transient"
@@ -80,18 +79,18 @@ class SimulationSettings:
 
 @dataclass(frozen=True, slots=True)
 class SolverRecord:
-    """What the solver did in one run.
+    """Statistics and certificate of the solver for one run.
 
     Attributes
     ----------
     elements, steps : int
         Belt elements; time steps (0 for the steady method).
     newton_iterations : int
-        Iterations in all.
+        Total number of iterations.
     status_changes : int
         Changes of a patch between stick and slide in all iterations, or pivots of Lemke's method.
     halvings : int
-        Times that a step was cut.
+        Number of step halvings.
     residual : float
         Largest residual force of all steps over T_0 [-].
     slip_m : float
@@ -99,8 +98,8 @@ class SolverRecord:
     cone : float
         Largest force beyond the friction cone over the largest limit [-].
     clamped_lookups, lookups : int
-        Contact points whose line force or speed lies outside the measured range in the sliding
-        state, and contact points in all.
+        Contact points in the sliding state: those whose line force or speed lies outside the
+        measured range, and all.
     """
 
     elements: int
@@ -126,13 +125,13 @@ class RunResult:
     recording : dict of ndarray, or None
         time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s of a transient run.
     record : SolverRecord
-        What the solver did.
+        Statistics and certificate of the solver.
     sliding : ContactState
         The sliding state; its profile is :attr:`profile`.
     snapshots : tuple of (float, ContactState)
-        Time [s] and contact at the times that were asked for (transient).
+        Time [s] and contact at the requested times (transient).
     sensitivity : TensionSensitivity, optional
-        Derivatives of the tensions with respect to mu, if asked for.
+        Derivatives of the tensions with respect to mu, if requested.
     """
 
     tension_tight_N: float
@@ -157,7 +156,7 @@ class RunResult:
 
     @property
     def profile(self) -> dict[str, NDArray[np.generic]]:
-        """The sliding state along the arc, see :meth:`ContactState.profile`."""
+        """Sliding state along the arc, see :meth:`ContactState.profile`."""
         return self.sliding.profile()
 
 
@@ -171,14 +170,14 @@ def simulate(
     bench : Bench
         Belt, rig geometry, contact settings, normal law, friction surface.
     point : OperatingPoint
-        Arc, initial tension, speed of the pulley.
+        Contact arc, initial tension, speed of the pulley.
     settings : SimulationSettings, optional
         Method and resolution.
 
     Raises
     ------
     ConvergenceError
-        If no equilibrium, or no solution of a step, was found.
+        If an equilibrium or a step is not found.
     """
     settings = settings or SimulationSettings()
     model = bench.model(point, settings.elements)
@@ -193,7 +192,7 @@ def _simulate_laid(
     work: Workspace,
     settings: SimulationSettings,
 ) -> RunResult:
-    """Simulate a run whose belt lies on the pulley, tightened."""
+    """Simulate a run from the belt laid on and tightened."""
     sliding = slide(model, laid, work)
     if settings.method == "transient":
         marcher = march_by_lemke if settings.friction_solver == "lemke" else march
@@ -247,14 +246,14 @@ def campaign(
     jobs: int | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Simulate many runs; the compiled kernels release the interpreter, so threads suffice.
+    """Simulate many runs in threads; the compiled kernels release the interpreter lock.
 
-    Runs that differ in speed only share the belt laid on and tightened.
+    Runs that differ only in speed share one laid-on and tightened belt.
 
     Parameters
     ----------
     bench : Bench
-        What the runs share.
+        Belt, rig and laws of all runs.
     points : sequence of OperatingPoint
         The runs.
     settings : SimulationSettings, optional
@@ -262,38 +261,38 @@ def campaign(
     jobs : int, optional
         Threads; by default one per core.
     stop : callable, optional
-        Asked between runs; True ends the campaign early.
+        Called between runs; True ends the campaign early.
 
     Yields
     ------
     index, result : int, RunResult or BeltidError
-        In the order in which the runs end. The result of a run does not depend on the others. A run
-        that fails for a reason yields its error, and the others go on.
+        In the order in which the runs end. The result of a run does not depend on the others. A
+        failed run yields its error, and the others continue.
     """
     settings = settings or SimulationSettings()
-    rigs: dict[tuple[float, float], list[int]] = {}
+    groups: dict[tuple[float, float], list[int]] = {}
     for index, point in enumerate(points):
-        rigs.setdefault((point.beta, point.T_0), []).append(index)
+        groups.setdefault((point.beta, point.T_0), []).append(index)
 
-    def together(indices: list[int]) -> list[tuple[int, RunResult | BeltidError]]:
+    def simulate_group(indices: list[int]) -> list[tuple[int, RunResult | BeltidError]]:
         return list(_simulate_together(bench, points, indices, settings, stop))
 
     workers = jobs or os.cpu_count() or 1
     if workers == 1:
-        for indices in rigs.values():
+        for indices in groups.values():
             yield from _simulate_together(bench, points, indices, settings, stop)
         return
-    waiting = iter(rigs.values())
+    waiting = iter(groups.values())
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        running = {pool.submit(together, indices) for indices in islice(waiting, 2 * workers)}
+        running = {pool.submit(simulate_group, indices) for indices in islice(waiting, 2 * workers)}
         while running:
-            # a signal that the system gives to another thread is heard when this one wakes up
+            # a signal delivered to another thread is handled only when this one wakes up
             ended, running = wait(running, LOOK_UP_S, FIRST_COMPLETED)
             for future in ended:
                 yield from future.result()
             if not stop():
-                more = islice(waiting, len(ended))
-                running |= {pool.submit(together, indices) for indices in more}
+                following = islice(waiting, len(ended))
+                running |= {pool.submit(simulate_group, indices) for indices in following}
 
 
 def _simulate_together(
@@ -303,7 +302,7 @@ def _simulate_together(
     settings: SimulationSettings,
     stop: Callable[[], bool],
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Simulate runs of one arc and initial tension."""
+    """Simulate runs with the same contact arc and initial tension."""
     try:
         model = bench.model(points[indices[0]], settings.elements)
         work = model.workspace()
@@ -315,7 +314,7 @@ def _simulate_together(
         if stop():
             return
         try:
-            of_run = replace(model, point=points[index])
-            yield index, _simulate_laid(bench, of_run, laid, work, settings)
+            run_model = replace(model, point=points[index])
+            yield index, _simulate_laid(bench, run_model, laid, work, settings)
         except BeltidError as error:
             yield index, error

@@ -1,19 +1,19 @@
-"""Sensitivities of the sliding state to the friction surface, by implicit differentiation.
+"""Differentiate the sliding state with respect to the friction surface, implicitly.
 
 In the sliding state ``r(q, mu_1 ... mu_m) = 0``, where mu_i is the coefficient of friction of
-look-up i. With the tangent K, which holds the change of mu with the force, and a tension T
-that depends on q through the held rows,
+look-up i. With the tangent K, which includes the change of mu with the force, and a tension T that
+depends on q through the fixed rows,
 
     dT/dmu_i = a . (W_T F_N)_i,   K^T a = dT/dq.
 
-At the held coordinates a is minus the direction of the tension: friction that acts on a support
-itself is not carried by the belt. One solve with the transposed tangent gives both tensions'
-derivatives with respect to mu of every look-up; any parameter p of the surface follows
-by ``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
+At the fixed coordinates a is minus the direction of the tension: the belt does not carry friction
+that acts directly on a support. One solve with the transposed tangent gives the derivatives of both
+tensions with respect to mu of every look-up; for any parameter p of the surface
+``dT/dp = sum_i dT/dmu_i dmu(f_i, v)/dp``.
 
-Where a force ``w.T`` is given, the ends give way by y in the directions d of the held coordinates.
-With K_d, the columns of the tangent that belong to them, T_y the derivatives of the tensions with
-respect to y, and dT those of held ends,
+If a force ``w.T`` is given, the ends move by y in the directions d of the fixed coordinates. With
+the columns K_d of the tangent at these coordinates, the derivatives T_y of the tensions with
+respect to y, and the derivatives dT for fixed ends,
 
     dT_given = dT - T_y (w.dT)/(w.T_y),   T_y = dT/dq_held . d - a . K_d d.
 """
@@ -54,7 +54,7 @@ class TensionSensitivity:
 
 
 def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensitivity:
-    """Sensitivities of both tensions to mu at every look-up of a sliding state.
+    """Compute the derivatives of both tensions in mu at every look-up of a sliding state.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
     gradient = np.stack([along[0] @ rows[:2], along[1] @ rows[2:]])
     free = gradient.copy()
     free[:, fixed] = 0.0
-    # row i of the storage holds what is column i of the transposed matrix in the layout of LAPACK
+    # row i of the storage is column i of the transposed matrix in LAPACK's band layout
     transposed = np.zeros((3 * HALF + 1, n), order="F")
     transposed[HALF:] = work.A[:, : 2 * HALF + 1].T
     _, _, solution, singular = dgbsv(HALF, HALF, transposed, free.T, overwrite_ab=True)
@@ -79,7 +79,7 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
         raise ConvergenceError("the tangent of the sliding state is singular")
     adjoint = solution.T
     moves = supports.moves.ravel()
-    load = moves @ rows  # no contact reaches the ends: the columns K_d are the rows
+    load = moves @ rows  # no contact reaches the ends: the columns K_d equal the rows
     load[fixed] = 0.0
     by_movement = gradient[:, held] @ moves - adjoint @ load
     touching = points.F_N > 0.0
@@ -97,7 +97,7 @@ def tension_sensitivity(model: RigModel, sliding: StaticState) -> TensionSensiti
 
 
 def _full_rows(rows: Array, held: list[int], n: int) -> Array:
-    """Rows of the held coordinates, (4, n), from those of the banded storage (4, WIDTH)."""
+    """Expand the rows of the fixed coordinates from banded storage (4, WIDTH) to (4, n)."""
     full = np.zeros((4, n))
     for i, row in enumerate(held):
         first, last = max(0, row - HALF), min(n, row + HALF + 1)
@@ -106,9 +106,9 @@ def _full_rows(rows: Array, held: list[int], n: int) -> Array:
 
 
 def _along_friction(N_c: Array, points: Points, adjoint: Array) -> Array:
-    """Products of the adjoint (n,) with the friction forces per mu, shape (n_e, n_c, 2)."""
+    """Multiply the adjoint (n,) by the friction forces per mu; shape (n_e, n_c, 2)."""
     nodes = adjoint.reshape(-1, 2, 2)
-    of_element = np.concatenate([nodes[:-1], nodes[1:]], axis=1)
-    at_points = np.einsum("ecj,ejk->eck", N_c, of_element)
+    at_elements = np.concatenate([nodes[:-1], nodes[1:]], axis=1)
+    at_points = np.einsum("ecj,ejk->eck", N_c, at_elements)
     along = at_points[..., 0] * np.cos(points.theta) - at_points[..., 1] * np.sin(points.theta)
     return np.asarray(along[..., None] * points.F_look)

@@ -1,10 +1,10 @@
-"""Statics of the rig: the belt laid on and tightened to T_0, and the limit of full sliding.
+"""Solve the statics of the rig: the belt laid on and tightened to T_0, and full sliding.
 
-Both are steps without end (:mod:`beltid.rigsim.step`). The lay-on is frictionless; its unknowns are
-the coordinates and the stretch, its additional equation is |support force| = T_0, so that the belt
-is tightened with the contact in place (a pre-strain T_0/EA alone would miss T_0 by 5 to 10 %).
-Then the stretch stays, the pulley turns, and every touching point slides; the supports stay, too,
-or give way until the force that is given acts.
+Both are steps of infinite length (:mod:`beltid.rigsim.step`). The lay-on is frictionless; its
+unknowns are the coordinates and the stretch, its additional equation is |support force| = T_0, so
+the belt is tightened with the contact in place (a pre-strain T_0/EA alone would miss T_0 by 5 to
+10 %). Then the stretch is constant, the pulley turns, and every touching point slides; the supports
+are fixed, or move until the given force acts.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from beltid.rigsim.step import (
 
 Array = NDArray[np.float64]
 
-# tensions over T_0 by way of which the belt is laid on, one way after the other
+# sequences of tensions over T_0 for the lay-on; the next one is tried if one fails
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
-STAGES = (1, 4, 16, 64)  # in which friction is raised, one way after the other
+STAGES = (1, 4, 16, 64)  # stages that raise the friction; the next number is tried if one fails
 WITHOUT_END = np.array([math.inf])
-DEEPEST = 0.1  # penetration over the radius that still is a contact
+DEEPEST = 0.1  # largest plausible penetration over the radius
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class StaticState:
     lookups : int
         Contact points that touch.
     work : Workspace
-        The linearised system of the state: its tangent, not factorised.
+        Linearised system of the state; the tangent is not factorised.
     """
 
     q: Array
@@ -88,7 +88,7 @@ class StaticState:
 def _equilibrium(
     model: RigModel, points: Points, work: Workspace, state: Kinematics, drive: Drive
 ) -> tuple[bool, Steps]:
-    """Find an equilibrium from ``state`` on, which becomes it; whether there is one, and how."""
+    """Find an equilibrium starting from ``state``, which it overwrites; return success, record."""
     record = np.zeros(1, dtype=STEP)
     schedule = Schedule(WITHOUT_END, np.array([model.point.omega]))
     done = march(model.system, points, state, schedule, drive, work, record, 0, 1)
@@ -99,7 +99,7 @@ def _state(
     model: RigModel, points: Points, work: Workspace, q: Array, record: Steps, spent: int
 ) -> StaticState:
     force: Array = record["force"][0]
-    _refuse_nonsense(model, record["innermost"].item(), force)
+    _check_plausible(model, record["innermost"].item(), force)
     return StaticState(
         q=q,
         stretch=record["stretch"].item(),
@@ -121,8 +121,8 @@ def lay_on(model: RigModel, work: Workspace | None = None) -> StaticState:
     model : RigModel
         The rig on the mesh of the run.
     work : Workspace, optional
-        Room to work in, in which the next state will overwrite the tangent of this one; by default
-        room of its own.
+        Arrays to use; the next state that uses them overwrites the tangent of this one. By default
+        new arrays.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def lay_on(model: RigModel, work: Workspace | None = None) -> StaticState:
 
 
 def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> StaticState:
-    """Full sliding: the pulley turns under the resting belt, every touching point slides.
+    """Solve full sliding: the pulley turns under the resting belt, every touching point slides.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> 
     laid : StaticState
         The belt laid on and tightened.
     work : Workspace, optional
-        Room to work in, as for :func:`lay_on`.
+        Arrays to use, as for :func:`lay_on`.
 
     Raises
     ------
@@ -185,8 +185,8 @@ def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> 
     raise _failure("the sliding belt", point, spent, residual)
 
 
-def _refuse_nonsense(model: RigModel, innermost: float, force: Array) -> None:
-    """An equilibrium may be one of a rig that makes no sense: then say so."""
+def _check_plausible(model: RigModel, innermost: float, force: Array) -> None:
+    """Raise a NumericsError if the equilibrium is physically meaningless."""
     R = model.path.R
     if math.isinf(innermost):
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
@@ -194,7 +194,7 @@ def _refuse_nonsense(model: RigModel, innermost: float, force: Array) -> None:
     if depth > DEEPEST * R:
         raise NumericsError(
             f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "
-            f"be below {DEEPEST:.0%} of its radius: contact law too soft, or tension too high"
+            f"be below {DEEPEST:.0%} of its radius: contact law too soft or tension too high"
         )
     largest = max(math.hypot(force[0], force[1]), math.hypot(force[2], force[3]))
     if largest > LARGEST_STRAIN * model.system.belt.EA:
@@ -205,15 +205,15 @@ def _refuse_nonsense(model: RigModel, innermost: float, force: Array) -> None:
 
 
 def describe(point: OperatingPoint) -> str:
-    """Settings of a run in words, for messages."""
+    """Describe the settings of a run for messages."""
     return f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s"
 
 
 def _failure(
-    what: str, point: OperatingPoint, iterations: int, residual: float
+    stage: str, point: OperatingPoint, iterations: int, residual: float
 ) -> ConvergenceError:
     return ConvergenceError(
-        f"{describe(point)}: {what} found no equilibrium in {iterations} Newton iterations "
+        f"{describe(point)}: {stage} found no equilibrium in {iterations} Newton iterations "
         f"(residual {residual:.2g} of T0)",
         iterations=iterations,
         residual=residual,

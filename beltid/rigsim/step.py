@@ -1,15 +1,15 @@
-"""A step of the rig, and the march through a run: stick, travelling slip front, full sliding.
+"""Step the rig through a run: stick, travelling slip front, full sliding.
 
-Axial waves run at 1 km/s and the contact is stiff, while a run lasts seconds; the natural clock is
+Axial waves run at 1 km/s and the contact is stiff, while a run lasts seconds; the natural scale is
 the travel of the pulley's surface. Implicit Euler steps of some micrometres of travel are used: in
 each step the residual
 
     M (q - q_old - dt q_dot_old)/dt**2 + f(q, (q - q_old)/dt) - W_N F_N - W_T F_T = 0
 
-holds together with the friction law on the slips of the step. Its tangent
-``S = M/dt**2 + C/dt + K`` takes the place of M in Eq. (12). A step that does not converge is halved
-and tried again. A static equilibrium is the step without end, 1/dt = 0, and so is a belt that runs
-through a shape that stays: all is one kernel, which is compiled once.
+is solved together with the friction law for the slips of the step. Its tangent
+``S = M/dt**2 + C/dt + K`` replaces M in Eq. (12). A step that does not converge is halved and
+repeated. A static equilibrium is a step of infinite length, 1/dt = 0, and so is a belt running in
+a steady shape: one kernel, compiled once, solves all of them.
 """
 
 from __future__ import annotations
@@ -54,23 +54,23 @@ from beltid.rigsim.model import System, Workspace
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9  # residual force over T_0
-ROUNDING = 1.0e-13  # of a residual force over EA R/h: what is left in double precision
-BENDING_ROUNDING = 1.0e-15  # over 12 EI R/h**3, which counts on fine meshes
-SLIP_ROUNDING = 2.0e-16  # of a slip over R
-LARGEST_MOVE = 5.0e-3  # of a node in one iteration [m]
-LARGEST_TURN = 0.1  # of the tangent at a node in one iteration [-]
+ROUNDING = 1.0e-13  # rounding error of a residual force over EA R/h, double precision
+BENDING_ROUNDING = 1.0e-15  # the same over 12 EI R/h**3, which matters on fine meshes
+SLIP_ROUNDING = 2.0e-16  # rounding error of a slip over R
+LARGEST_MOVE = 5.0e-3  # largest movement of a node in one iteration [m]
+LARGEST_TURN = 0.1  # largest rotation of the tangent at a node in one iteration [-]
 MOST_ITERATIONS = 90
 MOST_ITERATIONS_AT_REST = 40
 MOST_ITERATIONS_IN_FLOW = 60
-MOST_ITERATIONS_WITH_RIBS = 25  # they find their state in a few, or go in circles
+MOST_ITERATIONS_WITH_RIBS = 25  # ribs converge in a few iterations or cycle
 MOST_HALVINGS = 8
-REPEATS = 2  # solves for the multipliers in an iteration, beyond the first
-FREE_REVISIONS = 25  # iterations in which all patches may change sides at once
-PATIENCE = 4  # then half as many again and again, each for so many iterations, down to one
+REPEATS = 2  # extra solves for the multipliers in an iteration
+FREE_REVISIONS = 25  # iterations in which all patches may change status at once
+PATIENCE = 4  # iterations after which the number of changes allowed is halved, down to one
 
 
 class Kinematics(NamedTuple):
-    """Coordinates and velocities at the last step, and room for a trial."""
+    """Coordinates and velocities at the last step, and arrays for a trial."""
 
     q: Array
     q_dot: Array
@@ -79,7 +79,7 @@ class Kinematics(NamedTuple):
 
 
 def new_kinematics(q: Array) -> Kinematics:
-    """The belt at rest, with the coordinates ``q`` (n,)."""
+    """Create the state of a belt at rest with the coordinates ``q`` (n,)."""
     q_dot, trial, dq = np.zeros((3, q.size))
     return Kinematics(q.copy(), q_dot, trial, dq)
 
@@ -92,21 +92,23 @@ class Schedule(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """What is given of a belt that runs over the pulley, beside the force of the entering span.
+    """Given quantities of a belt that runs over the pulley, besides the entering span's force.
 
     Attributes
     ----------
     v0 : float
-        Stress-free length of belt that passes a point per second [m/s]; 0 where the belt stays.
+        Stress-free length of belt that passes a point per second [m/s]; 0 for a belt that does not
+        run.
     leaving : bool
-        Whether ``given`` is the magnitude of the force of the leaving span; else it is that of
+        Whether ``given`` is the magnitude of the force of the leaving span; otherwise it is
         ``weights . force`` with the forces (4,) of both supports.
     weights : ndarray, shape (4,)
-        See there [-].
+        Weights of these forces [-].
     given : float
-        [N].
+        Given force [N].
     free : bool
-        Whether the speed of the pulley is unknown; else it is given, and nothing of the forces.
+        Whether the speed of the pulley is unknown; otherwise the speed is given, and ``given`` is
+        not used.
     """
 
     v0: float
@@ -126,19 +128,19 @@ class Drive(NamedTuple):
     Attributes
     ----------
     stretch : float
-        Stress-free length over path length [-]; where the belt is tightened, its start.
+        Stress-free length over path length [-]; the initial guess if the stretch is unknown.
     T_0 : float
         Initial tension [N].
     augmentation : float
-        Stiffness that holds a sticking patch to its multiplier [N/m].
+        Penalty stiffness of a sticking patch [N/m].
     sticking_ratio : float
-        Limit of friction of a patch at rest over that of a sliding one [-].
+        Friction limit of a patch at rest over that of a sliding one [-].
     friction : float
         Factor on the coefficient of friction.
     tighten : bool
-        Whether the stretch is an unknown, and |force on support A| = T_0 an equation.
+        Whether the stretch is an unknown, with the equation |force on support A| = T_0.
     flow : Flow
-        Of a belt that runs: with it the stretch is an unknown, too, and the speed of the pulley.
+        Running belt: the stretch and the speed of the pulley are additional unknowns.
     """
 
     stretch: float
@@ -151,7 +153,7 @@ class Drive(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """How a step ended, with the stretch [-] and the speed of the pulley [rad/s] it ended with."""
+    """Outcome of a step, with its final stretch [-] and speed of the pulley [rad/s]."""
 
     converged: bool
     iterations: int
@@ -165,7 +167,7 @@ class StepOutcome(NamedTuple):
 
 @shared_leaf
 def largest_force(system: System, residual: Array) -> float:
-    """Largest residual force [N]; generalised forces on r' count per length of the element."""
+    """Return the largest residual force [N]; forces on r' are divided by the element length."""
     largest = 0.0
     n_e = system.belt.h.size
     for node in range(n_e + 1):
@@ -182,7 +184,7 @@ def largest_force(system: System, residual: Array) -> float:
 
 @shared_leaf
 def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
-    """Residual force that counts as zero [N]: a share of T_0, but not below the rounding."""
+    """Return the tolerance of residual forces [N]: a share of T_0, at least the rounding error."""
     h, damped = system.belt.h[0], 1.0 + system.belt.damping_time * motion.rate
     for length in system.belt.h:
         h = min(h, length)
@@ -201,10 +203,10 @@ def linearize(
     stretch: float,
     work: Workspace,
 ) -> int:
-    """Assemble residual and tangent, supports held; returns look-ups out of range.
+    """Assemble residual and tangent with constraints; return the look-ups out of range.
 
-    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is by how much
-    the coordinates differ from where their velocities would have taken them.
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is the difference
+    between the coordinates and those reached with constant velocities.
     """
     A = work.A
     for i in range(A.shape[0]):
@@ -224,7 +226,7 @@ def linearize(
 
 @shared_leaf
 def move(q: Array, step: Array) -> float:
-    """Add a step to the coordinates, shortened if a node would jump or turn; returns the factor."""
+    """Add a step, scaled down if a node would move or rotate too far; return the factor."""
     largest = turn = 0.0
     for i in range(0, q.size, 4):
         largest = max(largest, abs(step[i]), abs(step[i + 1]))
@@ -246,9 +248,9 @@ def assemble(
     stretch: float,
     work: Workspace,
 ) -> int:
-    """Residual and tangent of an implicit step at ``state.trial``, supports held.
+    """Assemble residual and tangent of a step at ``state.trial`` with constraints.
 
-    Returns the look-ups outside the measured range.
+    Returns the number of look-ups outside the measured range.
     """
     if motion.rate > 0.0:
         for i in range(state.dq.size):
@@ -258,10 +260,10 @@ def assemble(
 
 @part
 def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Workspace) -> None:
-    """Let the multipliers of the linearised system take over what is left of their slips.
+    """Reduce the remaining slips of sticking patches by updating their multipliers.
 
-    The solution leaves a slip of force over augmentation in every sticking patch. With the factors
-    at hand another solve makes it smaller by the same factor again, at a tenth of the price of an
+    The solution leaves a slip of force over augmentation in every sticking patch. Another solve
+    with the same factorisation reduces it by the same factor again, at a tenth of the cost of an
     iteration.
     """
     solution, change = work.steps[0], work.steps[1]
@@ -291,9 +293,9 @@ def tighten_sticks(system: System, motion: Motion, patches: Patches, work: Works
 
 @leaf
 def eliminate(system: Array, n: int) -> bool:
-    """Solve n equations (n, 1 + n), right-hand sides first, and put their solution in their place.
+    """Solve n equations (n, 1 + n), right-hand sides first; the solution overwrites these.
 
-    Returns whether there is one; Gauss-Jordan with the largest pivot of a column.
+    Uses Gauss-Jordan elimination with partial pivoting. Returns whether a solution exists.
     """
     for k in range(n):
         pivot = k
@@ -317,10 +319,10 @@ def eliminate(system: Array, n: int) -> bool:
 
 @leaf
 def missing_of_unknowns(drive: Drive, work: Workspace) -> float:
-    """What is missing of the forces given for stretch and speed; returns the larger one [N].
+    """Compute the errors of the forces that determine stretch and speed; return the larger [N].
 
-    Writes both into the right-hand sides of ``work.border``, and into ``work.combined`` how the
-    forces of the supports make them up.
+    Writes both into the right-hand sides of ``work.border``, and the weights of the support forces
+    in them into ``work.combined``.
     """
     force, combined, border, flow = work.reactions.force, work.combined, work.border, drive.flow
     entry = math.hypot(force[0], force[1])
@@ -342,11 +344,11 @@ def missing_of_unknowns(drive: Drive, work: Workspace) -> float:
 
 @leaf
 def solve_for_unknowns(drive: Drive, ribs: Ribs, work: Workspace) -> bool:
-    """Solve for stretch, speed and zones beside the coordinates; whether there is a solution.
+    """Solve for coordinates, stretch, speed and zones; return whether a solution exists.
 
-    The system bordered by them is solved with one factorisation and a right-hand side for each:
-    ``work.steps[0]`` is the solution for given unknowns and becomes that of the whole; how the
-    unknowns change takes the place of the right-hand sides of ``work.border``.
+    The bordered system is solved with one factorisation and one right-hand side per additional
+    unknown. ``work.steps[0]`` is the solution for given unknowns and becomes the full solution; the
+    changes of the unknowns overwrite the right-hand sides of ``work.border``.
     """
     border, combined, steps, n = work.border, work.combined, work.steps, work.steps.shape[1]
     equations, unknowns = 1, 1
@@ -398,9 +400,9 @@ def step_forward(
     drive: Drive,
     work: Workspace,
 ) -> StepOutcome:
-    """One step by Newton's method; the old state is kept, the result is in ``state.trial``.
+    """Take one step by Newton's method; keeps the old state, writes the new one to ``state.trial``.
 
-    A step that has converged leaves its tangent in ``work``.
+    A converged step leaves its tangent in ``work``.
     """
     stretch, omega, T_0, trial = drive.stretch, motion.omega, drive.T_0, state.trial
     tolerance = force_tolerance(system, motion, T_0)
@@ -431,7 +433,7 @@ def step_forward(
             missing = missing_force(system.supports, work.reactions, T_0)
             error = max(error, abs(missing))
         certificate = violations(system.belt, points)
-        # of a running belt, who sticks is found between the steps
+        # the statuses of a running belt are revised between the steps
         if error <= tolerance and (
             flows or (certificate.slip <= SLIP_TOLERANCE and certificate.cone <= CONE_TOLERANCE)
         ):
@@ -487,14 +489,14 @@ STEP = np.dtype(
         ],
     )
 )
-"""What a run records of a step.
+"""Record of one step.
 
-``force`` of the supports on the belt, the held rows [N]; numbers of Newton ``iterations``, of
-``changes`` between stick and slide, of ``halvings`` of the step, of ``lookups``, that is points
-that touch, and of those ``outside`` the measured range; radius of the ``innermost`` point that
-touches [m]; length of belt that is ``sticking``, and that is ``touching`` [m]; ``residual``,
-``slip`` and ``cone``, the certificate of the step, see :class:`StepOutcome`; ``stretch``,
-stress-free length over path length [-]; ``omega``, speed of the pulley [rad/s].
+``force`` of the supports on the belt, the fixed rows [N]; numbers of Newton ``iterations``, of
+``changes`` between stick and slide, of ``halvings`` of the step, of ``lookups`` (touching points)
+and of those ``outside`` the measured range; radius of the ``innermost`` touching point [m]; length
+of belt ``sticking`` and ``touching`` [m]; ``residual``, ``slip`` and ``cone``, the certificate of
+the step, see :class:`StepOutcome`; ``stretch``, stress-free length over path length [-]; ``omega``,
+speed of the pulley [rad/s].
 """
 
 Steps = NDArray[Any]  # records of STEP
@@ -502,7 +504,7 @@ Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
 def new_recorder(n: int) -> Recorder:
-    """Room for a run of ``n`` steps."""
+    """Allocate the records of ``n`` steps."""
     return np.zeros(n, dtype=STEP).view(np.recarray)
 
 
@@ -510,7 +512,7 @@ def new_recorder(n: int) -> Recorder:
 def accept(
     system: System, motion: Motion, points: Points, state: Kinematics, sticking_ratio: float
 ) -> None:
-    """Make the trial the state of the last step; friction with a memory follows the speed."""
+    """Accept the trial as the new state; update the filtered speed of friction with memory."""
     patches, memory = points.patches, points.memory[0]
     if memory > 0.0:
         for e in range(patches.size):
@@ -525,7 +527,7 @@ def accept(
     if motion.rate > 0.0:
         remember(system.belt, points, state.q)
     for e in range(patches.size):
-        # what rests at the end of a step has to be torn off in the next one
+        # a patch that sticks at the end of a step must break loose in the next one
         patches[e].ratio = sticking_ratio if patches[e].status == STICK else 1.0
         for c in range(points.theta.shape[1]):
             points.last[e, c].limit = points.F_max[e, c]
@@ -533,7 +535,7 @@ def accept(
 
 @part
 def note_attempt(record: Steps, k: int, out: StepOutcome) -> None:
-    """Record how the step k, or a part of it, ended."""
+    """Record the outcome of step k or a part of it."""
     noted = record[k]
     noted.iterations += out.iterations
     noted.changes += out.changes
@@ -547,7 +549,7 @@ def note_attempt(record: Steps, k: int, out: StepOutcome) -> None:
 
 @part
 def note_step(points: Points, work: Workspace, record: Steps, k: int, out: StepOutcome) -> None:
-    """Record the state at the end of the step k."""
+    """Record the state at the end of step k."""
     noted, lookups, innermost = record[k], 0, math.inf
     for e in range(points.F_N.shape[0]):
         for c in range(points.F_N.shape[1]):
@@ -573,9 +575,9 @@ def march(
     begin: int,
     end: int,
 ) -> int:
-    """Take the steps ``begin`` to ``end``; returns the first one not taken: less if one failed.
+    """Take the steps ``begin`` to ``end``; return the first step not taken, ``end`` on success.
 
-    The first step starts from ``state`` as it stands, with what the belt and the contact remember.
+    The first step starts from the present ``state`` and the stored values of belt and contact.
     """
     patches = points.patches
     if begin == 0 and math.isfinite(schedule.dt[0]):
@@ -585,7 +587,7 @@ def march(
         parts, done, halvings = 1, 0, 0
         while done < parts:
             rate = parts / schedule.dt[k]
-            # a stick has to be stiff against the belt, its damping included
+            # a sticking patch must be stiff compared with the belt, including its damping
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
             motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, drive.flow.v0)
             for e in range(patches.size):

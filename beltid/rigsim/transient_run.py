@@ -1,10 +1,10 @@
-"""A run in time: the schedule of rest, build-up and plateau, and what comes of it.
+"""Simulate a run in time: rest, build-up and plateau.
 
-Where mu falls with the speed, a law that follows the speed at once has no solution that depends
-continuously on it: the smallest disturbance of the belt at rest grows. Real friction follows a
-change of speed over a slip of the size of its contacts (the memory length of rate-and-state
-friction, J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161). With such surfaces mu is looked up at
-the speed averaged over a memory of half the build-up's travel; the plateau is the same.
+If mu falls with the speed and follows it immediately, the solution does not depend continuously on
+the speed: the smallest disturbance of the belt at rest grows. Real friction follows a change of
+speed over a slip of the size of its contacts (the memory length of rate-and-state friction,
+J. H. Dieterich, J. Geophys. Res. 84 (1979) 2161). For such surfaces mu is looked up at the speed
+averaged over a memory of half the travel of the build-up; this does not change the plateau.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ PLATEAU_FACTOR = (
     15.0  # time step of the plateau over that of the build-up: some 17 build-ups in all
 )
 STEPS_PER_SWING = 10.0  # plateau steps per period of the slack span, at most
-SETTLING = 12.0  # plateau over the time in which the damped contact gives way, at least
+SETTLING = 12.0  # duration of the plateau over the settling time of the contact, at least
 MEMORY = 0.5  # slip over which falling friction follows the speed, over the travel of the build-up
-SETTLED = 5.0e-3  # largest difference of the last tensions to the steady ones [-]
+SETTLED = 5.0e-3  # largest relative difference between the last and the steady tensions [-]
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
 
 Marcher = Callable[
@@ -51,7 +51,7 @@ Marcher = Callable[
 
 @dataclass(frozen=True, slots=True)
 class TransientRun:
-    """A run in time.
+    """Results of a run in time.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class TransientRun:
     laid, sliding : StaticState
         Static states before the pulley turns and in the limit of full sliding.
     record : Recorder
-        Certificate and counts of each step.
+        Certificates and counts of the steps.
     points : Points
         Contact at the end.
     snapshots : tuple of (float, ContactState)
@@ -83,22 +83,22 @@ class TransientRun:
 
 
 def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
-    """Travel of the pulley's surface until everything slides [m].
+    """Return the travel of the pulley's surface until all points slide [m].
 
-    The last point to let go has been carried from its place at rest to its place in the sliding
-    state, so the largest of these distances is the travel.
+    The pulley carries the last point to slide from its position at rest to its position in the
+    sliding state, so the travel is the largest of these distances.
     """
     touches = (sliding.points.F_N > 0.0) & (laid.points.F_N > 0.0)
     if not touches.any():
         raise NumericsError(
-            f"{describe(model.point)}: what touches at rest does not when it slides"
+            f"{describe(model.point)}: no part of the belt touches both at rest and when sliding"
         )
     turned = (sliding.points.theta - laid.points.theta)[touches]
     return model.path.R * float(np.max(turned))
 
 
 def settling_time(model: RigModel, sliding: StaticState) -> float:
-    """Time in which the contact gives way to a new load: damping over stiffness of all points [s].
+    """Return the time constant of the contact [s]: damping over stiffness of all points.
 
     With the penetration delta of a point, Eq. (4) is ``C_P delta_dot + w k'(delta) delta = F``.
     """
@@ -109,11 +109,11 @@ def settling_time(model: RigModel, sliding: StaticState) -> float:
 
 
 def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
-    """Rest, build-up in small steps of travel, and a plateau in larger ones.
+    """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
 
-    The build-up is given a quarter more than the static travel. The plateau's steps are larger,
-    also as a part of the period in which the slack span swings: an implicit Euler step damps what
-    it does not resolve, so that what the start has set swinging comes to rest within the run.
+    The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
+    of the oscillation period of the slack span: an implicit Euler step damps what it does not
+    resolve, so vibrations from the start decay within the run.
     """
     rest = max(steps // 13, 3)
     build_up = steps // 2
@@ -138,9 +138,9 @@ class Plan:
     steps : int
         Time steps.
     sticking_ratio : float
-        Limit of friction of a patch at rest over that of a sliding one [-].
+        Friction limit of a patch at rest over that of a sliding one [-].
     profile_times : tuple of float
-        Times after the start of rotation at which the contact is kept [s].
+        Times after the start of rotation at which the contact is stored [s].
     """
 
     steps: int
@@ -155,14 +155,14 @@ def run_transient(
     plan: Plan,
     marcher: Marcher = march,
 ) -> TransientRun:
-    """Turn the pulley under the belt laid on and tightened, until the plateau.
+    """Turn the pulley under the laid-on and tightened belt until the plateau.
 
     Parameters
     ----------
     model : RigModel
         The rig on the mesh of the run.
     laid, sliding : StaticState
-        The start, and the sliding limit, which gives the travel that the build-up will take.
+        Initial state, and the sliding limit, which determines the travel of the build-up.
     plan : Plan
         Resolution of the run.
     marcher : callable
@@ -171,7 +171,7 @@ def run_transient(
     Raises
     ------
     ConvergenceError
-        If a step fails although it was cut, or the plateau does not settle.
+        If a step fails after all halvings, or the plateau does not settle.
     """
     schedule = make_schedule(model, laid, sliding, plan.steps)
     time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
@@ -200,13 +200,13 @@ def run_transient(
         spent = int(record.iterations[done])
         raise ConvergenceError(
             f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
-            f"iterations, cut {record.halvings[done]} times "
+            f"iterations, halved {record.halvings[done]} times "
             f"(residual {record.residual[done]:.2g} of T0)",
             iterations=spent,
             residual=float(record.residual[done]),
         )
     force = record.force
-    _refuse_unsettled(model, force, sliding)
+    _check_settled(model, force, sliding)
     T_A = np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])])
     T_B = np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])])
     return TransientRun(
@@ -222,23 +222,23 @@ def run_transient(
     )
 
 
-def _refuse_unsettled(model: RigModel, force: Array, sliding: StaticState) -> None:
-    """The end of a run is the sliding limit, or the run says that it is not."""
+def _check_settled(model: RigModel, force: Array, sliding: StaticState) -> None:
+    """Raise a ConvergenceError if the run does not end in the sliding limit."""
     last = force[-1]
-    ends = np.hypot(last[[0, 2]], last[[1, 3]])
-    away = float(np.max(np.abs(ends / [sliding.T_A, sliding.T_B] - 1.0)))
-    if away > SETTLED:
+    tensions = np.hypot(last[[0, 2]], last[[1, 3]])
+    deviation = float(np.max(np.abs(tensions / [sliding.T_A, sliding.T_B] - 1.0)))
+    if deviation > SETTLED:
         raise ConvergenceError(
-            f"{describe(model.point)}: the plateau does not settle, its last tensions are "
-            f"{100 * away:.2g} % away from those of steady sliding (stick-slip, or too few steps)",
-            residual=away,
+            f"{describe(model.point)}: the plateau does not settle; its last tensions differ by "
+            f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)",
+            residual=deviation,
         )
 
 
 def contact_now(
     model: RigModel, stretch: float, support_force: Array, q: Array, points: Points, rate: float
 ) -> ContactState:
-    """Contact along the arc at the end of a step that took 1/``rate`` [s]."""
+    """Return the contact along the arc at the end of a step of duration 1/``rate`` [s]."""
     sticks = (points.patches.status == STICK)[:, None]
     at_R = np.divide(model.path.R, points.rho, out=np.zeros_like(points.rho), where=points.rho > 0)
     return ContactState(

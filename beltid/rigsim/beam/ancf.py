@@ -1,14 +1,14 @@
 """Planar gradient-deficient ANCF cable element (Bernoulli–Euler).
 
-A node carries its position ``r`` and its gradient ``r' = dr/ds``; cubic Hermite polynomials
-interpolate between two nodes. ``s`` is the reference coordinate. The stress-free length of ``ds``
-is ``stretch * ds``: one scalar for the whole belt, by which the rig is tightened. Per stress-free
-length the strain energy is
+The coordinates of a node are its position ``r`` and gradient ``r' = dr/ds``; cubic Hermite
+polynomials interpolate between two nodes. ``s`` is the reference coordinate. The stress-free length
+of ``ds`` is ``stretch * ds``; changing this one scalar tightens the whole belt. The strain energy
+per stress-free length is
 
     W = 1/2 EA eps**2 + 1/2 EI kappa**2,   eps = |r'|/stretch - 1,
     kappa = dtheta/dS = (r' x r'') / (|r'|**2 stretch),
 
-with the engineering strain and the exact material curvature (rotation per stress-free length). With
+with the engineering strain and the exact material curvature (rotation per stress-free length). For
 Kelvin–Voigt material, Eq. (9), N = EA (eps + c/E eps_dot) and M = EI (kappa + c/E kappa_dot).
 """
 
@@ -28,16 +28,16 @@ GAUSS_POINTS = 3
 
 
 CARRIES = np.array([0, 1, 0, 1])
-"""Lengths of the element that the shape functions for (r_i, r'_i, r_j, r'_j) carry."""
+"""Power of the element length in the shape functions for (r_i, r'_i, r_j, r'_j)."""
 
 
 def length_powers(h: Array) -> Array:
-    """Powers -2 to 3 of the lengths of the elements ``h`` (n_e,) [m], shape (n_e, 6)."""
+    """Return the powers -2 to 3 of the element lengths ``h`` (n_e,) [m], shape (n_e, 6)."""
     return np.asarray(h[:, None] ** np.arange(-2.0, 4.0))
 
 
 def unit_shapes(xi: Array) -> Array:
-    """Shape functions of an element of length 1 and their derivatives: cubic Hermite polynomials.
+    """Evaluate the shape functions of a unit element, cubic Hermite polynomials, and derivatives.
 
     Parameters
     ----------
@@ -47,8 +47,9 @@ def unit_shapes(xi: Array) -> Array:
     Returns
     -------
     ndarray, shape (3, 2, m, 4)
-        Values, first and second derivatives for (r_i, r'_i, r_j, r'_j); of each those of r, which
-        carry no length, and those of r', which carry one, with zeros in the places of the others.
+        Values, first and second derivatives for (r_i, r'_i, r_j, r'_j). The second axis separates
+        the functions of r (no factor of length) from those of r' (one factor); the entries of the
+        other kind are zero.
     """
     x, x2 = xi, xi * xi * (3.0 - 2.0 * xi)
     N = np.stack([1.0 - x2, x * (1.0 - x) ** 2, x2, x * x * (x - 1.0)], axis=-1)
@@ -60,21 +61,21 @@ def unit_shapes(xi: Array) -> Array:
 
 
 def shapes(unit: Array, powers: Array, order: int) -> Array:
-    """Shape functions of elements, or their derivatives in s.
+    """Scale the unit shape functions, or their derivatives in s, to elements of given length.
 
     Parameters
     ----------
     unit : ndarray, shape (3, 2, m, 4)
-        Those of an element of length 1, :func:`unit_shapes`.
+        Shape functions of an element of length 1, :func:`unit_shapes`.
     powers : ndarray, shape (n_e, 6)
-        Powers of the lengths of the elements, :func:`length_powers`.
+        Powers of the element lengths, :func:`length_powers`.
     order : int
         Order of the derivative, 0 to 2.
 
     Returns
     -------
     ndarray, shape (n_e, m, 4)
-        For (r_i, r'_i, r_j, r'_j) in [m**-order], those of r' in [m**(1 - order)].
+        For (r_i, r'_i, r_j, r'_j): [m**-order] for r, [m**(1 - order)] for r'.
     """
     tables: Array = powers[:, 2 - order : 4 - order] @ unit[order].reshape(2, -1)
     return tables.reshape(len(powers), -1, 4)
@@ -94,24 +95,25 @@ _MASSES = np.stack(
 
 
 def mass_matrix(powers: Array, rhoA: float) -> Array:
-    """Consistent mass matrices of the shape functions, shape (n_e, 4, 4); constant, Eq. (10)."""
+    """Return the consistent mass matrices, shape (n_e, 4, 4); constant, Eq. (10)."""
     masses: Array = rhoA / 420.0 * powers[:, 3:] @ _MASSES
     return masses.reshape(-1, 4, 4)
 
 
 @leaf
 def strains(ax: float, ay: float, bx: float, by: float, stretch: float) -> tuple[float, float]:
-    """Axial strain [-] and material curvature [1/m] of gradient ``a = r'`` and ``b = r''``."""
+    """Return axial strain [-] and material curvature [1/m] for ``a = r'`` and ``b = r''``."""
     p2 = ax * ax + ay * ay
     return math.sqrt(p2) / stretch - 1.0, (ax * by - ay * bx) / (p2 * stretch)
 
 
 class SectionEnergy(NamedTuple):
-    """Derivatives of the strain energy of a section, per reference length.
+    """Derivatives of the strain energy of a section per reference length.
 
-    ``a`` stands for ``r'`` and ``b`` for ``r''``: ``a_x`` is the first derivative in the component
-    x of ``r'``, ``stretch_a_x`` its derivative in the stretch, ``ab_xy`` the second derivative in
-    the component x of ``r'`` and y of ``r''``. The blocks of equal letters are symmetric.
+    ``a`` stands for ``r'`` and ``b`` for ``r''``: ``a_x`` is the first derivative with respect to
+    the x component of ``r'``, ``stretch_a_x`` its derivative with respect to the stretch, and
+    ``ab_xy`` the second derivative with respect to the x component of ``r'`` and the y component of
+    ``r''``. The blocks ``aa`` and ``bb`` are symmetric.
     """
 
     a_x: float
@@ -143,7 +145,7 @@ def section(
     forces: tuple[float, float],
     moduli: tuple[float, float, float],
 ) -> SectionEnergy:
-    """Derivatives of the section's strain energy with respect to (r', r'') and the stretch.
+    """Differentiate the strain energy of a section with respect to (r', r'') and the stretch.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ def section(
     # stretch: d(eps)/d(stretch) = -p/stretch^2, d(kappa)/d(stretch) = -k/stretch^2
     dN = -EA * p / (stretch * stretch)
     dM = -EI * k / (stretch * stretch)
-    # material part: rank one in eps and kappa; geometric part: N grad^2|r'| + M grad^2 k
+    # material part: rank one each in eps and kappa; geometric part: N grad^2|r'| + M grad^2 k
     A = EA / stretch
     B = EI / stretch
     Np = N / p

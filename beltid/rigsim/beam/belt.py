@@ -1,4 +1,4 @@
-"""The belt assembled: shape functions at all points, internal and inertia forces, Eq. (10).
+"""Assemble the belt: shape functions at all points, internal and inertia forces, Eq. (10).
 
 Coordinates are ordered node by node (x, y, x', y'). Residuals are internal minus external forces.
 """
@@ -34,34 +34,33 @@ _AT_GAUSS_POINTS, _GAUSS_WEIGHTS = unit_shapes(0.5 * (_x + 1.0)), 0.5 * _w  # on
 
 @functools.cache
 def _at_middles(parts: int) -> Array:
-    """Shape functions of a unit element in the middles of equal parts."""
+    """Evaluate the shape functions of a unit element at the midpoints of equal parts."""
     return unit_shapes((np.arange(parts) + 0.5) / parts)
 
 
 class BeltArrays(NamedTuple):
-    """Everything of the belt that stays constant during a run, as compiled code wants it.
+    """Properties of the belt that stay constant during a run, for compiled code.
 
     Attributes
     ----------
     h : ndarray, shape (n_e,)
         Reference lengths of the elements [m].
     B_s, B_ss : ndarray, shape (n_e, n_g, 4)
-        First and second derivative of the shape functions at the Gauss points.
+        First and second derivatives of the shape functions at the Gauss points.
     w_g : ndarray, shape (n_e, n_g)
         Weights of the Gauss points [m].
     N_c : ndarray, shape (n_e, n_c, 4)
-        Shape functions at the contact points: the midpoints of n_c equal parts of an element.
+        Shape functions at the contact points, the midpoints of n_c equal parts of each element.
     D_c : ndarray, shape (n_e, n_c, 4)
         Their first derivatives [1/m].
     w_c : ndarray, shape (n_e, n_c)
-        Reference lengths of the parts that the contact points stand for [m].
+        Reference lengths of the parts that the contact points represent [m].
     M : ndarray, shape (n_e, 4, 4)
         Mass matrices of the shape functions [kg].
     EA, EI, damping_time : float
         Section properties, see :class:`beltid.params.Belt`.
     momentum : float
-        Momentum that a belt running through its shape carries past a point per second, ``m v0**2``
-        [N]; 0 where the belt stays.
+        Momentum flux of a running belt, ``m v0**2`` [N]; 0 for a belt that does not run.
     """
 
     h: Array
@@ -79,7 +78,7 @@ class BeltArrays(NamedTuple):
 
 
 def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays:
-    """Tabulate shape functions, weights and masses of a belt on given nodes (n_e + 1,) [m]."""
+    """Tabulate shape functions, weights and masses of a belt on the ``nodes`` (n_e + 1,) [m]."""
     h = nodes[1:] - nodes[:-1]
     powers, at_middles = length_powers(h), _at_middles(points_per_element)
     return BeltArrays(
@@ -109,7 +108,7 @@ def add_internal(
     residual: Array,
     residual_stretch: Array,
 ) -> None:
-    """Add the internal forces of the belt, their tangent, and their derivative in the stretch.
+    """Add the belt's internal forces, their tangent and their derivative in the stretch.
 
     Parameters
     ----------
@@ -120,7 +119,7 @@ def add_internal(
     stretch : float
         Stress-free length over reference length [-].
     strain_old : ndarray, shape (n_e, n_g, 2)
-        Axial strain and curvature at the last step, for the rates of Eq. (9).
+        Axial strain and curvature at the last step, for the strain rates of Eq. (9).
     rate : float
         1/dt [1/s]; 0 in statics.
     A : ndarray, shape (n, WIDTH)
@@ -128,8 +127,8 @@ def add_internal(
     residual, residual_stretch : ndarray, shape (n,)
         Forces [N] and their derivative with respect to the stretch (added to).
     """
-    tau = belt.damping_time * rate  # the unit of time is the step
-    # in a step strain and strain rate grow together: the tangent is the law of a unit of both
+    tau = belt.damping_time * rate  # time in units of the step
+    # strain and strain increment grow together in a step: evaluate the law at 1 for both
     EA = section_force(belt.EA, 1.0, 1.0, tau) - belt.momentum
     EI = section_force(belt.EI, 1.0, 1.0, tau)
     for e in range(belt.h.size):

@@ -1,8 +1,8 @@
-"""The path of the belt: support, tangent point, arc, tangent point, support; and the mesh on it.
+"""Build the belt path (support A, span, arc, span, support B) and its mesh.
 
 The pulley's centre is the origin. The belt runs over the top from support A (left) to support B
 (right); ``theta`` is the angle from the top, positive towards B. The pulley's surface moves towards
-B, so the tight span is the one at A (trap (d) of the method).
+B, so the span at A is the tight one (trap (d) of the method).
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
 
-WIDEST = 0.15  # wanted angle of an element where the contact begins, at most [rad]
-INSIDE = 0.3  # finest elements this far inside the first contact, over the layer
-# growth of the length of the elements over the distance; in the span where layer = bending length
+WIDEST = 0.15  # largest target angle of an element where the contact begins [rad]
+INSIDE = 0.3  # distance of the finest elements inside the first contact, over the layer
+# growth of the element length over the distance; in the span for layer = bending length
 GROWTH_IN_SPAN = 1.3
 GROWTH_ON_ARC = 0.2
-LONGEST = 1.5  # on the arc, over the layer
-ELEMENT = 0.6  # length of the default elements over the wanted one
+LONGEST = 1.5  # element length on the arc over the layer, at most
+ELEMENT = 0.6  # length of the default elements over the target length
 FEWEST_ELEMENTS = 10
 MOST_ELEMENTS = 1000
 
@@ -64,21 +64,21 @@ class Path:
         return self.span + self.R * self.beta
 
     def coordinates(self, s: Array) -> Array:
-        """Points of the path [m] and its unit tangents towards B, shape (n, 4)."""
+        """Return points of the path [m] and unit tangents towards B, shape (n, 4)."""
         rows: Array = path_coordinates(self.R, self.span, self.beta, np.asarray(s, dtype=float))
         return rows.reshape(-1, 4)
 
     def position(self, s: Array) -> Array:
-        """Points of the path, shape (n, 2) [m]."""
+        """Return points of the path, shape (n, 2) [m]."""
         return self.coordinates(s)[:, :2]
 
     def tangent(self, s: Array) -> Array:
-        """Unit tangents towards B, shape (n, 2)."""
+        """Return unit tangents towards B, shape (n, 2)."""
         return self.coordinates(s)[:, 2:]
 
 
 def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
-    """Positions and tangents of the path at nodes (n,) [m], as coordinates of the belt (4 n,)."""
+    """Return the belt coordinates (4 n,), position and tangent, on the path at nodes (n,) [m]."""
     half = 0.5 * beta
     from_top = nodes - (span + R * half)
     theta = np.minimum(np.maximum(from_top / R, -half), half)
@@ -89,34 +89,35 @@ def path_coordinates(R: float, span: float, beta: float, nodes: Array) -> Array:
 
 
 def bending_length(EI: float, T: float) -> float:
-    """Length sqrt(EI/T) over which a tightened span straightens [m]."""
+    """Return the length sqrt(EI/T) over which a tightened span straightens [m]."""
     return math.sqrt(EI / T)
 
 
 def bed_length(EI: float, k: float) -> float:
-    """Length (4 EI/k)**(1/4) over which a force peak spreads on the elastic bed [m]."""
+    """Return the length (4 EI/k)**(1/4) over which a force peak spreads on the bed [m]."""
     return (4.0 * EI / k) ** 0.25
 
 
 def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
-    """Share of ln(T_tight/T_slack) that a dead weight loses if it swings freely, first order [-].
+    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
 
-    The belt stands off the line of the span by EI/(2 R W). A guided end pulls it back, by the angle
-    EI/(2 R W L) that adds to the contact arc; the force of a weight that swings stays in its line.
+    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
+    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
+    stays in line with the belt.
     """
     return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
 
 
 @dataclass(frozen=True, slots=True)
 class Touchdown:
-    """Where a tightened belt touches down on the pulley, without friction.
+    """First contact of a tightened belt with the pulley, without friction.
 
     Parameters
     ----------
     offset : float
         Path coordinate of the first contact, from the tangent point towards the arc [m].
     layer : float
-        Length over which the pressure grows from zero to that of the arc [m].
+        Length over which the pressure grows from zero to its value on the arc [m].
     """
 
     offset: float
@@ -124,7 +125,7 @@ class Touchdown:
 
 
 def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
-    """Closed form of the lay-on near a tangent point: beam on an elastic bed under tension.
+    """Compute the touchdown near a tangent point in closed form: tensioned beam on an elastic bed.
 
     The gap to the pulley obeys ``EI u_xxxx - T u_xx + k (u + delta_0) = 0`` in contact, with the
     penetration ``delta_0`` of the pressure T/R and the stiffness k there; in the span the curvature
@@ -142,7 +143,7 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
     delta = 2.0 * f / (k1 + float(stiffness_under(np.asarray(f), k1, k2)))
     k = elastic_stiffness(delta, k1, k2)
     bend = bending_length(EI, T)
-    # exp(-p x) and exp(-q x) on the bed, real or not: p q and p + q are real in any case
+    # exp(-p x) and exp(-q x) on the bed: p and q may be complex, p q and p + q are real
     pq = 2.0 / bed_length(EI, k) ** 2
     p_q = math.sqrt(T / EI + 2.0 * pq)
     # where u = 0: u_xx + (p + q) u_x + p q delta_0 = 0 on the bed, and its derivative;
@@ -152,7 +153,7 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
     slope = -(curvature + delta * pq) / p_q
     kappa = 1.0 / R - curvature
     offset = R * (slope + kappa * bend)
-    for _ in range(3):  # the force passes through the support, at an angle to the tangent
+    for _ in range(3):  # the span force passes through the support, at an angle to the tangent
         angle = (offset * offset / (2.0 * R) - kappa * bend * bend) / (rig.span + offset)
         offset = R * (slope + kappa * bend + angle)
     slow = T * T - 4.0 * EI * k
@@ -161,20 +162,20 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T_0: float) -> Touchdown:
 
 
 def element_count(belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float) -> int:
-    """Default number of elements: that of the wanted lengths over ``ELEMENT``; even."""
+    """Return the default number of elements, even: that of the target lengths over ``ELEMENT``."""
     half = 0.5 * Path(rig.R, rig.span, beta).length
     return _count(_elements_before(*wanted_lengths(belt, rig, law, half, T_0))[-1])
 
 
-def _count(of_half: float) -> int:
-    wanted = 2 * math.ceil(of_half / ELEMENT)
-    return min(max(wanted, FEWEST_ELEMENTS), MOST_ELEMENTS)
+def _count(elements_in_half: float) -> int:
+    target = 2 * math.ceil(elements_in_half / ELEMENT)
+    return min(max(target, FEWEST_ELEMENTS), MOST_ELEMENTS)
 
 
 def graded_nodes(
     belt: Belt, rig: Rig, law: NormalLaw, point: OperatingPoint, n: int | None = None
 ) -> tuple[Array, float]:
-    """Nodes of a mesh graded from the lengths of the contact's ends, see :func:`wanted_lengths`.
+    """Build the nodes of a mesh graded towards the contact ends, see :func:`wanted_lengths`.
 
     Parameters
     ----------
@@ -188,9 +189,9 @@ def graded_nodes(
     Returns
     -------
     nodes : ndarray, shape (n + 1,)
-        Path coordinates of the nodes [m]. Both halves are alike.
+        Path coordinates of the nodes [m], symmetric about the middle.
     fineness : float
-        Number of elements over the default one.
+        Number of elements over the default number.
     """
     half = 0.5 * Path(rig.R, rig.span, point.beta).length
     at, lengths = wanted_lengths(belt, rig, law, half, point.T_0)
@@ -203,13 +204,13 @@ def graded_nodes(
 def wanted_lengths(
     belt: Belt, rig: Rig, law: NormalLaw, half: float, T_0: float
 ) -> tuple[list[float], list[float]]:
-    """Lengths of the elements in proportion, linear between points of half the path.
+    """Return relative target lengths of the elements, linear between points of half the path.
 
-    Where the contact ends, the fourth derivative of the deflection, on which the error of cubic
-    elements depends, jumps; it decays over the layer of :func:`touchdown` on the pulley's side and
-    over the bending length in the span. So the elements are as long as the layer there, grow
-    in both directions, and on the arc no further than ``LONGEST``; around a small pulley they are
-    shorter, as their angle counts. A clamp bends the belt, too.
+    At the end of the contact, the fourth derivative of the deflection, which determines the error
+    of cubic elements, jumps; it decays over the layer of :func:`touchdown` on the pulley's side and
+    over the bending length in the span. So the elements there are as long as the layer and grow in
+    both directions, on the arc up to ``LONGEST``. They are shorter on a small pulley, where their
+    angle is the limit, and at a clamp, which also bends the belt.
 
     Parameters
     ----------
@@ -223,7 +224,7 @@ def wanted_lengths(
     Returns
     -------
     at, lengths : list of float
-        Path coordinates from the support to the middle, and the lengths there [m].
+        Path coordinates from the support to the middle, and target lengths there [m].
     """
     end = touchdown(belt, rig, law, T_0)
     bend = bending_length(belt.EI, T_0)
@@ -245,7 +246,7 @@ def wanted_lengths(
 
 
 def _elements_before(at: list[float], lengths: list[float]) -> list[float]:
-    """Number of elements from the support up to each point, not yet a whole one."""
+    """Return the (fractional) number of elements from the support up to each point."""
     count = [0.0]
     for i in range(1, len(at)):
         ratio = lengths[i] / lengths[i - 1]
@@ -257,7 +258,7 @@ def _elements_before(at: list[float], lengths: list[float]) -> list[float]:
 
 
 def _place(at: list[float], lengths: list[float], before: list[float], n: int) -> Array:
-    """Nodes (n + 1,) of n elements in proportion to the lengths, and their mirror image."""
+    """Place the nodes (n + 1,) of n elements in proportion to ``lengths``, symmetrically."""
     half = [0.0]
     piece = 0
     for k in range(1, n // 2):
@@ -265,9 +266,9 @@ def _place(at: list[float], lengths: list[float], before: list[float], n: int) -
         while piece < len(at) - 2 and count > before[piece + 1]:
             piece += 1
         slope = (lengths[piece + 1] - lengths[piece]) / (at[piece + 1] - at[piece])
-        more = count - before[piece]
+        advance = count - before[piece]
         if abs(slope) > 1e-9:
-            more = math.expm1(slope * more) / slope
-        half.append(at[piece] + lengths[piece] * more)
+            advance = math.expm1(slope * advance) / slope
+        half.append(at[piece] + lengths[piece] * advance)
     mirrored = [2.0 * at[-1] - node for node in reversed(half)]
     return np.array([*half, at[-1], *mirrored])

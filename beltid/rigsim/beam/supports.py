@@ -1,12 +1,12 @@
-"""Supports A and B as constraints of Eq. (10): belt ends that stay in place, or give way.
+"""Constrain the belt ends at supports A and B, Eq. (10): fixed, or movable under a given force.
 
-The constraints hold coordinates (or one combination of two), so ``C_e`` selects rows: the Lagrange
-multipliers, that is the support forces, are the residual of the held rows.
+The constraints fix single coordinates (or one combination of two), so ``C_e`` selects rows. The
+Lagrange multipliers, which are the support forces, are the residual of the fixed rows.
 
-Where a force is given, by a dead weight or a force on the pulley's slide, the ends give way by one
-unknown, their movement ``y`` in fixed directions d, until the weighted sum of the tensions is that
-force. With the tangent K of the held system and its columns K_d of the held coordinates, the step
-is ``dq = dq_held + y z``, ``K z = -K_d``, with y from the change of the given force.
+If a dead weight or a force on the pulley's slide is given, the ends move in fixed directions d by
+one unknown ``y`` until the weighted sum of the tensions equals that force. With the tangent K of
+the fixed system and the columns K_d of its fixed coordinates, the step is
+``dq = dq_held + y z``, ``K z = -K_d``, with y from the change of the given force.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ WEIGHTS: Final = {
     "slack": (0.0, 1.0),
     "hub": (1.0, 1.0),
 }
-"""Weights of the tensions at A and B in the force that is given."""
+"""Weights of the tensions at A and B in the given force."""
 
 
 class SupportArrays(NamedTuple):
-    """How the ends are held: positions always; directions too if ``clamped``.
+    """Support conditions: positions are always fixed, directions only if ``clamped``.
 
-    ``directions`` (2, 2) are the unit tangents of the path at A and B. If the ends ``give_way``,
-    the sum of the tensions at A and B with the ``weights`` (2,) is given, and A and B move by the
-    rows of ``moves`` (2, 2), unit vectors that tighten the belt, or zero.
+    ``directions`` (2, 2) are the unit tangents of the path at A and B. If ``give_way``, the sum of
+    the tensions at A and B with the ``weights`` (2,) is given, and A and B move along the rows of
+    ``moves`` (2, 2): unit vectors that tighten the belt, or zero.
     """
 
     clamped: bool
@@ -48,10 +48,10 @@ class SupportArrays(NamedTuple):
 
 
 class Reactions(NamedTuple):
-    """Rows of the held positions: A (0, 1) and B (2, 3).
+    """Equations of the fixed positions: A (0, 1) and B (2, 3).
 
-    ``force`` (4,) are the forces of the belt on the supports with reversed sign [N]; ``rows``
-    (4, WIDTH) and ``stretch`` (4,) their derivatives.
+    ``force`` (4,) are the forces of the supports on the belt [N]; ``rows`` (4, WIDTH) are their
+    derivatives in the coordinates, ``stretch`` (4,) those in the stretch.
     """
 
     force: Array
@@ -60,7 +60,7 @@ class Reactions(NamedTuple):
 
 
 def support_arrays(rig: Rig, beta: float) -> SupportArrays:
-    """Supports of a rig with the contact arc ``beta`` [rad], for compiled code."""
+    """Build the supports of a rig with the contact arc ``beta`` [rad] for compiled code."""
     along, down = math.cos(0.5 * beta), math.sin(0.5 * beta)
     directions = np.array([[along, down], [along, -down]])
     moves = np.zeros((2, 2))
@@ -69,7 +69,7 @@ def support_arrays(rig: Rig, beta: float) -> SupportArrays:
     elif rig.given_force == "slack":
         moves[1] = directions[1]
     elif rig.given_force == "hub":
-        moves[:, 1] = -1.0  # as the pulley, which stays the origin, sees it
+        moves[:, 1] = -1.0  # relative to the pulley, which stays at the origin
     return SupportArrays(
         clamped=rig.supports == "clamped",
         directions=directions,
@@ -80,19 +80,19 @@ def support_arrays(rig: Rig, beta: float) -> SupportArrays:
 
 
 def new_reactions() -> Reactions:
-    """Room for the reactions of one rig."""
+    """Allocate the reactions of one rig."""
     return Reactions(np.zeros(4), np.zeros((4, WIDTH)), np.zeros(4))
 
 
 @leaf
 def held_row(i: int, n: int) -> int:
-    """Coordinate that reaction ``i`` of 0..3 belongs to, for ``n`` coordinates."""
+    """Return the index of the coordinate fixed by reaction ``i`` of 0..3, of ``n`` coordinates."""
     return i if i < 2 else n - 6 + i
 
 
 @leaf
 def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> None:
-    """Turn coordinates (first, first + 1) of matrix and vectors (m, n) to (along, across)."""
+    """Rotate coordinates (first, first + 1) of matrix and vectors (m, n) to (along, across)."""
     n = A.shape[0]
     a, b = first, first + 1
     for i in range(max(0, b - HALF), min(n, a + HALF + 1)):
@@ -110,7 +110,7 @@ def _turn(A: Array, vectors: Array, first: int, cosine: float, sine: float) -> N
 
 @leaf
 def _fix(A: Array, vectors: Array, row: int) -> None:
-    """Replace one equation by "this coordinate does not move"."""
+    """Replace one equation by a zero change of its coordinate."""
     for j in range(max(0, row - HALF), min(A.shape[0], row + HALF + 1)):
         A[j, HALF + row - j] = 0.0
     for j in range(WIDTH):
@@ -122,12 +122,12 @@ def _fix(A: Array, vectors: Array, row: int) -> None:
 
 @leaf
 def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions) -> None:
-    """Apply the constraints to tangent and right-hand sides, and keep the held rows.
+    """Apply the constraints to tangent and right-hand sides, and save the fixed rows.
 
     Parameters
     ----------
     supports : SupportArrays
-        How the ends are held.
+        Support conditions.
     A : ndarray, shape (n, WIDTH)
         Banded tangent.
     vectors : ndarray, shape (2, n)
@@ -155,7 +155,7 @@ def hold(supports: SupportArrays, A: Array, vectors: Array, reactions: Reactions
 
 @shared_leaf
 def restrain(supports: SupportArrays, vector: Array) -> None:
-    """Turn further right-hand sides (n,) like those of :func:`hold`; held rows become zero."""
+    """Constrain one more right-hand side (n,) as :func:`hold` does; fixed rows become zero."""
     n = vector.size
     if supports.clamped:
         for end in range(2):
@@ -169,7 +169,7 @@ def restrain(supports: SupportArrays, vector: Array) -> None:
 
 @shared_leaf
 def release(supports: SupportArrays, step: Array) -> None:
-    """Turn the solution (n,) of the held system back to nodal coordinates."""
+    """Rotate the solution (n,) of the constrained system back to nodal coordinates."""
     if supports.clamped:
         n = step.size
         for end in range(2):
@@ -181,7 +181,7 @@ def release(supports: SupportArrays, step: Array) -> None:
 
 @leaf
 def force_change(reactions: Reactions, i: int, step: Array) -> float:
-    """Change of reaction ``i`` with the held system's solution ``step`` (n,) [N]."""
+    """Return the change of reaction ``i`` [N] for the solution ``step`` (n,)."""
     n = step.size
     row = held_row(i, n)
     total = 0.0
@@ -192,7 +192,7 @@ def force_change(reactions: Reactions, i: int, step: Array) -> float:
 
 @leaf
 def tension_change(reactions: Reactions, end: int, step: Array) -> float:
-    """Change of the tension at an end, 0 (A) or 1 (B), with the held system's ``step`` (n,) [N]."""
+    """Return the change of the tension at an end, 0 (A) or 1 (B), for the ``step`` (n,) [N]."""
     x, y = reactions.force[2 * end], reactions.force[2 * end + 1]
     by_x, by_y = force_change(reactions, 2 * end, step), force_change(reactions, 2 * end + 1, step)
     return (x * by_x + y * by_y) / math.hypot(x, y)
@@ -200,7 +200,7 @@ def tension_change(reactions: Reactions, end: int, step: Array) -> float:
 
 @leaf
 def missing_force(supports: SupportArrays, reactions: Reactions, T_0: float) -> float:
-    """Given force, that of the tension ``T_0`` in both spans, less the present one [N]."""
+    """Return the given force (tension ``T_0`` in both spans) minus the present force [N]."""
     missing = 0.0
     for end in range(2):
         T = math.hypot(reactions.force[2 * end], reactions.force[2 * end + 1])
@@ -216,9 +216,9 @@ def unit_movement(
     pivots: NDArray[np.int64],
     movement: Array,
 ) -> None:
-    """Solution ``movement`` (n,) of the held, factorised system for ends that move by 1 m.
+    """Solve the constrained, factorised system for ends that move by 1 m: ``movement`` (n,).
 
-    No contact reaches the ends, so that the columns of the held coordinates are their rows.
+    No contact reaches the ends, so the columns of the fixed coordinates equal their rows.
     """
     n = movement.size
     for j in range(n):
@@ -240,7 +240,7 @@ def unit_movement(
 def give_way(
     supports: SupportArrays, reactions: Reactions, movement: Array, change: float, step: Array
 ) -> None:
-    """Let the ends move in ``step`` (n,) until the given force changes by ``change`` [N]."""
+    """Add end movement to ``step`` (n,) until the given force changes by ``change`` [N]."""
     by_step = by_movement = 0.0
     for end in range(2):
         by_step += supports.weights[end] * tension_change(reactions, end, step)

@@ -1,9 +1,9 @@
-"""Contact forces assembled: friction by status, residual and tangent.
+"""Assemble the contact forces: friction by status, residual and tangent.
 
-The tangential force of a point follows from the status of its patch: a sliding point carries
-``sign mu(f_N, v) F_N``, looked up at its own line force and sliding speed; a sticking patch one
-force, spread over its points. The tangent is exact but for the spread, which is that of the last
-step.
+The status of a patch determines the tangential force of its points: a sliding point carries
+``sign mu(f_N, v) F_N``, looked up at its own line force and sliding speed; a sticking patch carries
+one force, spread over its points. The tangent is exact except for the spread, which is taken from
+the last step.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ def sliding_friction(
     points: Points,
     stretch: float,
 ) -> int:
-    """Friction limits of all points: mu(f_N, v) f_N integrated over what touches of each part.
+    """Compute the friction limits of all points: mu(f_N, v) f_N over the touching part of each.
 
-    The line force varies over a part, strongly where the contact ends, and mu with it: two Gauss
-    points. Reads the normal forces and their derivatives; writes ``F_max``, ``slip`` and the
-    look-ups, and the derivatives of the limit in delta [N/m], sigma [N] and slip [N/m] into
-    the frames. Friction with a memory takes the speed that it has followed so far. Returns the
-    number of points with a look-up outside the measured range.
+    The line force, and mu with it, varies over a part, strongly at the end of the contact, so two
+    Gauss points integrate it. Reads the normal forces and their derivatives; writes ``F_max``,
+    ``slip``, the look-ups and, into the frames, the derivatives of the limit in delta [N/m], sigma
+    [N] and slip [N/m]. Friction with memory uses the filtered speed. Returns the number of points
+    with a look-up outside the measured range.
     """
     R, k1, k2, rate = pulley.R, pulley.k_linear, pulley.k_quadratic, motion.rate
     surface, last = pulley.surface, points.last
@@ -108,7 +108,7 @@ def sliding_friction(
                 T_d += w * (part.share_d * mu * f + share * slope * delta_d)
                 T_s += w * (part.share_s * mu * f + share * slope * delta_s)
             outside += 0 if within else 1
-            # the dissipative part of the normal force rubs with the mean coefficient
+            # the dissipative part of the normal force uses the mean coefficient
             inverse = 1.0 / elastic
             mean, more = limit * inverse, points.F_N[e, c] * inverse
             points.F_look[e, c, 0] *= more
@@ -133,14 +133,14 @@ def add_contact(
     A: Array,
     vectors: Array,
 ) -> int:
-    """Add the contact forces and their tangent; returns the look-ups outside the measured range.
+    """Add the contact forces and their tangent; return the look-ups outside the measured range.
 
     The rows of ``vectors`` (2 or more, n) are the residual and its derivatives in the stretch and,
-    of a running belt, in the speed of the pulley and in what :func:`shear` adds.
+    for a running belt, in the speed of the pulley and in the unknowns of :func:`shear`.
 
-    Normal forces are those of Eq. (1) on the stress-free length of the part; the dissipation acts
-    only while approaching. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking patch its
-    multiplier plus ``augmentation * slip``, which vanishes as the iteration converges.
+    Normal forces follow Eq. (1) on the stress-free length of the part; dissipation acts only on
+    approach. A sliding point carries ``sign mu(f_N, v) F_N``, a sticking patch its multiplier plus
+    ``augmentation * slip``, which vanishes as the iteration converges.
     """
     outside = 0
     for e in range(belt.h.size):
@@ -158,10 +158,10 @@ def add_contact(
 
 
 class Turn(NamedTuple):
-    """Direction of the friction on a patch within which the sliding may change it.
+    """Mean friction direction on a patch within which sliding may reverse.
 
-    ``sign`` is its mean over the patch [-], ``by_in`` and ``by_out`` the derivatives in the slips
-    at both ends [s/m]; these are 0 where the direction does not change.
+    ``sign`` is the mean over the patch [-]; ``by_in`` and ``by_out`` are its derivatives in the
+    slips at both ends [s/m], 0 if the direction does not change.
     """
 
     sign: float
@@ -171,11 +171,11 @@ class Turn(NamedTuple):
 
 @leaf
 def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) -> Turn:
-    """Mean direction of the sliding over a patch that is entered with ``sign``, (R6).
+    """Compute the mean sliding direction over a patch whose upstream direction is ``sign``, (R6).
 
-    Friction in the direction of the slip slows its fall, friction against it speeds it up. So the
-    slip is linear on either side of its zero, with slopes that differ by twice ``fall`` over the
-    length of the patch.
+    The slip decreases along the patch; friction in its direction slows the decrease, friction
+    against it speeds it up. So the slip is linear on either side of its zero, with slopes that
+    differ by twice ``fall`` over the length of the patch.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) ->
     sign : float
         Direction at the upstream end.
     fall : float
-        Change of the slip along the patch by all of its friction [m/s].
+        Change of the slip along the patch due to its full friction limit [m/s].
     """
     a, b = sign * slip_in / fall, max(-sign * slip_out / fall, 0.0)
     ahead = max(a, 0.0)
@@ -192,7 +192,7 @@ def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) ->
     root = math.sqrt(y * y + 4.0 * (1.0 + ahead - b))
     mean = 0.5 * (root - y)
     by_in, by_out = 0.5 * ((y + 2.0) / root - 1.0), 0.5 * (1.0 - (y - 2.0) / root)
-    if a < 0.0:  # on the way to a solution only
+    if a < 0.0:  # only before the iteration has converged
         mean, by_in = max(mean + a, -1.0), 1.0
     if b == 0.0:
         by_out = 0.0
@@ -201,15 +201,15 @@ def mean_direction(slip_in: float, slip_out: float, sign: float, fall: float) ->
 
 @leaf
 def end_slips(points: Points, e: int) -> None:
-    """Slip at both ends of a patch of a running belt, linear through the two points nearest.
+    """Extrapolate the slip to both ends of a patch of a running belt from the two nearest points.
 
     Parameters
     ----------
     points : Points
-        Contact points; the slips are written into their patches, the derivatives of both by the
-        slips of the points into ``counts``.
+        Contact points; the end slips are written into the patch, their derivatives in the slips of
+        the points into ``counts``.
     e : int
-        The patch, which touches.
+        Index of a touching patch.
     """
     patch, counts = points.patches[e], points.counts
     n_c = counts.shape[1]
@@ -239,9 +239,9 @@ def spread_friction(
     stretch: float,
     A: Array,
 ) -> None:
-    """Tangential forces of all patches by status; adds the tangent that couples their points.
+    """Compute the tangential forces of all patches; add the tangent that couples their points.
 
-    The friction derivatives in the frames of the points become those of the forces.
+    Turns the derivatives of the friction limits in the frames into those of the forces.
     """
     n_c, counts = belt.w_c.shape[1], points.counts
     flows, surface_speed = motion.flow > 0.0, motion.omega * pulley.R
@@ -255,7 +255,7 @@ def spread_friction(
         patch.limit = limit
         if limit == 0.0:
             continue
-        # the spread is that of the last step: as a constant it makes the tangent exact
+        # the spread of the last step is constant in this one, so the tangent is exact
         remembers = limit_last > 0.0
         share = 1.0 / (limit_last if remembers else limit)
         sign, sticks = patch.sign, patch.status == STICK
@@ -350,8 +350,8 @@ def add_points(
             nx, ny, P = frame.n_x, frame.n_y, frame.couple
             g_t = P * frame.kappa + F_T
             g_x, g_y = F_N * nx + g_t * ny, F_N * ny - g_t * nx
-            # a force that only holds a patch in place is too large at first: turn no more than
-            # the limit
+            # the force of a sticking patch is too large in the first iterations: cap it at the
+            # limit
             turning = min(max(F_T, -points.F_max[e, c]), points.F_max[e, c])
             K = point_tangent(frame, F_N, turning, 1.0 / points.rho[e, c])
             for j in range(4):
@@ -381,10 +381,10 @@ def add_points(
 
 
 class PointTangent(NamedTuple):
-    """Minus the derivative of a point's force on (r, r') in (r, r').
+    """Negative derivative of a point's force on (r, r') with respect to (r, r').
 
-    The names tell force, coordinate and their components: ``r_s_xy`` belongs to the force on r_x
-    and the coordinate r'_y. The block of r' and r' is symmetric.
+    The names give force, coordinate and their components: ``r_s_xy`` is for the force on r_x and
+    the coordinate r'_y. The block of r' and r' is symmetric.
     """
 
     r_r_xx: float
@@ -406,7 +406,7 @@ class PointTangent(NamedTuple):
 
 @leaf
 def point_tangent(frame: Any, F_N: float, turning: float, curvature: float) -> PointTangent:
-    """Tangent of a point that touches.
+    """Compute the tangent of a touching point.
 
     Parameters
     ----------
@@ -424,7 +424,7 @@ def point_tangent(frame: Any, F_N: float, turning: float, curvature: float) -> P
     F_d, F_s = frame.K_dd + frame.damp_d, K_ds + frame.damp_s
     tx, ty = ny, -nx
     turn = P * curvature
-    # in the frame (n, t): r n, r t, r' n, r' t
+    # components in the frame (n, t): r n, r t, r' n, r' t
     k_nt = F_s * kappa + (P * kappa + turning) * curvature
     k_tn = K_ds * kappa + turn * kappa + frame.T_d + frame.T_slip * frame.slip_n
     k_tt = (K_ss * kappa + frame.T_s) * kappa - F_N * curvature

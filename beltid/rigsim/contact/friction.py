@@ -1,11 +1,11 @@
-"""Set-valued Coulomb friction of one implicit step, Eqs. (11) and (12), without regularisation.
+"""Solve set-valued Coulomb friction in one implicit step, Eqs. (11), (12), without regularisation.
 
-Every touching patch either sticks (its slip in the step is zero, its force anywhere in the cone) or
-slides (its force on the cone's edge, against its slip). :func:`violations` is the certificate of a
-step: by how much these rules are broken. :func:`revise` is the active-set update that mends them,
-the semismooth Newton method on the friction law (Alart & Curnier 1991). The force of a sticking
-patch is its multiplier ``la_T`` plus ``augmentation * slip``; as the slip goes to zero the
-multiplier carries all of it, so the limit is exact stick, whatever the augmentation, and the
+Every touching patch either sticks (its slip in the step is zero, its force lies in the cone) or
+slides (its force is on the edge of the cone and opposes its slip). :func:`violations` certifies a
+step: it measures by how much these rules are violated. :func:`revise` is the active-set update that
+restores them, the semismooth Newton method on the friction law (Alart & Curnier 1991). The force of
+a sticking patch is its multiplier ``la_T`` plus ``augmentation * slip``. As the slip goes to zero
+the multiplier carries the whole force, so the limit is exact stick for any augmentation, and the
 tangent stays banded.
 """
 
@@ -23,13 +23,13 @@ from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Patches, Points
 
 Array = NDArray[np.float64]
 
-SLIP_TOLERANCE = 1.0e-13  # of a sticking patch in one step [m]
+SLIP_TOLERANCE = 1.0e-13  # slip of a sticking patch in one step [m]
 CONE_TOLERANCE = 1.0e-9  # force beyond the cone over the largest limit of the arc [-]
-BEYOND, BACKWARD = 1, 2  # how a patch breaks the law: force beyond its limit, slip backwards
+BEYOND, BACKWARD = 1, 2  # violations of a patch: force beyond its limit, slip backwards
 
 
 class Certificate(NamedTuple):
-    """How well the friction law holds at all touching patches.
+    """Violations of the friction law at the touching patches.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Certificate(NamedTuple):
     cone : float
         Largest force beyond the cone over the largest limit of the arc [-].
     sticking, touching : float
-        Length of belt in contact that sticks, and in all [m].
+        Length of belt that sticks, and that touches in total [m].
     """
 
     slip: float
@@ -49,7 +49,7 @@ class Certificate(NamedTuple):
 
 @leaf
 def violations(belt: BeltArrays, points: Points) -> Certificate:
-    """Certificate of the contact state of :func:`beltid.rigsim.contact.points.add_contact`."""
+    """Certify the contact state of :func:`beltid.rigsim.contact.forces.add_contact`."""
     patches = points.patches
     slip = cone = limit = sticking = touching = 0.0
     for e in range(patches.size):
@@ -75,15 +75,15 @@ def violations(belt: BeltArrays, points: Points) -> Certificate:
 def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> int:
     """Update multipliers and statuses with the solution ``step`` (n,) of the linearised system.
 
-    Patches that break the law change sides, and with them what a slip front would sweep by Newton's
-    rule for its place (:func:`let_go`, :func:`catch`). That can go in circles; with
-    ``most_changes`` = 1 only the first patch that breaks the law changes (Murty's least-index rule,
-    which ends for every right-hand side if the compliance of the patches is a P-matrix).
+    Patches that violate the law change status, together with those that a slip front sweeps in a
+    Newton step for its position (:func:`let_go`, :func:`catch`). This can cycle; with
+    ``most_changes`` = 1 only the first violating patch changes (Murty's least-index rule, which
+    terminates for every right-hand side if the compliance of the patches is a P-matrix).
 
     Returns
     -------
     int
-        Patches that changed between stick and slide.
+        Number of patches that changed between stick and slide.
     """
     n_e = patches.size
     found = 0
@@ -91,8 +91,8 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
         patch = patches[e]
         patch.broken = 0
         if patch.limit <= 0.0:
-            # a patch that closes is dragged by the pulley until it is seen to stick: held at once
-            # with a slip that is not yet small, it would be torn off again
+            # a closing patch starts by sliding with the pulley: if it stuck at once, while its
+            # slip is not yet small, it would break loose again
             patch.status = SLIDE if motion.omega > 0.0 else STICK
             patch.sign = 1.0
             patch.la_T = 0.0
@@ -129,7 +129,7 @@ def revise(motion: Motion, patches: Patches, step: Array, most_changes: int) -> 
 
 @leaf
 def sticks(patches: Patches, e: int) -> bool:
-    """Whether there is a patch ``e``, it touches and sticks."""
+    """Return whether patch ``e`` exists, touches and sticks."""
     return 0 <= e < patches.size and patches[e].limit > 0.0 and patches[e].status == STICK
 
 
@@ -137,11 +137,11 @@ def sticks(patches: Patches, e: int) -> bool:
 def let_go(patches: Patches, begin: int, end: int, ahead: bool) -> int:
     """Make the patches ``begin`` to ``end`` slide and, with ``ahead``, those beyond that follow.
 
-    A front that has to advance shows as a force on the first patches behind it. What these cannot
-    take falls on the next ones, so the front moves on until they have taken all of it. For a
-    rod of length L sliding behind its front with the surplus g of its friction per length, the
-    force is ``g (L_1**2 - L**2)/(2 L)`` if the front belongs at ``L_1``: the patches swept are
-    Newton's step for ``L**2 = L_1**2``, however fine the mesh.
+    If a slip front has to advance, the force on the sticking patches next to it is too large. The
+    excess loads the following patches, so the front advances until they carry all of it. For a rod
+    of length L that slides behind its front with a friction surplus g per length, the excess force
+    is ``g (L_1**2 - L**2)/(2 L)`` for a front that belongs at ``L_1``: sweeping these patches is
+    Newton's step for ``L**2 = L_1**2`` on any mesh.
     """
     left, right = sticks(patches, begin - 1), sticks(patches, end)
     carried = 0.0
@@ -175,11 +175,11 @@ def let_go(patches: Patches, begin: int, end: int, ahead: bool) -> int:
 
 @leaf
 def catch(patches: Patches, begin: int, end: int, half: bool) -> int:
-    """Make the patches ``begin`` to ``end``, that would slip backwards, stick.
+    """Make the patches ``begin`` to ``end``, which would slip backwards, stick.
 
-    Behind a front that is too far ahead by d the slip is a parabola, backwards over 2 d. With
-    ``half`` the half next to the patches that stick is caught, so the front moves back to where it
-    belongs.
+    Behind a front that is a distance d too far ahead, the slip is a parabola, backwards over 2 d.
+    With ``half`` only the half next to the sticking patches sticks, which moves the front back to
+    its correct position.
     """
     left, right = sticks(patches, begin - 1), sticks(patches, end)
     if half and left != right:

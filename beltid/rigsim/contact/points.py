@@ -1,22 +1,22 @@
-"""Contact of belt and pulley: gaps, normal forces by Eq. (1), tangential forces by status.
+"""Compute gaps and normal forces of the contact, Eq. (1), and store the state of its points.
 
-A contact point sits at ``r = N_c q`` and stands for a part of the belt of length ``w``. With
+A contact point lies at ``r = N_c q`` and represents a part of the belt of length ``w``. With
 rho = |r| the penetration is ``delta = -g_N = R - rho``; the normal ``n = r/rho`` points from pulley
 to belt, the tangent ``t`` in the direction in which the pulley's surface moves (towards B).
 
-The contact ends inside such a part. A rule that merely asks whether the point itself touches would
-make the forces jump in slope whenever a point opens, and its error falls slowly with the mesh. So
-the penetration varies linearly over the part, ``delta + sigma x`` with ``sigma = -n.r'`` and
-|x| <= w/2, and the elastic energy of Eq. (3) is integrated exactly over what is in contact. Its
-derivatives are the line force (in delta) and the small couple (in sigma) of the part.
+The contact ends inside such a part. If only the point itself decided whether its part touches, the
+slope of the forces would jump whenever a point opens, and the error would fall slowly with the
+mesh. So the penetration varies linearly over the part, ``delta + sigma x`` with ``sigma = -n.r'``
+and |x| <= w/2, and the elastic energy of Eq. (3) is integrated exactly over the length in contact.
+Its derivatives are the line force (in delta) and the small couple (in sigma) of the part.
 
 The advance of the pulley's surface relative to the belt during a step is
 ``slip = rho (omega dt - (theta - theta_old))``: the polar angle makes stick exact for any step.
 
-The points of one element are a patch: they stick together or slide together. Sliding points carry
-mu at their own force and speed; a sticking patch carries one force, spread like the friction limits
-of its points, and its slip, averaged in the same way, is zero. A stick force for every point would
-be more constraints than the element has tangential freedoms.
+The points of one element form a patch: they stick together or slide together. Sliding points have
+mu at their own force and speed. A sticking patch carries one force, distributed like the friction
+limits of its points; its slip, averaged with the same weights, is zero. One stick force per point
+would give more constraints than the element has tangential degrees of freedom.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ Frames = NDArray[Any]  # records of FRAME, shape (n_e, n_c)
 
 STICK, SLIDE = 1, 2
 SPEED_SCATTER = 0.01
-"""Share by which motors miss a setting from run to run."""
+"""Relative deviation of a motor's speed from its setting between runs [-]."""
 
 
 class ContactArrays(NamedTuple):
-    """Pulley, normal law and friction surface, as compiled code wants them.
+    """Pulley, normal law and friction surface for compiled code.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class ContactArrays(NamedTuple):
     f_range, v_range : tuple of float
         Measured range of the surface, line force [N/m] and sliding speed [m/s].
     surface : SurfaceTables
-        Coefficient of friction over both.
+        Coefficient of friction over line force and sliding speed.
     """
 
     R: float
@@ -80,9 +80,9 @@ class ContactArrays(NamedTuple):
 def contact_arrays(
     R: float, contact: Contact, law: NormalLaw, surface: FrictionSurface
 ) -> ContactArrays:
-    """Pulley of radius ``R`` [m] with the identified laws, ready for compiled code."""
+    """Build the pulley of radius ``R`` [m] with the identified laws for compiled code."""
     measured = surface.validity
-    # float(): an int would make the kernels be compiled once more for another signature
+    # float(): an int would be another signature, and the kernels would be compiled again
     return ContactArrays(
         R=float(R),
         k_linear=float(law.k_linear_N_m2),
@@ -95,7 +95,7 @@ def contact_arrays(
 
 
 def with_surface(pulley: ContactArrays, surface: FrictionSurface) -> ContactArrays:
-    """The same pulley with another friction surface."""
+    """Return the pulley with another friction surface."""
     measured = surface.validity
     return pulley._replace(
         f_range=measured["normal_force_N_m"],
@@ -105,31 +105,30 @@ def with_surface(pulley: ContactArrays, surface: FrictionSurface) -> ContactArra
 
 
 def _speeds_covered(measured: tuple[float, float]) -> tuple[float, float]:
-    """Sliding speeds that do not count as outside [m/s]: a node is the mean of runs that scatter.
+    """Widen the measured range of sliding speeds [m/s] by the scatter between runs.
 
-    The slowest and the fastest runs would lie outside by that scatter alone.
+    A node is the mean of several runs, so the slowest and fastest of them would count as outside.
     """
     low, high = measured
     return low * (1.0 - SPEED_SCATTER), high * (1.0 + SPEED_SCATTER)
 
 
 class Motion(NamedTuple):
-    """What the pulley does in the step at hand.
+    """Motion of the pulley in the current step.
 
     Attributes
     ----------
     omega : float
         Speed of the pulley [rad/s].
     rate : float
-        1/dt [1/s]; 0 in statics, where the belt rests and slips with omega R.
+        1/dt [1/s]; 0 in statics, where the belt rests and the slip is omega R.
     friction : float
         Factor on the coefficient of friction: 0 for a frictionless lay-on, else 1.
     augmentation : float
-        Stiffness that holds a sticking patch to its multiplier [N/m], or its damping [N s/m] where
-        the belt runs.
+        Penalty stiffness of a sticking patch [N/m]; for a running belt a damping [N s/m].
     flow : float
-        Stress-free length of belt that passes a point per second [m/s]; 0 where the belt stays. A
-        belt that runs through its shape has a speed of sliding, [m/s], wherever "slip" stands here.
+        Stress-free length of belt that passes a point per second [m/s]; 0 for a belt that does not
+        run. For a running belt, "slip" in this module is a sliding speed [m/s].
     """
 
     omega: float
@@ -161,17 +160,17 @@ PATCH = np.dtype(
         ],
     )
 )
-"""The points of one element as one contact.
+"""Patch: the points of one element as one contact.
 
-``status`` is ``STICK`` or ``SLIDE``; with ``sign``, the direction of sliding (1 along t or -1), it
-decides what acts. ``la_T`` is the multiplier of a sticking patch [N]; ``..._before`` is what the
-step began with. ``ratio`` is the limit of friction over the sliding one [-].
+``status`` (``STICK`` or ``SLIDE``) and ``sign``, the direction of sliding (1 along t or -1),
+determine the friction. ``la_T`` is the multiplier of a sticking patch [N]; ``..._before`` are the
+values at the start of the step. ``ratio`` is the limit of friction over that of sliding [-].
 
 Output: ``slip`` of the step [m]; tangential ``force`` and its ``limit`` [N]; ``pull``, the
-direction W_T in the coordinates of the element, and ``carry``, by how much the slip falls with
-them, which are the same in a step. ``turning`` are sliding patches of a running belt within which
-the slip may change its direction, ``slip_out`` is the slip at its downstream end. ``broken`` tells
-how a patch breaks the law of friction, while the statuses are revised.
+direction W_T in the coordinates of the element; ``carry``, the decrease of the slip with these
+coordinates (``pull`` and ``carry`` are equal in a time step). ``turning`` marks sliding patches of
+a running belt within which the slip may reverse; ``slip_out`` is the slip at the downstream end.
+``broken`` is the kind of violation of the friction law, set while the statuses are revised.
 """
 
 BEFORE = np.dtype(
@@ -180,10 +179,10 @@ BEFORE = np.dtype(
         [("theta", np.float64), ("rho", np.float64), ("limit", np.float64), ("v", np.float64)],
     )
 )
-"""What a point remembers of the last time step.
+"""State of a point at the last time step.
 
-Its angle from the top [rad] and its radius [m], its limit of friction [N], and the sliding speed
-that friction has followed so far [m/s].
+Angle from the top [rad], radius [m], friction limit [N], and the filtered sliding speed of friction
+with memory [m/s].
 """
 
 Patches: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
@@ -191,7 +190,7 @@ Before: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
 MOST_ZONES = 6
-"""Zones whose tangent is exact; what further ones add is right, but not their tangent."""
+"""Number of zones with an exact tangent; the forces of further zones are exact, too."""
 SLIDES = -1
 
 ZONE = np.dtype(
@@ -205,40 +204,39 @@ ZONE = np.dtype(
         ],
     )
 )
-"""Where a zone begins in which sheared ribs stick.
+"""Start of a zone in which sheared ribs stick.
 
-The ``element`` of the point before the zone, on which its ``a_z`` depends, and the derivatives of
-``a_z`` by the coordinates of that element [-], by the stretch [m] and by the speed of the pulley
-[m s].
+``element`` is that of the point before the zone, on which ``a_z`` depends; the other fields are the
+derivatives of ``a_z`` with respect to the coordinates of that element [-], the stretch [m] and the
+speed of the pulley [m s].
 """
 
 Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
 def fields_of(records: np.recarray[Any, np.dtype[Any]]) -> SimpleNamespace:
-    """Fields of records, as arrays that share their memory.
+    """Return the fields of records as arrays that share their memory.
 
-    A record array makes a field anew whenever it is asked for, which takes longer than what is done
-    with the field.
+    A record array rebuilds a field on every access, which takes longer than using it.
     """
     plain = records.view(np.ndarray)
     return SimpleNamespace(**{name: plain[name] for name in records.dtype.names or ()})
 
 
 class Ribs(NamedTuple):
-    """Ribs of a belt that runs, and where they stick, see :mod:`beltid.rigsim.contact.ribs`.
+    """Ribs of a running belt and the zones in which they stick, :mod:`beltid.rigsim.contact.ribs`.
 
     Attributes
     ----------
     stiffness : float
-        Tangential force per stress-free length and displacement [N/m²]; infinite where the ribs do
-        not shear: then there are no zones, but patches.
+        Tangential force per stress-free length and displacement [N/m²]; infinite for ribs that do
+        not shear, which stick by patches instead of zones.
     zone : ndarray of int, shape (n_e, n_c)
-        Zone of every contact point that sticks, from the entry on; ``SLIDES`` of all others.
+        Zone of every sticking contact point, counted from the entry; ``SLIDES`` for all others.
     zones : records of ZONE, shape (MOST_ZONES,)
-        Where they begin.
+        Starts of the zones.
     number : ndarray of int, shape (1,)
-        How many of them there are.
+        Number of zones.
     """
 
     stiffness: float
@@ -248,7 +246,7 @@ class Ribs(NamedTuple):
 
 
 def new_ribs(n_e: int, n_c: int, stiffness: float) -> Ribs:
-    """Ribs with a shear stiffness [N/m²], nowhere in contact."""
+    """Allocate ribs with a shear stiffness [N/m²], nowhere in contact."""
     return Ribs(
         stiffness=float(stiffness),
         zone=np.full((n_e, n_c), SLIDES),
@@ -258,7 +256,7 @@ def new_ribs(n_e: int, n_c: int, stiffness: float) -> Ribs:
 
 
 RIGID = new_ribs(0, 0, math.inf)
-"""Ribs that do not shear: what they would have to remember is never written."""
+"""Ribs that do not shear; their arrays are empty."""
 
 
 class Points(NamedTuple):
@@ -267,13 +265,13 @@ class Points(NamedTuple):
     Attributes
     ----------
     patches : records of PATCH, shape (n_e,)
-        The contacts that stick or slide.
+        Elements that stick or slide as a whole.
     last : records of BEFORE
-        The last time step.
+        State at the last time step.
     memory : ndarray, shape (1,)
-        Slip over which friction follows a change of speed [m]; 0 for at once.
+        Slip over which friction follows a change of speed [m]; 0 for immediately.
     theta, rho : ndarray
-        Polar coordinates of the points that touch, angle from the top [rad] and radius [m].
+        Polar coordinates of the touching points, angle from the top [rad] and radius [m].
     f_N : ndarray
         Elastic line force of the part [N/m].
     F_N, F_T, F_max : ndarray
@@ -281,13 +279,13 @@ class Points(NamedTuple):
     slip : ndarray
         Slip of the step [m].
     f_look, F_look : ndarray, shape (n_e, n_c, 2)
-        Line forces at which mu is looked up [N/m], and the normal forces they stand for [N].
+        Line forces at which mu is looked up [N/m], and the normal forces they represent [N].
     frames : ndarray of FRAME
-        What describes a point that touches while it is assembled.
+        Normals and derivatives of the touching points, used in assembly.
     counts : ndarray, shape (2, n_c)
-        Room for the derivatives of a patch's slips by those of its points [-].
+        Derivatives of a patch's slips in the slips of its points [-].
     ribs : Ribs
-        Ribs that shear.
+        Ribs of a running belt.
     """
 
     patches: Patches
@@ -308,7 +306,7 @@ class Points(NamedTuple):
 
 
 def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf) -> Points:
-    """Contact points at rest, all patches with the given status, no forces.
+    """Allocate contact points at rest, without forces, all patches with the given status.
 
     Ribs with a finite shear stiffness [N/m²] stick by zones, not by patches.
     """
@@ -337,18 +335,18 @@ def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf)
 
 @leaf
 def at_radius(slip: float, rho: float, R: float) -> float:
-    """Slip [m], or slip rate [m/s], at rho as it is at the radius R, where mu is looked up."""
+    """Convert a slip [m] or slip rate [m/s] from radius rho to R, where mu is looked up."""
     return slip * R / rho
 
 
 @leaf
 def in_range(limits: tuple[float, float], value: float) -> bool:
-    """Whether a value lies in the measured range, give or take the rounding of a step."""
+    """Return whether a value lies in the measured range, with a margin for rounding."""
     return limits[0] * (1.0 - 1e-9) <= value <= limits[1] * (1.0 + 1e-9)
 
 
 class PartEnergy(NamedTuple):
-    """Derivatives of the mean elastic energy of a part, per length.
+    """Derivatives of the mean elastic energy of a part per length.
 
     Attributes
     ----------
@@ -367,7 +365,7 @@ class PartEnergy(NamedTuple):
 
 @leaf
 def part_energy(delta: float, sigma: float, a: float, k1: float, k2: float) -> PartEnergy:
-    """Energy of Eq. (3) of a part of the half length ``a`` with the penetration delta + sigma x."""
+    """Differentiate the energy of a part |x| <= ``a`` with penetration delta + sigma x, Eq. (3)."""
     m = abs(sigma) * a
     if delta >= m:
         k = elastic_stiffness(delta, k1, k2)
@@ -389,14 +387,14 @@ def part_energy(delta: float, sigma: float, a: float, k1: float, k2: float) -> P
 
 
 class Touching(NamedTuple):
-    """What of a part touches, and with which penetrations; derivatives in delta and sigma.
+    """Touching share of a part and its penetrations; derivatives in delta and sigma.
 
     Attributes
     ----------
     share, share_d, share_s : float
         Share of the part that touches [-].
     middle, middle_d, middle_s : float
-        Penetration in the middle of what touches [m].
+        Penetration in the middle of the touching length [m].
     half, half_d, half_s : float
         Half the difference of the penetrations at its ends [m].
     """
@@ -414,7 +412,7 @@ class Touching(NamedTuple):
 
 @leaf
 def touching_share(delta: float, sigma: float, a: float) -> Touching:
-    """What touches of a part of the half length ``a`` with the penetration delta + sigma x."""
+    """Compute the touching share of a part |x| <= ``a`` with penetration delta + sigma x."""
     m = abs(sigma) * a
     a_s = math.copysign(a, sigma)
     if delta >= m:
@@ -429,7 +427,7 @@ def touching_share(delta: float, sigma: float, a: float) -> Touching:
 
 @shared_leaf
 def remember(belt: BeltArrays, points: Points, q: Array) -> None:
-    """Keep the polar coordinates of all points, touching or not, for the next step."""
+    """Store the polar coordinates of all points, touching or not, for the next step."""
     for e in range(belt.h.size):
         for c in range(belt.w_c.shape[1]):
             x = y = 0.0
@@ -443,7 +441,7 @@ def remember(belt: BeltArrays, points: Points, q: Array) -> None:
 
 @leaf
 def within_reach(q: Array, e: int, h: float, R: float) -> bool:
-    """Whether an element can touch: a node of it is nearer to the pulley than half its length."""
+    """Return whether an element can touch: a node is within 0.55 lengths of the pulley."""
     d = 4 * e
     from_here = q[d] * q[d] + q[d + 1] * q[d + 1]
     from_there = q[d + 4] * q[d + 4] + q[d + 5] * q[d + 5]
@@ -464,13 +462,13 @@ FRAME = np.dtype(
                 *("K_dd", "K_ds", "K_ss"),  # second derivatives of that energy
                 *("damp_d", "damp_s"),  # dissipation in the derivatives of F_N in delta, sigma
                 *("T_d", "T_s", "T_slip"),  # derivatives of the tangential force, and in the slip
-                *("slip_n", "slip_t", "slip_s"),  # by how much the slip falls with r n, r t, r' t
-                *("T_stretch", "T_omega"),  # of a running belt, beyond the length of the part
+                *("slip_n", "slip_t", "slip_s"),  # decrease of the slip with r n, r t, r' t
+                *("T_stretch", "T_omega"),  # running belt only, besides the length of the part
             )
         ],
     )
 )
-"""What describes a point that touches while it is assembled."""
+"""Normal and derivatives of a touching point, used in assembly."""
 
 
 @leaf
@@ -482,9 +480,9 @@ def press(
     q: Array,
     stretch: float,
 ) -> None:
-    """Normal forces of all points, Eq. (1), and the frames of those that touch.
+    """Compute the normal forces of all points, Eq. (1), and the frames of those that touch.
 
-    The fields of a frame that belong to friction are zero until :func:`sliding_friction`.
+    The friction fields of a frame are set to zero; :func:`sliding_friction` fills them.
     """
     R = pulley.R
     n_c = belt.w_c.shape[1]
@@ -526,7 +524,7 @@ def press(
             F_N = w * energy.force
             g_N_dot = (rho - points.last[e, c].rho) * motion.rate
             if g_N_dot < 0.0:
-                # of a part that touches in part only that share dissipates, else the force jumps
+                # only the touching share of a part dissipates, otherwise the force would jump
                 part, C_P = touching_share(delta, sigma, a), pulley.C_P
                 F_N += dissipative_force(g_N_dot, part.share * C_P)
                 frame.damp_d = C_P * (part.share * motion.rate - part.share_d * g_N_dot)

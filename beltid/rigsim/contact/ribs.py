@@ -1,15 +1,15 @@
-"""Ribs that shear under a belt that runs over a pulley: tangential forces and their tangent.
+"""Shear the ribs of a belt that runs over a pulley: tangential forces and their tangent.
 
-Where the foot of the ribs sticks, the belt moves against it by ``u``, which changes by
-``v0 u' = g`` along the belt, with the slip ``g`` of (R3). As ``g`` is a derivative along the belt,
-``u`` is the difference of two places: that of the pulley's surface and that of the belt,
+Where the foot of the ribs sticks, the belt is displaced from it by ``u``, with ``v0 u' = g`` along
+the belt and the slip ``g`` of (R3). As ``g`` is a derivative along the belt, ``u`` is the
+difference between the positions of the pulley's surface and of the belt,
 
     a(S) = R (W S - theta(S)),    u(S) = a(S) - a_z,
 
-with one number ``a_z`` for each zone in which the foot sticks: its ``a - u`` where the zone begins.
-So the force ``k_s u`` of a point that sticks depends on the coordinates of its own element and on
-``a_z``, which is one more border column of the tangent. Friction cuts the force off, (R7): seen
-with the flow, from point to point, the law needs no search for who sticks.
+with one constant ``a_z`` for each zone in which the foot sticks: ``a - u`` at the start of the
+zone. So the force ``k_s u`` of a sticking point depends on the coordinates of its own element and
+on ``a_z``, which adds one border column to the tangent. Friction limits the force, (R7). Evaluated
+in the direction of the flow, point by point, the law needs no search for the sticking points.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 def certify(belt: BeltArrays, points: Points) -> Certificate:
-    """Certificate of the friction law; a foot that sticks has no slip, whatever the state."""
+    """Certify the friction law; a sticking foot never slips by construction."""
     touches, sticks = points.F_N > 0.0, points.ribs.zone != SLIDES
     limit = float(points.F_max.max())
     beyond = float((np.abs(points.F_T) - points.F_max).max())
@@ -50,11 +50,11 @@ def shear(
     stretch: float,
     vectors: Array,
 ) -> None:
-    """Tangential forces of all contact points, from the entry on, (R7).
+    """Compute the tangential forces of all contact points, starting at the entry, (R7).
 
-    The rows of ``vectors`` behind the first three are the derivatives by ``a_z`` of each zone. A
-    foot carries what the point before it carries and what has been added on the way, but no more
-    than friction. In their frames the derivatives of the friction limit become those of the force.
+    The rows of ``vectors`` after the first three are the derivatives in ``a_z`` of each zone. The
+    force of a foot is that of the previous point plus the increment in between, limited by
+    friction. The derivatives of the friction limit in the frames become those of the force.
     """
     R, flow, ribs = pulley.R, motion.flow, points.ribs
     k = ribs.stiffness
@@ -120,9 +120,9 @@ def _begin_zone(
     e: int,
     c: int,
 ) -> None:
-    """Derivatives of ``a_z = a - u`` at the point before a zone, but for those of W S in ``a``.
+    """Differentiate ``a_z = a - u`` at the point before a zone, except for W S in ``a``.
 
-    There ``k_s u`` is the limit of friction, or nothing where the point does not touch.
+    At that point ``k_s u`` is the friction limit, or zero if the point does not touch.
     """
     x = y = 0.0
     for j in range(4):
@@ -130,10 +130,10 @@ def _begin_zone(
         y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
     rho = math.sqrt(x * x + y * y)
     n_x, n_y = x / rho, y / rho
-    # by r n, r t, r' n and r' t
+    # with respect to r n, r t, r' n and r' t
     r_n, r_t, s_n, s_t = 0.0, -R / rho, 0.0, 0.0
     frame = points.frames[e, c]
-    per = 0.0  # where a point does not touch, its frame is an old one
+    per = 0.0  # the frame of a point that does not touch is out of date
     if points.F_N[e, c] > 0.0:
         per = 1.0 / (points.ribs.stiffness * belt.w_c[e, c] * stretch)
     r_n += per * (frame.T_d + frame.T_slip * frame.slip_n)

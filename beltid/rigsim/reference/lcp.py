@@ -1,12 +1,12 @@
-"""Linear complementarity problems: Lemke's method with lexicographic pivoting.
+"""Solve linear complementarity problems by Lemke's method with lexicographic pivoting.
 
     w = M z + q,   z >= 0,   w >= 0,   z.w = 0
 
 Lemke's method (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, 2009,
 Algorithm 4.4.5) starts from an artificial variable that makes w >= 0 and follows complementary
-bases until that variable is driven out. The lexicographic ratio test makes every pivot unique, so
-degenerate problems do not go in circles. For copositive-plus matrices, friction with a positive
-semi-definite compliance among them, it ends with a solution whenever there is one.
+bases until that variable leaves. The lexicographic ratio test makes every pivot unique, so
+degenerate problems do not cycle. For copositive-plus matrices, including friction with a positive
+semi-definite compliance, it finds a solution whenever one exists.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class LcpSolution:
     z, w : ndarray, shape (n,)
         Complementary variables, both >= 0.
     pivots : int
-        Pivots taken.
+        Number of pivots.
     residual : float
         Largest absolute entry of w - M z - q.
     complementarity : float
@@ -58,13 +58,13 @@ def lemke(M: Array, q: Array, most_pivots: int | None = None) -> LcpSolution:
     q : ndarray, shape (n,)
         Right-hand side.
     most_pivots : int, optional
-        By default 50 (n + 1).
+        Largest number of pivots; default 50 (n + 1).
 
     Raises
     ------
     LcpError
-        If the method ends on a ray (for copositive-plus M: there is no solution), or needs more
-        than ``most_pivots`` pivots.
+        If the method ends on a ray (for copositive-plus M no solution exists), or needs more than
+        ``most_pivots`` pivots.
     """
     M = np.asarray(M, dtype=float)
     q = np.asarray(q, dtype=float)
@@ -105,7 +105,7 @@ def lemke(M: Array, q: Array, most_pivots: int | None = None) -> LcpSolution:
 
 
 def _pivot(tableau: Array, row: int, column: int) -> None:
-    """Gauss–Jordan step that makes ``column`` the unit vector of ``row``."""
+    """Make ``column`` the unit vector of ``row`` by a Gauss–Jordan step."""
     tableau[row] /= tableau[row, column]
     factors = tableau[:, column].copy()
     factors[row] = 0.0
@@ -120,9 +120,9 @@ def _lexicographic_minimum(
     basis: NDArray[np.intp] | None = None,
     artificial: int = -1,
 ) -> int:
-    """Row whose (right-hand side, basis inverse)/divisor is the lexicographic minimum.
+    """Return the row with the lexicographic minimum of (right-hand side, basis inverse)/divisor.
 
-    The artificial variable leaves as soon as it may.
+    The artificial variable leaves as soon as possible.
     """
     alive = rows
     values = tableau[rows, -1] / divisors
@@ -154,11 +154,11 @@ def _certified(M: Array, q: Array, z: Array, pivots: int) -> LcpSolution:
 
 
 def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array, LcpSolution]:
-    """Coulomb friction with given limits as a linear complementarity problem, Eqs. (11), (12).
+    """Solve Coulomb friction with given limits as an LCP, Eqs. (11), (12).
 
     The slips are ``slip = slip_free - G F``; a sticking patch has slip 0 and |F| <= limit, a
     sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
-    upper bound this is the problem of
+    upper bound, the LCP has
 
         M = [[G, 1], [-1, 0]],   q = [-G limit - slip_free, 2 limit].
 
@@ -176,7 +176,7 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     force, slip : ndarray, shape (n,)
         Friction forces [N] and slips [m].
     solution : LcpSolution
-        The solution of the scaled problem with its certificate.
+        Solution of the scaled problem with its certificate.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
         See :func:`lemke`.
     """
     n = limits.size
-    # unknowns of order one: forces by the largest limit, slips by the largest free slip
+    # scale the unknowns: forces by the largest limit, slips by the largest free slip
     force_scale = float(np.max(limits, initial=0.0)) or 1.0
     slip_scale = float(np.max(np.abs(slip_free), initial=0.0)) or 1.0
     G_scaled = G * (force_scale / slip_scale)
@@ -194,6 +194,6 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     q = np.concatenate([-G_scaled @ c - slip_free / slip_scale, 2.0 * c])
     solution = lemke(M, q)
     force = np.clip(solution.z[:n] * force_scale - limits, -limits, limits)
-    # w = -slip + y at the first rows: slip = y - w, exactly zero for a sticking patch
+    # w = -slip + y in the first rows: slip = y - w, exactly zero for a sticking patch
     slip = (solution.z[n:] - solution.w[:n]) * slip_scale
     return force, slip, solution

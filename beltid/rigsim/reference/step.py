@@ -1,8 +1,8 @@
-"""The reference for the friction of a step: Lemke's method on the Delassus matrix.
+"""Take reference steps: friction by Lemke's method on the Delassus matrix.
 
-Slower than the active set of :mod:`beltid.rigsim.contact.friction` (a dense matrix for every
-iteration) but independent of any guess of who sticks. Both end with the same certificate, and they
-agree.
+Slower than the active set of :mod:`beltid.rigsim.contact.friction` (a dense matrix in every
+iteration) but independent of any guess of which patches stick. Both methods meet the same
+certificate, and they agree.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from beltid.rigsim.step import (
 
 Array = NDArray[np.float64]
 
-# compiled on their own for the first run of this solver
+# stand-alone versions, compiled in the first run of this solver
 factorize, solve = kernel(banded.factorize), kernel(banded.solve)
 linearize = kernel(step.linearize)
 
@@ -43,7 +43,7 @@ MOST_ITERATIONS = 60
 
 
 def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
-    """Generalised directions W_T of the touching patches, shape (n, m)."""
+    """Return the generalised force directions W_T of the touching patches, shape (n, m)."""
     W = np.zeros((n, touching.size))
     for i, e in enumerate(touching):
         W[4 * e : 4 * e + 8, i] = points.patches.pull[e]
@@ -58,7 +58,7 @@ def assemble(
     stretch: float,
     work: Workspace,
 ) -> int:
-    """Residual and tangent of an implicit step at ``state.trial``, as ``step.assemble``."""
+    """Assemble residual and tangent of a step at ``state.trial``, as ``step.assemble``."""
     state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
     outside: int = linearize(system, motion, points, state.trial, state.dq, stretch, work)
     return outside
@@ -73,10 +73,10 @@ def lemke_step(
     T_0: float,
     work: Workspace,
 ) -> StepOutcome:
-    """One implicit step with Lemke's method; like ``step_forward``.
+    """Take one implicit step by Lemke's method; the counterpart of ``step_forward``.
 
-    Newton's method on the smooth forces; in each iteration the friction forces and slips of the
-    linearised step are those of the complementarity problem, with the limits of the iterate.
+    Newton's method solves for the smooth forces; in each iteration a complementarity problem with
+    the limits of the iterate gives the friction forces and slips of the linearised step.
 
     Raises
     ------
@@ -117,9 +117,9 @@ def _complementarity_iteration(
     T_0: float,
     work: Workspace,
 ) -> int:
-    """Solve the linearised step with its friction, move the trial; returns the pivots."""
+    """Solve the linearised step with friction and move the trial; return the number of pivots."""
     patches = points.patches
-    # S of Eq. (12): sliding patches follow their limit, sticking ones have their force given
+    # S of Eq. (12): sliding patches follow their limit, sticking ones carry a given force
     patches.la_T[:] = patches.force
     assemble(system, motion, points, state, stretch, work)
     factorize(work.A, work.pivots)
@@ -149,13 +149,13 @@ def _complementarity_iteration(
     slip_free = slip - W.T @ free + G @ force
     wanted, slips, solution = friction_lcp(G, slip_free, limits)
     move(state.trial, free + compliance @ (wanted - force))
-    patches.status[:] = SLIDE  # a patch that closes: as in friction.revise
+    patches.status[:] = SLIDE  # start of a closing patch, as in friction.revise
     patches.sign[:] = 1.0
     patches.la_T[:] = 0.0
     patches.la_T[touching] = wanted
-    # one of slip and distance to the limit is zero but for rounding: the other one tells
-    of_forces, of_slips = np.max(limits, initial=0.0), np.max(np.abs(slip_free), initial=0.0)
-    slides = np.abs(slips) * of_forces > (limits - np.abs(wanted)) * of_slips
+    # slip or distance to the limit is zero except for rounding: the scaled larger one decides
+    force_scale, slip_scale = np.max(limits, initial=0.0), np.max(np.abs(slip_free), initial=0.0)
+    slides = np.abs(slips) * force_scale > (limits - np.abs(wanted)) * slip_scale
     patches.status[touching] = np.where(slides, SLIDE, STICK)
     patches.sign[touching] = np.where(slides, np.sign(slips), np.sign(wanted))
     return solution.pivots
@@ -172,7 +172,7 @@ def march_by_lemke(
     begin: int,
     end: int,
 ) -> int:
-    """Take steps with the reference solver; like :func:`beltid.rigsim.step.march`."""
+    """Take steps with the reference solver; same interface as :func:`beltid.rigsim.step.march`."""
     patches = points.patches
     if begin == 0:
         remember(system.belt, points, state.q)
