@@ -237,7 +237,7 @@ class Problems:
         self.unread |= others.unread
         self.found += others.found[: 20 * SHOWN - len(self.found)]
 
-    def told_once(self, places: Sequence[str]) -> None:
+    def merge_repeated(self, places: Sequence[str]) -> None:
         """Merge problems that are the same in several files into one.
 
         Parameters

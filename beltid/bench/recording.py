@@ -245,7 +245,7 @@ def recording_of(
         read_opened(file, MappingContext(table, options, file.name, problems)) for file in opened
     ]
     if not all(tables_by_file):  # unreadable files; wrong rows are reported after the checks
-        problems.told_once([file.name for file in opened])
+        problems.merge_repeated([file.name for file in opened])
         problems.raise_if_any()
     raw_tables = [raw for tables in tables_by_file for raw in tables]
     return _joined(raw_tables, path, kind, options, problems)
@@ -324,7 +324,7 @@ def _of_tables(
     context = MappingContext(options.table(kind), options)
     raw_tables = read_parquet(tables, path, context)
     if not raw_tables:
-        context.problems.told_once([table.name for table in tables])
+        context.problems.merge_repeated([table.name for table in tables])
         context.problems.raise_if_any()
     return _joined(raw_tables, path, kind, options, context.problems)
 

@@ -64,7 +64,7 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class FoundEffect:
+class EstimatedEffect:
     """An effect as estimated from the data.
 
     Attributes

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.curves import Curves
-from beltid.refine.effects import STATED, Effect, FoundEffect, campaign_effects
+from beltid.refine.effects import STATED, Effect, EstimatedEffect, campaign_effects
 from beltid.refine.evidence import (
     SMALLEST_SCALE,
     LinearModel,
@@ -109,13 +109,13 @@ class RefinedSurface:
         roughness``.
     roughness : ndarray, shape (size, size)
         Quadratic form added to the misfit.
-    effects : tuple of FoundEffect
+    effects : tuple of EstimatedEffect
         Effects on the friction apart from the surface. The part of an effect that the surface can
         represent, too, cannot be identified; the covariance of both includes it.
     effects_covariance : ndarray, shape (K, K)
         Covariance of the numbers of all effects, in order, including the uncertainty due to the
         stated errors.
-    stated : FoundEffect or None
+    stated : EstimatedEffect or None
         The errors that runs share as estimated from the runs, in units of their stated standard
         uncertainties; the surface is not corrected for them. None if no error was stated.
     model : LinearModel
@@ -140,12 +140,12 @@ class RefinedSurface:
     speed_slope: Array
     pull: Array
     roughness: Array
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[EstimatedEffect, ...]
     effects_covariance: Array
-    stated: FoundEffect | None
+    stated: EstimatedEffect | None
     model: LinearModel
 
-    def effect(self, key: str) -> FoundEffect | None:
+    def effect(self, key: str) -> EstimatedEffect | None:
         """Look up an effect by its key; None if the runs cannot show it."""
         return next((entry for entry in self.effects if entry.effect.key == key), None)
 
@@ -269,7 +269,7 @@ def refine_surface(
 
 def _estimate_effects(
     effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness
-) -> tuple[FoundEffect, ...]:
+) -> tuple[EstimatedEffect, ...]:
     """Estimate the numbers of each effect, with the surface and all other effects unknown."""
     solution, estimates, first = model.solve(smoothness), [], 0
     parts = zip(effects, smoothness.effects, model.effects, strict=True)
@@ -277,7 +277,9 @@ def _estimate_effects(
         own = slice(first, first + effect.columns.shape[1])
         covariance = solution.effects_covariance[own, own]
         explained = model.explained_by_surface(smoothness, columns)
-        estimates.append(FoundEffect(effect, size, solution.effects[own], covariance, explained))
+        estimates.append(
+            EstimatedEffect(effect, size, solution.effects[own], covariance, explained)
+        )
         first = own.stop
     return tuple(estimates)
 

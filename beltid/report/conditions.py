@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
 from beltid.identify.estimators.statistics import settings_of as numbered_settings
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.results import BeltResults, Sheet
 
 SAME = 0.03
@@ -84,8 +84,8 @@ def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float
 
     Unknown tensions form one group, -1.
     """
-    tensions = np.nan_to_num(as_set(tension), nan=UNKNOWN_TENSION)
-    pairs = list(zip(as_set(speed).tolist(), tensions.tolist(), strict=True))
+    tensions = np.nan_to_num(snap_to_settings(tension), nan=UNKNOWN_TENSION)
+    pairs = list(zip(snap_to_settings(speed).tolist(), tensions.tolist(), strict=True))
     rows: dict[tuple[float, float], list[int]] = {}
     for row, pair in enumerate(pairs):
         rows.setdefault(pair, []).append(row)

@@ -40,7 +40,7 @@ class Summary:
         Short form of a long table for the terminal; empty if the table is short.
     shown : tuple of str
         Columns of the complete table that are shown to people; empty for all.
-    beside : dict of str to list of dict
+    extra_tables : dict of str to list of dict
         Further short tables by title, always shown.
     details : dict of str to list of dict
         Further tables by title, shown on request and to programs.
@@ -70,7 +70,7 @@ class Summary:
     table: list[dict[str, Any]] = field(default_factory=list)
     overview: list[dict[str, Any]] = field(default_factory=list)
     shown: tuple[str, ...] = ()
-    beside: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    extra_tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     details: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class Summary:
             "origin": self.origin,
             "facts": plain(self.facts),
             "table": plain(self.table),
-            "details": plain({**self.beside, **self.details}),
+            "details": plain({**self.extra_tables, **self.details}),
             "notes": list(self.notes),
             "warnings": list(self.warnings),
             **({"snippet": self.snippet} if self.snippet else {}),

@@ -75,7 +75,7 @@ def renderables(
         rows = [{name: row.get(name) for name in shown} for row in summary.table]
     if rows:
         yield table_or_records(rows, console)
-    for name, table in {**summary.beside, **(summary.details if complete else {})}.items():
+    for name, table in {**summary.extra_tables, **(summary.details if complete else {})}.items():
         if table:
             yield Text(name, style="bold")
             yield table_or_records(table, console)

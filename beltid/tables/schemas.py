@@ -88,7 +88,7 @@ _TENSIONS_FROM = (
 )
 WHERE_KNOWN: Final = (*CONDITIONS, *(column.name for column in _TENSIONS_FROM))
 """Columns of the friction table that only some rigs and recordings provide."""
-SAID_OF_RUNS: Final = (_IDLE.name, *CONDITIONS)
+RUN_TEXTS: Final = (_IDLE.name, *CONDITIONS)
 """Columns of a recording that stay empty if they are not stated."""
 
 
@@ -478,7 +478,7 @@ TABLES: Final[dict[str, Table]] = {
 RECORDINGS: Final = ("press", "rig", "speedloss", "points")
 NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
 """Columns with the nominal settings of a run, constant within it."""
-SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *SAID_OF_RUNS)
+SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *RUN_TEXTS)
 """Columns with one value per run."""
 ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 

@@ -68,7 +68,7 @@ class FittedBending:
     refinements: int
 
     @property
-    def is_told(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether the runs determine EI much better than published values of belts do."""
         return self.relative < HARDLY
 

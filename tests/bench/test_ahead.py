@@ -62,3 +62,21 @@ def test_no_more_is_made_than_may_wait() -> None:
     asked.wait(0.3)
     assert len(made) <= 4
     items.close()  # type: ignore[attr-defined]
+
+
+def test_the_worker_itself_may_end_the_items() -> None:
+    """The garbage collector may run in any thread."""
+    received, ended = threading.Event(), threading.Event()
+    items: list[Iterator[int]] = []
+
+    def closing() -> Iterator[int]:
+        yield 0
+        received.wait(10.0)
+        items[0].close()  # type: ignore[attr-defined]
+        ended.set()
+        yield 1
+
+    items.append(ahead(closing(), 0))
+    assert next(items[0]) == 0
+    received.set()
+    assert ended.wait(10.0)

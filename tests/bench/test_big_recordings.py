@@ -40,7 +40,7 @@ def same_as_read_at_once(path: Path, config: object = None) -> None:
         for name, values in run.columns.items():
             assert np.array_equal(values, at_once[name][n : n + size], equal_nan=True), name
         assert set(at_once["run"][n : n + size]) == {run.label}
-        for name, word in run.said.items():
+        for name, word in run.texts.items():
             assert set(at_once[name][n : n + size]) == {word}, name
         n += size
     assert n == len(at_once["run"])
@@ -99,7 +99,7 @@ def test_what_rows_say_of_a_run_whatever_its_capitals(tmp_path: Path) -> None:
     path.write_text("\n".join([f"{head},condition,side,pulley_material", *said]) + "\n")
     same_as_read_at_once(path)
     words = {"condition": "wet", "side": "rib", "pulley_material": "Steel"}
-    assert all(run.said == words for run in open_big(path))
+    assert all(run.texts == words for run in open_big(path))
 
 
 @pytest.mark.parametrize("packed", [False, True], ids=["csv", "parquet"])
@@ -115,7 +115,7 @@ def test_what_rows_say_of_a_run_is_one_word(tmp_path: Path, packed: bool) -> Non
 
     write([*dry, *wet, *[None] * 40])
     same_as_read_at_once(path)
-    assert [run.said for run in open_big(path)] == [{"condition": "dry"}, {"condition": "wet"}, {}]
+    assert [run.texts for run in open_big(path)] == [{"condition": "dry"}, {"condition": "wet"}, {}]
     write([*dry, "wet", *dry[1:], *dry[:-1], "foggy"])
     for read in (lambda: read_recording(path, "rig"), lambda: list(open_big(path))):
         with pytest.raises(InputError) as caught:

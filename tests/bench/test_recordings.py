@@ -589,7 +589,7 @@ def test_parquet_columns_are_found_and_converted_as_those_of_a_text_file(tmp_pat
         assert set(recording.columns["condition"]) == {"dry"}
         (run,) = list(open_big(path, known))
         np.testing.assert_array_equal(run.columns["tension_slack_N"], slack)
-        assert run.said == {"condition": "dry"}
+        assert run.texts == {"condition": "dry"}
 
 
 def test_parts_of_a_parquet_table_in_several_units(tmp_path):

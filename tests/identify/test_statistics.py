@@ -14,13 +14,13 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from beltid.identify.estimators.statistics import (
-    as_set,
     integrated_autocorrelation_time,
     interval_sd,
     mad_sigma,
     outlier_mask,
     robust_mean_with_se,
     settings_of,
+    snap_to_settings,
 )
 
 NORMAL_QUARTILE = 0.6744897501960817  # of a standard normal variable: half of them lie within it
@@ -155,10 +155,10 @@ def test_settings_are_told_apart_by_their_relative_gap():
     assert settings_of(np.array([]), 0.03).size == 0
     values = np.array([100.0, 205.0, np.nan, 102.9, 200.0, -1.0])
     expected = [101.45, 202.5, np.nan, 101.45, 202.5, -1.0]
-    assert as_set(values) == pytest.approx(expected, nan_ok=True)
-    assert as_set(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
-    assert as_set(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
-    assert np.isnan(as_set(np.array([np.nan]))).all()
+    assert snap_to_settings(values) == pytest.approx(expected, nan_ok=True)
+    assert snap_to_settings(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
+    assert snap_to_settings(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
+    assert np.isnan(snap_to_settings(np.array([np.nan]))).all()
 
 
 # --- intervals of mixtures ---

@@ -16,7 +16,7 @@ from beltid.refine.effects import (
     STATED,
     TEMPERATURE,
     Effect,
-    FoundEffect,
+    EstimatedEffect,
     campaign_effects,
 )
 from beltid.refine.inverse import RefinedSurface, refine_surface
@@ -220,12 +220,12 @@ def test_what_no_usual_campaign_shows_is_named():
 
     ln s of an order effect is expected at ln 1 % ± 1.5, so that 98 % of them are below 20 %.
     """
-    stated = FoundEffect(Effect(STATED, np.eye(3)), 1.0, np.array([3.5, -4.0, 2.0]), *NO_MATTER)
+    stated = EstimatedEffect(Effect(STATED, np.eye(3)), 1.0, np.array([3.5, -4.0, 2.0]), *NO_MATTER)
     sources = tuple(Source(name, "arc", 0, 1.0, "", 1.0, "") for name in ("cells", "cells", "arc"))
     refined = SimpleNamespace(stated=stated)
     assert Refined(refined, None, sources, None).contradictions() == {"cells": 4.0}
     for size, unusual in ((-0.21, True), (0.19, False)):
-        order = FoundEffect(Effect(ORDER, np.eye(1)), 0.1, np.array([size]), *NO_MATTER)
+        order = EstimatedEffect(Effect(ORDER, np.eye(1)), 0.1, np.array([size]), *NO_MATTER)
         assert order.largest_usual == pytest.approx(0.2009, rel=1e-3)
         assert order.is_unusual is unusual
 

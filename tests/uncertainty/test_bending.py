@@ -114,8 +114,8 @@ def test_runs_that_do_not_tell_it_give_back_what_was_known(monkeypatch):
     share = 0.5 + (NormalDist().cdf(1.0) - 0.5) * inside
     expected = WIDE * NormalDist().inv_cdf(share)
     assert found.relative == pytest.approx(expected, rel=0.05)
-    assert not found.is_told
-    assert FittedBending(0.02, 0.1, 9).is_told
+    assert not found.is_determined
+    assert FittedBending(0.02, 0.1, 9).is_determined
 
 
 def test_no_stiffness_that_can_be_simulated_is_an_error(monkeypatch):

@@ -29,13 +29,13 @@ from beltid.bench.formats.dialect import Layout, asides_note, blank_asides, layo
 from beltid.bench.read_options import ReadOptions
 from beltid.tables import schemas
 from beltid.tables.columns import Table
-from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS
 from beltid.tables.units import Conversion
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
     """Find header, units and separators of a text file."""
-    our_names = [c.name for c in table.columns if c.name not in SAID_OF_RUNS]
+    our_names = [c.name for c in table.columns if c.name not in RUN_TEXTS]
     names_in_file = [options.names.get(name, name) for name in our_names]
     return layout(decoded.text, name, options.dialect, names_in_file)
 

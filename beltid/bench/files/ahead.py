@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from threading import get_ident
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -22,7 +23,8 @@ def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
     waiting : int
         Maximum number of finished items that wait; one more is in production.
     """
-    source, worker = iter(items), ThreadPoolExecutor(1)
+    source, idents = iter(items), list[int]()
+    worker = ThreadPoolExecutor(1, initializer=lambda: idents.append(get_ident()))
     pending: deque[Future[T | None]] = deque()
     try:
         while True:
@@ -33,5 +35,8 @@ def ahead(items: Iterable[T], waiting: int) -> Iterator[T]:
                 return
             yield item
     finally:
-        worker.shutdown(cancel_futures=True)
-        getattr(source, "close", lambda: None)()
+        # the garbage collector may end the generator in the worker, which cannot wait for itself
+        in_worker = get_ident() in idents
+        worker.shutdown(wait=not in_worker, cancel_futures=True)
+        if not in_worker:
+            getattr(source, "close", lambda: None)()

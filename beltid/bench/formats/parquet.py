@@ -16,7 +16,7 @@ from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts, numbers_of
 from beltid.errors import InputError, Problems
-from beltid.tables.schemas import SAID_OF_RUNS, Table
+from beltid.tables.schemas import RUN_TEXTS, Table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -246,6 +246,6 @@ def _rows(
         else:
             numbers[role] = numbers_of(values)
     for column in table.columns:
-        if column.dtype == "float64" and column.name not in {*wanted, *SAID_OF_RUNS}:
+        if column.dtype == "float64" and column.name not in {*wanted, *RUN_TEXTS}:
             numbers[column.name] = np.full(batch.num_rows, np.nan)
     return Rows(numbers, texts, row, problems)

@@ -10,7 +10,7 @@ import numpy as np
 
 from beltid.errors import Problems
 from beltid.tables.columns import Table
-from beltid.tables.schemas import SAID_OF_RUNS
+from beltid.tables.schemas import RUN_TEXTS
 from beltid.tables.values import is_missing
 
 
@@ -181,13 +181,13 @@ def completed(
 ) -> dict[str, np.ndarray]:
     """Return the columns in the order of the schema; absent ones hold missing values.
 
-    Absent columns that describe a run (`SAID_OF_RUNS`) are left out unless listed in `also`.
+    Absent columns that describe a run (`RUN_TEXTS`) are left out unless listed in `also`.
     """
     complete = {}
     for column in table.columns:
         if column.name in columns:
             complete[column.name] = columns[column.name]
-        elif column.name not in SAID_OF_RUNS or column.name in also:
+        elif column.name not in RUN_TEXTS or column.name in also:
             complete[column.name] = (
                 np.full(length, None, dtype=object)
                 if column.dtype == "string"

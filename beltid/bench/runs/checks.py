@@ -10,7 +10,7 @@ import numpy as np
 
 from beltid.bench.runs.run_split import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problem, Problems
-from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Column, Table
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
 from beltid.tables.values import absent, outside, shown_value
 
 Columns = dict[str, np.ndarray]
@@ -148,10 +148,10 @@ class Checker:
 
     def _settings(self, codes: np.ndarray) -> None:
         """Fill in settings that only some rows of a run state; report those that change in it."""
-        for column in (*NOMINAL, *SAID_OF_RUNS):
+        for column in (*NOMINAL, *RUN_TEXTS):
             values = self.columns.get(column)
             is_text = values is not None and values.dtype == object
-            if values is None or (column in SAID_OF_RUNS and not is_text):
+            if values is None or (column in RUN_TEXTS and not is_text):
                 continue  # a numeric column such as humidity may vary with time
             stated = ~absent(values) & (codes >= 0)
             given = np.flatnonzero(stated)

@@ -340,7 +340,7 @@ def joined(
         parts.append(completed(columns, table, len(raw)))
     run_settings.finish(problems)
     if problems.count > wrong:
-        problems.told_once([raw.place for raw in raw_tables])
+        problems.merge_repeated([raw.place for raw in raw_tables])
         problems.raise_if_any()
     starts = np.cumsum([0, *(len(raw) for raw in raw_tables)])[:-1]
 

@@ -18,7 +18,7 @@ from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
 from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, PlaceOf, Problems
-from beltid.tables.schemas import NOMINAL, SAID_OF_RUNS, Table
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Table
 from beltid.tables.units import Conversion
 from beltid.tables.values import outside
 
@@ -35,13 +35,13 @@ class RunColumns:
         Its label.
     columns : dict of str to ndarray
         Numeric columns of the table, in its units; nan for missing numbers.
-    said : dict of str to str
+    texts : dict of str to str
         Texts in the rows that describe the run, such as its conditions, by column.
     """
 
     label: str
     columns: dict[str, np.ndarray]
-    said: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -203,7 +203,7 @@ class BigRecording:
             if conversion != Conversion(1.0):
                 columns[name] = conversion.apply(columns[name])
         for column in self.table.columns:
-            given = column.name in columns or column.name in SAID_OF_RUNS
+            given = column.name in columns or column.name in RUN_TEXTS
             if column.dtype == "float64" and not given:
                 columns[column.name] = np.full(n, np.nan)
         shown = {n for n in {*columns} - self._judged if np.isfinite(columns[n]).any()}
@@ -217,8 +217,8 @@ class BigRecording:
                 self.missing[column.name] = self.missing.get(column.name, 0) + count
         self.n_samples += n
         if run.label is not None:
-            said = {name: words[0] for name, words in texts.items() if words[0] is not None}
-            yield RunColumns(run.label, columns, said)
+            of_run = {name: words[0] for name, words in texts.items() if words[0] is not None}
+            yield RunColumns(run.label, columns, of_run)
 
     def _is_suspect(self, columns: Mapping[str, np.ndarray]) -> bool:
         """Return whether a quick test finds anything that the full checks must locate."""

@@ -203,7 +203,7 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
     return labels
 
 
-def as_set(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
+def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     """Replace each measured value by the median of its setting; nan stays nan."""
     settings = np.full(values.shape, np.nan)
     finite = np.isfinite(values)

@@ -254,18 +254,18 @@ class RunColumns:
         Label of the run.
     numbers : mapping of str to ndarray
         Numeric columns, shape (n,) each, n >= 1; optional columns may be missing.
-    said : mapping of str to str
+    texts : mapping of str to str
         Entries of the text columns.
     """
 
     label: str
     numbers: Mapping[str, Array]
-    said: Mapping[str, str] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_idle(self) -> bool:
         """Whether the pulley turned without the belt."""
-        return self.said.get("idle", "").lower() == "true"
+        return self.texts.get("idle", "").lower() == "true"
 
 
 def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]:
@@ -474,13 +474,13 @@ def conditions_of(run: RunColumns) -> Conditions:
         return float(run.numbers[name][0]) if name in run.numbers else NAN
 
     def text(name: str) -> str | None:
-        return run.said[name].lower() if name in run.said else None
+        return run.texts[name].lower() if name in run.texts else None
 
     return Conditions(
         condition=text("condition"),
         side=text("side"),
         humidity_percent=number("humidity_percent"),
         hours_run=number("hours_run"),
-        pulley_material=run.said.get("pulley_material"),
+        pulley_material=run.texts.get("pulley_material"),
         roughness_Ra_um=number("roughness_Ra_um"),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
@@ -70,7 +70,9 @@ def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
             for p in points
         ]
     ).T
-    settings = np.stack([as_set(np.abs(speed), SAME_SETTING), as_set(tension, SAME_SETTING)])
+    settings = np.stack(
+        [snap_to_settings(np.abs(speed), SAME_SETTING), snap_to_settings(tension, SAME_SETTING)]
+    )
     settings = np.nan_to_num(settings, nan=-1.0)  # all unknown values form one setting
     torque, loss = np.abs(torque), np.abs(loss)
     # torque-free runs, excluded below, carry no information on creep

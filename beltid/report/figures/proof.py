@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.cells import MILLI, sentence
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.drawing import (
@@ -130,7 +130,10 @@ def _speed(results: BeltResults, omega: np.ndarray) -> str:
 
 def _scatter(sheet: Sheet, tension: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Compute the standard error of each mean over arcs from their scatter; nan for one arc."""
-    own_tension, own_omega = sheet["nominal_tension_N"], as_set(sheet["pulley_speed_rad_s"])
+    own_tension, own_omega = (
+        sheet["nominal_tension_N"],
+        snap_to_settings(sheet["pulley_speed_rad_s"]),
+    )
     errors = np.full(tension.size, np.nan)
     for i, (T, w) in enumerate(zip(tension, omega, strict=True)):
         same = np.isclose(own_tension, T, rtol=0.02) & np.isclose(own_omega, w, rtol=0.03)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.cells import MICRO, MILLI
 from beltid.report.drawing import (
     LINE_FORCE,
@@ -124,7 +124,7 @@ def _shear(shear: Sheet) -> Picture:
     arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
     fitted = 1.0 / shear["slope_fitted_N_m"][used]
-    tensions = as_set(shear["initial_tension_N"])[used]
+    tensions = snap_to_settings(shear["initial_tension_N"])[used]
     with new_axes(4.2) as (fig, axes):
         for i, tension in enumerate(np.unique(tensions)):
             rows = np.flatnonzero(tensions == tension)

@@ -505,7 +505,7 @@ def summarise(built: Built) -> Summary:
             ),
             "budget": metadata.budget,
         },
-        beside={SLIP_LIMITS: [dict(row) for row in metadata.slip_limits]}
+        extra_tables={SLIP_LIMITS: [dict(row) for row in metadata.slip_limits]}
         if metadata.slip_limits
         else {},
         details=budget_details(metadata.budget),

@@ -231,7 +231,7 @@ def summarise(built: Built) -> Summary:
             "mu_spread",
         ),
         overview=_grid(surface),
-        beside={
+        extra_tables={
             "standard uncertainty of the surface, in percent of mu (the bias of the published "
             "procedure is not in it)": budget_table(metadata.budget, QUANTITY)
         },

@@ -11,7 +11,7 @@ import numpy as np
 from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
@@ -303,7 +303,7 @@ def summarise(built: Built) -> Summary:
             "drift": drift,
         },
         details=budget_details(built.artifact.metadata.budget),
-        beside={DRIFT: drift} if drift else {},
+        extra_tables={DRIFT: drift} if drift else {},
         table=rows_of(
             columns,
             "run",
@@ -334,7 +334,7 @@ def summarise(built: Built) -> Summary:
         ),
         overview=rows_per_setting(
             columns["arc_deg"][good],
-            as_set(columns["pulley_speed_rad_s"])[good],
+            snap_to_settings(columns["pulley_speed_rad_s"])[good],
             columns["normal_force_N_m"][good],
             columns["mu_sliding"][good],
         ),

@@ -13,7 +13,7 @@ from beltid.artifacts.metadata_models import SlipMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.slip.points import (
     GROSS_SLIP,
     OK,
@@ -169,7 +169,10 @@ def summarise(built: Built) -> Summary:
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return a row per driver speed and initial tension: largest sliding speed and its torque."""
     rows = []
-    drivers, tensions = as_set(columns["driver_speed_rad_s"]), as_set(columns["initial_tension_N"])
+    drivers, tensions = (
+        snap_to_settings(columns["driver_speed_rad_s"]),
+        snap_to_settings(columns["initial_tension_N"]),
+    )
     good = columns["status"] == OK
     for driver in np.unique(drivers):
         for tension in np.unique(tensions[drivers == driver]):

@@ -242,7 +242,7 @@ def _or_nan(value: float | None) -> float:
 
 
 def _columns(run: StreamedRun) -> RunColumns:
-    return RunColumns(run.label, run.columns, run.said)
+    return RunColumns(run.label, run.columns, run.texts)
 
 
 def _parallel_map(

@@ -17,7 +17,7 @@ from beltid.bench.big_recording import BigRecording
 from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import as_set
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.build_artifact import Build, Built
@@ -154,7 +154,7 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
         np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
         for name in ("nominal_tension_N", "slip_speed_m_s")
     )
-    arcs = np.where(good, as_set(friction["arc_deg"]), np.nan)
+    arcs = np.where(good, snap_to_settings(friction["arc_deg"]), np.nan)
     groups = [np.flatnonzero(arcs == arc) for arc in np.unique(arcs[np.isfinite(arcs)])]
     if len(groups) > MOST_ARCS:
         used = np.concatenate(groups)

@@ -45,7 +45,7 @@ def program() -> Summary:
             "processors": os.cpu_count(),
         },
         table=rows,
-        beside={
+        extra_tables={
             "environment": [
                 {"variable": name, "value": os.environ.get(name, "not set")} for name in VARIABLES
             ]

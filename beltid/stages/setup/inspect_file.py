@@ -94,7 +94,7 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
         shown=tuple(
             name for name in next(iter(rows), {}) if name != "first"
         ),  # a terminal has 80 columns
-        beside={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
+        extra_tables={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=inspection.notes,
         warnings=problems,

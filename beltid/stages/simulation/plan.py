@@ -180,7 +180,7 @@ def run(
         facts={**_facts(planned, wanted, model), "figure": str(figure)},
         table=planned.rows,
         shown=SHOWN,
-        beside={
+        extra_tables={
             "standard uncertainty by region, in percent of mu": region_rows(planned.plan),
             "if it were known twice as well": statement_rows(planned.plan),
         },

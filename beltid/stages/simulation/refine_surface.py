@@ -60,8 +60,7 @@ METHOD: Final = "refined"
 MOST_NOISE: Final = 3.0
 Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
-    "what shifts the friction beside the surface, in percent of mu; share that force and speed "
-    "explain"
+    "friction changes not in the surface, in percent of mu; share that force and speed explain"
 )
 BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
 EFFECT_WORDS: Final = {
@@ -485,7 +484,7 @@ def _bending_warnings(fitted: FittedBending | None, config: Config) -> tuple[str
             f"{distance:.2g} standard uncertainties apart; one of the values, or the runs, must be "
             "wrong",
         )
-    if fitted.is_told:
+    if fitted.is_determined:
         return ()
     return (
         "bending stiffness: the runs hardly determine it (standard uncertainty of its logarithm "
@@ -543,7 +542,7 @@ def summarise(built: Built) -> Summary:
             **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
             **({"linear_fails_at": places} if places else {}),
         },
-        beside={
+        extra_tables={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
                 metadata.budget, QUANTITY
             ),
