@@ -34,7 +34,7 @@ from virtual_rig import CASES, RADIUS_M, Drawn, draw  # noqa: E402
 PAGE = ROOT / "docs" / "coverage_identify.md"
 NOISE_N = 0.5
 """Noise of the load cells in rigdata [N]."""
-BENCHES = {1: 40, 5: 16, 20: 12, 120: 8}
+BENCHES = {1: 40, 5: 12, 20: 8, 120: 6}
 """Numbers of runs that are reduced together, and benches of so many that are drawn."""
 BEYOND = 0.025
 """Chance that a row exactly at a limit is listed as outside."""

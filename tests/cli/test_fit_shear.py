@@ -73,7 +73,7 @@ def test_a_second_call_finds_it_up_to_date_and_shows_it(shear: Path, beltid: Any
     assert stored.metadata.resolved
     shown = beltid("show", "shear.parquet")
     assert shown.exit_code == 0
-    assert "travel per difference" in shown.stdout
+    assert "travel per tension difference" in shown.stdout
 
 
 def test_a_recording_read_run_by_run_gives_the_same(
