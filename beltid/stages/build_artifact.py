@@ -58,6 +58,15 @@ RECORDED: Final = "simulated"
 LARGE: Final = 64 << 20
 """Size of inputs from which hashing takes longer than starting a thread [bytes]."""
 FOREIGN: Final = "a file that beltid did not write"
+OF_BENCH: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.kind",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "rig.supports",
+)
+"""Keys of the config that identify a belt and its friction rig, as artifacts store them."""
 
 
 class Stale(Exception):
@@ -178,6 +187,21 @@ class Build:
         artifact = artifact_from_bytes(data, self.out, self.kind)
         write_bytes(self.out, data)
         return Built(artifact, up_to_date=False)
+
+    def read(self, role: str, section: str = "") -> Artifact:
+        """Read the artifact in a role; warn if it was made for another bench.
+
+        Parameters
+        ----------
+        role : str
+            Role and kind of the artifact.
+        section : str
+            As in `of_other_bench`.
+        """
+        artifact = read_artifact(self.inputs[role], role)
+        for line in of_other_bench(artifact, self.source, section):
+            self.options.reporter.warn(line)
+        return artifact
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -328,6 +352,38 @@ class Build:
             if _same_file(path, out):
                 text = f"{out}: is the {kind} recording of the config, name another --out"
                 raise InputError(text, code="not-replaced")
+
+
+def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") -> list[str]:
+    """Warn if an artifact was made for another belt or rig than the config in use states.
+
+    Parameters
+    ----------
+    artifact : Artifact
+        Holds the settings it was made with.
+    source : ConfigSource
+        The config in use.
+    section : str
+        Compare the keys of this section only, such as ``belt``; "" compares all of `OF_BENCH`.
+
+    Returns
+    -------
+    list of str
+        A warning with all differences; empty if there are none.
+    """
+    stored = artifact.metadata.settings
+    differing = []
+    for key in OF_BENCH:
+        name, _, field = key.partition(".")
+        value = getattr(getattr(source.config, name), field)
+        if key in stored and stored[key] != value and section in ("", name):
+            differing.append(f"{key} = {stored[key]} (now {value})")
+    if not differing:
+        return []
+    return [
+        f"{artifact.path}: made with {', '.join(differing)}: if it is not of this belt and bench, "
+        f"use its own config ({source.origin} is in use)"
+    ]
 
 
 def already_exists(path: Path) -> Problem:

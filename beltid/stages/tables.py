@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.frames import arrow_of
 from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
 from beltid.bench.formats.rows import together
-from beltid.config import Config, ConfigSource
+from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import law_from_text
@@ -26,16 +26,6 @@ from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
 from beltid.tables import schemas
 from beltid.uncertainty.press_law import PressLaw
-
-OF_BENCH: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-)
-"""Keys of the config that identify a belt and its friction rig, as artifacts store them."""
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -115,38 +105,6 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
         [source["name"] for source in uncertainty.get("sources", ())],
         None if members is None else np.moveaxis(members, -1, 0),
     )
-
-
-def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") -> list[str]:
-    """Warn if an artifact was made for another belt or rig than the config in use states.
-
-    Parameters
-    ----------
-    artifact : Artifact
-        Holds the settings it was made with.
-    source : ConfigSource
-        The config in use.
-    section : str
-        Compare the keys of this section only, such as ``belt``; "" compares all of `OF_BENCH`.
-
-    Returns
-    -------
-    list of str
-        A warning with all differences; empty if there are none.
-    """
-    stored = artifact.metadata.settings
-    differing = []
-    for key in OF_BENCH:
-        name, _, field = key.partition(".")
-        value = getattr(getattr(source.config, name), field)
-        if key in stored and stored[key] != value and section in ("", name):
-            differing.append(f"{key} = {stored[key]} (now {value})")
-    if not differing:
-        return []
-    return [
-        f"{artifact.path}: made with {', '.join(differing)}: if it is not of this belt and bench, "
-        f"use its own config ({source.origin} is in use)"
-    ]
 
 
 def friction_of(surface: Artifact, folder: Path) -> Artifact | None:

@@ -192,9 +192,7 @@ class Checker:
         )
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
-            missing = np.array(
-                [i for i in missing if not self._is_reported(int(i))], dtype=np.int64
-            )
+            missing = missing[~self._reported(missing)]
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
         elif missing.size == values.size and values.size and column.required and judged is None:
             self.problems.add(no_number(self.name, column))
@@ -202,10 +200,13 @@ class Checker:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
 
-    def _is_reported(self, row: int) -> bool:
-        """Return whether a row has been reported already: an unreadable cell or no label."""
-        label = self.columns[self.table.label][row : row + 1]
-        return bool(absent(label)[0]) or self.place(row)[0] in self.problems.unread
+    def _reported(self, rows: np.ndarray) -> np.ndarray:
+        """Return which rows have been reported already: an unreadable cell or no label."""
+        reported = absent(self.columns[self.table.label][rows])
+        unread = self.problems.unread
+        if unread:
+            reported |= np.array([self.place(int(i))[0] in unread for i in rows], dtype=bool)
+        return reported
 
     def _choices(self, column: Column) -> None:
         """Check a column that allows certain words only; case does not matter, and 1 is true."""

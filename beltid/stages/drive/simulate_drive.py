@@ -37,7 +37,7 @@ from beltid.stages.drive.drive_of_config import (
 )
 from beltid.stages.outcome import Outcome, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import of_other_bench, press_law, surface_from, surface_of
+from beltid.stages.tables import press_law, surface_from, surface_of
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
@@ -103,10 +103,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     build = Build(KIND, config, KEYS, inputs, out, options)
     built = build.up_to_date()
     if built is None:
-        surface_artifact = read_artifact(inputs["surface"], "surface")
-        for line in of_other_bench(surface_artifact, config, "belt"):
-            options.reporter.warn(line)
-        surface = surface_of(surface_artifact)
+        surface = surface_of(build.read("surface", "belt"))
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(stiffness, model)
         points = (

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted
@@ -26,7 +25,7 @@ from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, in_percent, ok_rows, rows_of, span
 from beltid.stages.reporter import Options
-from beltid.stages.tables import of_other_bench, surface_of, table_columns
+from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
@@ -66,9 +65,7 @@ def run(
     build = Build(KIND, config, KEYS, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
-        friction = read_artifact(inputs["friction"], "friction")
-        for line in of_other_bench(friction, config):
-            options.reporter.warn(line)
+        friction = build.read("friction")
         options.reporter.report(f"{friction.path}: {counted(len(friction.columns['run']), 'run')}")
         name = str(friction.path)
         built = build.write(_outcome(friction.columns, config.config, name, chosen))

@@ -23,7 +23,7 @@ from beltid.report.drawing import saved
 from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary, combined_origin
 from beltid.rigsim.model import Bench
-from beltid.stages.build_artifact import already_exists
+from beltid.stages.build_artifact import already_exists, of_other_bench
 from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
@@ -47,7 +47,7 @@ from beltid.stages.simulation.plan_tables import (
     verdict,
 )
 from beltid.stages.simulation.refinement import NEEDED
-from beltid.stages.tables import friction_of, of_other_bench, press_law, table_columns
+from beltid.stages.tables import friction_of, press_law, table_columns
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -40,7 +40,7 @@ from beltid.stages.simulation.refinement import (
     shared_sources,
     speed_labels,
 )
-from beltid.stages.tables import of_other_bench, press_law, surface_of, table_columns
+from beltid.stages.tables import press_law, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
@@ -266,9 +266,7 @@ def run(
     build = Build(KIND, config, KEYS, inputs, out, options, choices.settings)
     built = build.up_to_date()
     if built is None:
-        friction = read_artifact(inputs["friction"], "friction")
-        for line in of_other_bench(friction, config):
-            options.reporter.warn(line)
+        friction = build.read("friction")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         law = press_law(stiffness, config.config)
         options.reporter.report(

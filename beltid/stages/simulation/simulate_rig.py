@@ -37,7 +37,7 @@ from beltid.stages.simulation.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.tables import friction_of, of_other_bench, press_law, surface_of
+from beltid.stages.tables import friction_of, press_law, surface_of
 from beltid.stages.uncertainties import SECTION, standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
@@ -153,9 +153,7 @@ def run(
     profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
     if built is None or (times and profiles is None):
-        surface = read_artifact(inputs["surface"], "surface")
-        for line in of_other_bench(surface, config):
-            options.reporter.warn(line)
+        surface = build.read("surface")
         stiffness = read_artifact(inputs["stiffness"], "stiffness")
         press = press_law(stiffness, model)
         stated = differing or measured is None or not measured.size
