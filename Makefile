@@ -61,7 +61,8 @@ verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; each writ
 	$(BIN)/python -m benchmarks.coverage_identify
 	$(BIN)/python -m benchmarks.faults
 
-fuzz: $(DEVELOPMENT)  ## every reader against 150,000 changed files (nightly)
+fuzz: $(DEVELOPMENT)  ## properties against new examples, every reader against 150,000 changed files
+	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile search
 	$(PIP_INSTALL) --editable ".[fuzz]" && $(BIN)/python -m benchmarks.fuzz $(ARGS)
 
 mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must see

@@ -456,7 +456,8 @@ def lone_marks(speed: Array) -> NDArray[np.intp]:
         Samples of one run, nan where one is missing.
     """
     size = np.abs(np.nan_to_num(speed, nan=0.0))
-    high = np.concatenate([[False], size > MARKED * np.quantile(size, MOST_UNMARKED), [False]])
+    # divided, not multiplied: ten times an infinite speed is no number
+    high = np.concatenate([[False], size / MARKED > np.quantile(size, MOST_UNMARKED), [False]])
     starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
     short = [np.arange(a, b) for a, b in zip(starts, ends, strict=True) if b - a <= LONGEST_MARK]
     return np.concatenate([np.empty(0, dtype=np.intp), *short])
