@@ -118,7 +118,7 @@ CENTRE = (5e-3, 0.2, 1.2)
 """Median of l_c: the smaller of a length [m] and a share of the longest travel; and the standard
 deviation of ln l_c."""
 WIDTH = 0.7
-"""Mean of s_slow + s_fast (exponential)."""
+"""Mean of s_slow and of s_fast (each exponential)."""
 GRID = (28, 7, 5)
 """Grid points of the first iteration over ln l_c, s_slow and s_fast."""
 LOOKS = 10
