@@ -29,14 +29,14 @@ Module                 Responsibility                                         Pa
 ``tables``             column definitions: name, type, unit, range, meaning
 ``plan``               which rig runs to measure next, and when to stop
 ``uncertainty``        budgets, Monte Carlo check, normalized differences     JCGM 100, 101
-``refine``             inverse problem: the surface that gives the tensions   beyond section 7
+``refine``             inverse problem: the surface that gives the tensions   beyond section 4
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  rig run to friction coefficient                        Eqs. (5) to (8)
 ``identify.shear``     tension build-up to shear stiffness of the ribs
-``identify.surface``   rig runs to friction surface                           section 5
-``identify.agreement`` measured against simulated                             section 7
-``drive``              belt drive from the identified laws: speed loss, forces section 2.1
+``identify.surface``   rig runs to friction surface                           section 2.2
+``identify.agreement`` measured against simulated                             section 4
+``drive``              belt drive from the identified laws: speed loss, forces section 2.2
 ``rigsim``             the simulated rig: ANCF belt, contact, stick-slip      Eqs. (9) to (12)
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds

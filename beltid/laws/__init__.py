@@ -8,11 +8,11 @@ Module                 Responsibility                                           
 ``capstan``            Equations of the friction rig: mu from two tensions, sliding    (5) to (8)
                        speed, normal force along the arc and its mean
 ``kelvin_voigt``       Material of the belt: force and moment of a section             (9)
-``friction_surface``   mu(f_N, v) between and beyond the nodes of a grid               Section 3
+``friction_surface``   mu(f_N, v) between and beyond the nodes of a grid               Section 2.2
 ``uncertain_surface``  Friction surface with covariance, bands, ensembles              beyond
 ``slow_friction``      Friction surface below its slowest speed, for a drive           (D14)
-``surface_tables``     The surface as arrays and the functions that evaluate them      Section 3
-``bicubic``            Spline patches that stay between the values they join           Section 3
+``surface_tables``     The surface as arrays and the functions that evaluate them      Section 2.2
+``bicubic``            Spline patches that stay between the values they join           Section 2.2
 ``friction_formulas``  Parametric laws mu(f, v) in place of a surface                  beyond
 =====================  ==============================================================  ==========
 

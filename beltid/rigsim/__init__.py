@@ -1,4 +1,4 @@
-"""The numerical experiment: the friction rig as a planar multibody model (Section 4).
+"""The numerical experiment: the friction rig as a planar multibody model (Sections 3 and 4).
 
 ===================  =============================================================  ============
 Module               Responsibility                                                 Equation

@@ -1,4 +1,4 @@
-"""Measured against simulated friction coefficients (paper, section 7).
+"""Measured against simulated friction coefficients (paper, section 4).
 
 ============  =====================================================================  =============
 Module        Responsibility                                                         Equation

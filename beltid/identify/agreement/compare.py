@@ -1,4 +1,4 @@
-"""Agreement of measured and simulated friction coefficients (paper, section 7, Figs. 16 and 17).
+"""Agreement of measured and simulated friction coefficients (paper, section 4, Figs. 16 and 17).
 
 Both sides come from the same reduction. Runs are matched by their settings, compared per arc and
 averaged over arcs, and grouped by normal force, because the paper finds its differences at low and

@@ -1,4 +1,4 @@
-"""From reduced runs to the friction surface mu(f_N, v) (paper, section 5).
+"""From reduced runs to the friction surface mu(f_N, v) (paper, section 2.2).
 
 ================  =========================================================  =====================
 Module            Responsibility                                             Equation

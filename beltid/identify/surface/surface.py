@@ -1,4 +1,4 @@
-"""Friction surface from the reduced runs of the friction rig (paper, section 5, Figs. 12 and 13).
+"""Friction surface from the reduced runs of the friction rig (paper, section 2.2, Figs. 12 and 13).
 
 Each contact arc and speed setting gives a curve over the normal force. Each arc gives a surface
 over the range that it covers at all speeds. Simulations use the average over the arcs.

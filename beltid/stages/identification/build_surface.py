@@ -1,4 +1,4 @@
-"""beltid build-surface: friction coefficients of the runs -> mu(f_N, v) (paper section 5)."""
+"""beltid build-surface: friction coefficients of the runs -> mu(f_N, v) (paper section 2.2)."""
 
 from __future__ import annotations
 

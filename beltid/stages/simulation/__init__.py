@@ -4,8 +4,8 @@
 Module               Responsibility                                              Equation
 ==================== =========================================================== ===============
 ``simulate_rig``     simulate the runs of the rig                                (9) to (12)
-``compare``          compare measured with simulated friction                    section 7
-``refine_surface``   remove the bias of the mean force from the surface          beyond section 7
+``compare``          compare measured with simulated friction                    section 4
+``refine_surface``   remove the bias of the mean force from the surface          beyond section 4
 ``plan``             plan the next runs of the rig, or stop                      (P1) to (P6)
 ``plan_inputs``      inputs of a plan: settings, the known surface, noise
 ``plan_tables``      output tables of a plan

@@ -1,4 +1,4 @@
-"""beltid compare: compare measured with simulated friction coefficients (paper section 7).
+"""beltid compare: compare measured with simulated friction coefficients (paper section 4).
 
 The simulated recording passes the same function that reduced the measured one, with the settings
 stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
