@@ -257,7 +257,9 @@ def _joined(
     """Join raw tables to a recording and check it."""
     table = options.table(kind)
     columns, place, notes, stated = joined(raw_tables, table, options, problems)
-    notes += Checker(str(path), columns, table, place, problems).run({*options.units, *stated})
+    checker, stated = Checker(str(path), columns, table, place, problems), {*options.units, *stated}
+    notes += checker.run(stated)
+    checker.compare_runs(stated)
     problems.raise_if_any()
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
     return Recording(kind, columns, path, tuple(notes), mappings)

@@ -53,7 +53,7 @@ def rig_of(runs: list[str], n: int = 40) -> dict[str, np.ndarray]:
     return {
         "run": np.repeat(runs, n),
         "time_s": time_s,
-        "tension_tight_N": 100.0 + 20.0 * turns,
+        "tension_tight_N": 100.0 + 20.0 * turns + 0.01 * np.repeat(np.arange(len(runs)), n),
         "tension_slack_N": 100.0 - 20.0 * turns,
         "pulley_speed_rad_s": 0.2 * turns,
         "temperature_degC": np.full(time_s.size, 22.0),

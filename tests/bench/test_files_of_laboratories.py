@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import tarfile
 import zipfile
 from pathlib import Path
@@ -100,9 +101,18 @@ def test_a_clock_whose_form_stands_as_its_unit(tmp_path):
     assert_is_the_press(read(path))
 
 
-def test_time_channel_of_catman(tmp_path):
+CATMAN = HEADER.replace("Zeit", "Zeit  1 - Standardmessrate")
+START_AND_RATE = ["T0 = 20.11.2026 13:00:00;;", "dt = 100 ms;;", " s;mm;N"]
+
+
+@pytest.mark.parametrize(
+    ("title", "below"), [([], []), ([], START_AND_RATE), (["Test;5PK"], START_AND_RATE)]
+)
+def test_channels_of_catman(tmp_path, title, below):
+    """With the start and the rate between names and units, or without them."""
+    names = re.sub(r" \[\w+\]", "", CATMAN) if below else CATMAN
     path = tmp_path / "P22.asc"
-    path.write_text("\n".join([HEADER.replace("Zeit", "Zeit  1 - Standardmessrate"), *ROWS]) + "\n")
+    path.write_text("\n".join([*title, names, *below, *ROWS]) + "\n")
     assert_is_the_press(read(path))
 
 
@@ -222,7 +232,8 @@ def test_exponents_of_fortran_are_exponents(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "word", ["#N/A", "#NV", "#DIV/0!", "-nan(ind)", "1.#QNAN", "-1.#IND", "<NA>", "n.a.", "---"]
+    "word",
+    ["#N/A", "#NV", "#DIV/0!", "-nan(ind)", "1.#QNAN", "-1.#IND", "<NA>", "n.a.", "---", "\u2013"],
 )
 def test_words_of_programs_for_a_missing_number(tmp_path, word):
     path = tmp_path / "P22.csv"

@@ -178,6 +178,21 @@ def test_a_recognised_channel_without_a_unit_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("header", "cell", "words"),
+    [
+        ("Zeit [s];Weg [mm];Kraft [kip]", "1", 'the unit of "Kraft [kip]" must be one of N, mN, '),
+        ("Zeit [s];Weg [MM];Kraft [N]", "1", 'displacement_mm, is "MM", which is not known'),
+        ("Zeit;Weg [mm];Kraft [N]", "20-Nov-2026 11:59", 'time_s, holds "20-Nov-2026 11:59", must'),
+        ("Zeit;Weg [mm];Kraft [N]", "1 s", 'time_s, holds "1 s", must be a clock time such as'),
+    ],
+)
+def test_what_is_wrong_with_a_recognised_channel_is_told(tmp_path, header, cell, words):
+    """Not that it or its unit is missing."""
+    found = problems(write(tmp_path, header, [f"{cell};1;2"] * 5), "press")
+    assert words in found[0]
+
+
+@pytest.mark.parametrize(
     ("unit", "setting", "factor", "offset"),
     [
         ("V", "250 N/V", 250.0, 0.0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from pathlib import Path
 
@@ -226,6 +227,61 @@ def test_one_label_for_two_files_is_refused(tmp_path, runs):
     assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is already used in runs/a.csv"]
 
 
+@pytest.mark.parametrize("labelled", [False, True])
+def test_a_copy_of_a_run_is_refused(tmp_path, runs, labelled):
+    """It would count twice: a file copied in its folder, columns exported twice."""
+    copy = runs["R001"].assign(run="R1x", time_s=runs["R001"]["time_s"] + 5.0)
+    both = [run if labelled else run.drop(columns="run") for run in (runs["R001"], copy)]
+    (tmp_path / "runs").mkdir()
+    for name, run in zip(("R001", "R1x"), both, strict=True):
+        run.to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
+    assert problems(tmp_path / "runs") == [
+        "runs/R1x.csv:2: run R1x holds the same samples as R001: keep only one of them"
+    ]
+    press = pd.read_csv(RIGDATA / "press.csv")
+    sides = press.loc[press["test"] == "P22", ["time_s", "displacement_mm", "force_N"]]
+    twice = pd.concat([sides, sides], axis=1)
+    twice.columns = ["Zeit [s]", "Weg [mm]", "Kraft [N]"] * 2
+    twice.to_csv(tmp_path / "P22.csv", index=False)
+    (found,) = problems(tmp_path / "P22.csv", kind="press")
+    assert found == "P22.csv:2: test P22-2 holds the same samples as P22-1: keep only one of them"
+
+
+@pytest.mark.parametrize("by", [1e-3, 0.1])
+def test_a_run_in_another_unit_than_the_rest_is_doubted(tmp_path, runs, by):
+    """A tenth of the tension of the others may well be meant; a thousandth is in kN."""
+    other = runs["R042"].assign(run="R9", tension_tight_N=runs["R042"]["tension_tight_N"] * by)
+    idle = runs["R100"].assign(run="idle", tension_tight_N=1e-3 * runs["R100"]["tension_tight_N"])
+    marked = [run.assign(idle=False) for run in (*runs.values(), other)]
+    all_runs = pd.concat([*marked, idle.assign(idle=True)])
+    torque = 0.05 * (all_runs["tension_tight_N"] - all_runs["tension_slack_N"])
+    path = tmp_path / "rig.csv"
+    all_runs.assign(torque_N_m=torque).drop(columns="tension_slack_N").to_csv(path, index=False)
+    config = {"rig": {"kind": "torque"}}
+    if by == 0.1:
+        labels = read_recording(path, "rig", load_config(config)).columns["run"]
+        assert set(labels) == {*LABELS, "R9", "idle"}
+        return
+    (found,) = problems(path, config)
+    assert found.startswith("rig.csv, run R9: tension_tight_N lies between 0.")
+    assert found.endswith("not plausible in N; is this run alone in kN?")
+
+
+def test_names_that_are_not_utf_8_and_links_that_lead_nowhere(tmp_path, runs):
+    """A name unpacked on a computer of another encoding is read, its label is shown."""
+    folder = per_run(tmp_path / "runs", runs)
+    for number, label in enumerate(LABELS):
+        (folder / f"{label}.csv").rename(folder / os.fsdecode(b"L\xe4uf%d.csv" % number))
+    (folder / "Thumbs.db").write_bytes(b"\xd0\xcf\x11\xe0")
+    config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
+    columns = read_recording(folder, "rig", config).columns
+    assert sorted(set(columns["run"])) == [f"L\ufffduf{number}" for number in range(4)]
+    assert len(content_of(folder).sha256) == 64
+    (folder / "R5.csv").symlink_to(tmp_path / "another disk.csv")
+    with pytest.raises(InputError, match=r"R5\.csv: "):
+        read_recording(folder, "rig", config)
+
+
 def test_the_place_of_a_wrong_sample_is_its_file_and_line(tmp_path, runs):
     folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
     name = next(folder.glob("R042*"))
@@ -258,6 +314,26 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_told_apart(tmp_path
         "rig.csv: the pulley turns 2 times with stops between, and no column labels the runs: "
         "add one"
     ]
+
+
+@pytest.mark.parametrize("period", [32.768, 65.536, 0.02 * 2**15])
+def test_a_clock_that_overflows_is_no_new_run(tmp_path, period):
+    """After 2^15 or 2^16 ms, or samples of 0.02 s, it begins again."""
+    n = int(1.4 * period / 0.02)
+    turns = np.arange(n) > 100
+    frame = pd.DataFrame({"time_s": np.round(0.02 * np.arange(n) % period, 3)})
+    frame["tension_tight_N"], frame["tension_slack_N"] = (
+        100.0 + 20 * turns + 1e-4 * np.arange(n),
+        90.0,
+    )
+    frame["pulley_speed_rad_s"] = 0.2 * turns
+    path = tmp_path / "rig.csv"
+    frame.assign(arc_deg=82, initial_tension_N=100).to_csv(path, index=False)
+    (found,) = problems(path)
+    assert "as a counter does when it overflows: if it does, add its period" in found
+    frame["time_s"] = np.round(0.02 * np.arange(n) % 40.0, 3)
+    frame.assign(arc_deg=82, initial_tension_N=100).to_csv(path, index=False)
+    assert len(set(read_recording(path, "rig").columns["run"])) == -(-n // 2000)
 
 
 def test_a_time_that_jumps_back_a_little_is_no_new_run(tmp_path, runs):

@@ -153,8 +153,9 @@ def test_known_groups_are_read_by_arrow(tmp_path, monkeypatch):
     assert forces(press(tmp_path, ["", *rows[:3], " 12 "]))[1:] == [*FORCES[:3], 12.0]
 
 
-def test_a_typographic_minus_is_a_minus(tmp_path):
-    rows = ["\u22121.250,5", "\u22125,25", "3,75"]
+@pytest.mark.parametrize("sign", ["\u2212", "\u2013"])
+def test_a_typographic_minus_is_a_minus(tmp_path, sign):
+    rows = [f"{sign}1.250,5", f"{sign}5,25", "3,75"]
     assert forces(press(tmp_path, rows)) == [-1250.5, -5.25, 3.75]
 
 

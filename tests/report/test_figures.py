@@ -155,6 +155,10 @@ def test_belts_side_by_side_show_what_each_measured_and_what_was_simulated() -> 
     measured, simulated = lines[0].get_ydata(), lines[1].get_ydata()
     assert simulated == pytest.approx(1.001 * measured)  # the refined comparison of the data
     assert belts.measured([without("friction")]).figure is None
+    no_rows = replace(friction, columns={name: v[:0] for name, v in friction.columns.items()})
+    empty = replace(one, sheets={**one.sheets, "friction": no_rows})
+    assert belts.measured([empty]).figure is None
+    assert len(axes_of(belts.measured([one, empty]))[0].containers) == 1
     n = 200  # a random design: each run has a speed of its own, eight classes of them
     many = {name: np.resize(values, n) for name, values in friction.columns.items()}
     many |= {"status": np.array(["ok"] * n), "slip_speed_m_s": np.geomspace(-0.1, -0.001, n)}

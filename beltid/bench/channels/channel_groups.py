@@ -23,7 +23,7 @@ from beltid.bench.channels.text_tables import check_header, convert
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.dialect import side_by_side, without_position
-from beltid.bench.formats.numbers import NumberSigns, numbers_or_problems
+from beltid.bench.formats.numbers import NumberSigns, first_no_number, numbers_or_problems
 from beltid.bench.formats.rows import Texts, word_of
 from beltid.bench.read_options import ReadOptions
 from beltid.errors import PlaceOf
@@ -40,6 +40,7 @@ def candidates_of(groups: Sequence[Group], *, named: bool) -> list[Candidate]:
             group.name if named else "",
             written_as(channel.first_texts()),
             channel.scaling,
+            first_no_number(channel.first_texts()),
         )
         for g, group in enumerate(groups)
         for c, channel in enumerate(group.channels)

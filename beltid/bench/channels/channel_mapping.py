@@ -15,7 +15,7 @@ import numpy as np
 
 from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
-from beltid.bench.formats.dialect import unit_in_name, without_position, without_unit
+from beltid.bench.formats.dialect import IN_NAME, unit_in_name, without_position, without_unit
 from beltid.bench.read_options import ReadOptions
 from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
@@ -79,6 +79,8 @@ class Candidate:
         "clock" or "date" if its cells are clock times or dates, not numbers or other texts.
     scaling : str
         Scaling stated in the file that was not applied.
+    sample : str
+        Its first cell, if that is no number.
     """
 
     name: str
@@ -87,6 +89,7 @@ class Candidate:
     group: str = ""
     written: str = ""
     scaling: str = ""
+    sample: str = ""
 
     @property
     def shown(self) -> str:
@@ -377,6 +380,12 @@ def _mapping(
     if mapping.is_clock:
         return replace(mapping, unit_stated=True)
     unit = unit_of(candidate)
+    if how == "recognised" and candidate.sample and not unit:
+        number = "a clock time such as 13:45:02.125" if column.name == "time_s" else "a number"
+        context.complain(
+            f'{candidate.name}, read as {column.name}, holds "{candidate.sample}", must be {number}'
+        )
+        return mapping
     unclear = _unclear(column, mapping, context)
     converted = unclear or unit_conversion(
         column, candidate.name, unit, context, how == "recognised"
@@ -481,9 +490,10 @@ def unit_conversion(
             if other in (None, Conversion(1.0)):
                 return None
             return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
+        bracket = IN_NAME.search(name)
+        what = f'is "{bracket[1]}", which is not known' if bracket else "is missing"
         return (
-            f"the unit of {name}, read as {column.name}, is missing; "
-            f"state it: {line}{column.unit}}}}}"
+            f"the unit of {name}, read as {column.name}, {what}; state it: {line}{column.unit}}}}}"
         )
     if plain in RAW:
         return (

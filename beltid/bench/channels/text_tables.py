@@ -25,12 +25,20 @@ from beltid.bench.channels.vocabulary import roles_meant
 from beltid.bench.files.sniff import Decoded
 from beltid.bench.formats.clock import Clock, written_as
 from beltid.bench.formats.csv_table import Wanted, read_rows
-from beltid.bench.formats.dialect import Layout, asides_note, blank_asides, layout, side_by_side
+from beltid.bench.formats.dialect import (
+    IN_NAME,
+    Layout,
+    asides_note,
+    blank_asides,
+    layout,
+    side_by_side,
+)
+from beltid.bench.formats.numbers import first_no_number
 from beltid.bench.read_options import ReadOptions
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS
-from beltid.tables.units import Conversion
+from beltid.tables.units import Conversion, allowed_units
 
 
 def text_layout(decoded: Decoded, name: str, options: ReadOptions, table: Table) -> Layout:
@@ -45,7 +53,7 @@ def candidates_of(text_layout: Layout) -> list[Candidate]:
     units = (*text_layout.unit_cells, *[""] * len(text_layout.header))
     cells = text_layout.first_cells()
     return [
-        Candidate(name, units[i], i, written=written_as(cells[i]))
+        Candidate(name, units[i], i, written=written_as(cells[i]), sample=first_no_number(cells[i]))
         for i, name in enumerate(text_layout.header)
         if name
     ]
@@ -199,7 +207,7 @@ def check_header(
             continue
         free = [column for column in header if column not in names_in_file.values()]
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
-        guess = f", did you mean {close[0]}?" if close else ""
+        guess = f", did you mean {close[0]}?" if close else _unknown_unit(ours, free, table)
         called = ours if ours == theirs else f"{theirs} (which the config names for {ours})"
         setting = ours in NOMINAL and not close
         if not setting:
@@ -229,6 +237,20 @@ def check_header(
             f"{place}: the columns found are {shown}; if they have other names, state them in the "
             f'config, columns: {{{table.kind}: {{{ours}: "{example}"}}}}'
         )
+
+
+def _unknown_unit(ours: str, names: Sequence[str], table: Table) -> str:
+    """Return advice on a channel that could be our column but for its unit; "" if there is none."""
+    for name in names:
+        bracket = IN_NAME.search(name)
+        if bracket and ours in roles_meant(IN_NAME.sub("", name), table.kind):
+            units = ", ".join(allowed_units(table.column(ours).unit))
+            return (
+                f': the unit of "{name}" must be one of {units}, or state columns: '
+                f'{{{table.kind}: {{{ours}: "{name}"}}}} and units: {{{table.kind}: {{{ours}: '
+                "{factor: ..., offset: 0}}}"
+            )
+    return ""
 
 
 def kind_of_columns(header: Sequence[str]) -> str:

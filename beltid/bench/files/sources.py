@@ -16,7 +16,8 @@ from beltid.bench.files.sniff import ZIP, sniff, unread
 from beltid.errors import InputError
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
-_COMPANIONS: Final = frozenset({".tdms_index"})
+_COMPANIONS: Final = frozenset({".tdms_index", ".lnk"})
+_OF_WINDOWS: Final = frozenset({"thumbs.db", "desktop.ini"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,24 +91,29 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
         return sources_in(read_bytes(path), path)
     root = path if path.is_dir() else _root(path)
     files = _files(path, {b.absolute() for b in besides})
-    return [Source(str(file), file, file.relative_to(root)) for file in files]
+    return [Source(_shown(file), file, file.relative_to(root)) for file in files]
 
 
 def unread_sources(path: Path) -> list[Source]:
     """List the same files, but neither read nor unpack a single file, which may be large."""
-    return sources_of(path) if is_many(path) else [Source(str(path), path, PurePath(path.name))]
+    return sources_of(path) if is_many(path) else [Source(_shown(path), path, PurePath(path.name))]
 
 
 def sources_in(data: bytes, path: Path) -> list[Source]:
     """List the file itself, or the files in it if the bytes are a zip file."""
     if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):
-        return [Source(str(path), path, PurePath(path.name), data)]
+        return [Source(_shown(path), path, PurePath(path.name), data)]
     packed = list(members(data, path))
     names = [f"{path}/{member}" if len(packed) > 1 else str(path) for member in packed]
     return [
         Source(name, path, PurePosixPath(member), data, is_member=True)
         for name, member in zip(names, packed, strict=True)
     ]
+
+
+def _shown(path: Path) -> str:
+    """Return a path as text for messages and labels; bytes that are not UTF-8 become U+FFFD."""
+    return str(path).encode(errors="surrogateescape").decode(errors="replace")
 
 
 def refuse_large(path: Path, sources: Sequence[Source]) -> None:
@@ -168,7 +174,7 @@ def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
         return _file_content(path)
     sources = sources_of(path, besides)
     lines = [f"{s.inside.as_posix()}\0{_file_content(s.path).sha256}\n" for s in sources]
-    return Content(sha256("".join(lines).encode()), is_parquet=False)
+    return Content(sha256("".join(lines).encode(errors="surrogateescape")), is_parquet=False)
 
 
 def are_parquet(sources: Sequence[Source]) -> bool:
@@ -269,13 +275,16 @@ def parquet_files(folder: Path) -> list[Path]:
 def _candidates(path: Path) -> list[Path]:
     """List the files of a folder or pattern that may be recordings."""
     if path.is_dir():
-        files = [f for f in path.iterdir() if f.is_file()]
+        files = list(path.iterdir())
     else:
-        files = [Path(f) for f in glob.glob(str(path), recursive=True) if Path(f).is_file()]
+        files = [Path(f) for f in glob.glob(str(path), recursive=True)]
     return [
         f
         for f in files
-        if not f.name.startswith((".", "~$")) and f.suffix.lower() not in _COMPANIONS
+        if (f.is_file() or (f.is_symlink() and not f.is_dir()))  # the reader reports a dead link
+        and not f.name.startswith((".", "~$"))
+        and f.suffix.lower() not in _COMPANIONS
+        and f.name.lower() not in _OF_WINDOWS
     ]
 
 

@@ -48,9 +48,10 @@ _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
 """A line that ends inside a quoted cell."""
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
 """Format of clock times in place of a unit."""
-_IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """Number that distinguishes channels of the same name."""
+"""Brackets at the end of a name, which may hold its unit."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
@@ -163,12 +164,15 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     row = top[at].strip() if separator == BLANK else top[at]
     header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
+    units_at = at + 1
     if not skipped and not names <= set(header):
         titled = _search(top[:SEARCHED], dialect.separator)
-        if titled is not None and (titled[0].header_row, titled[1]) != (at, separator):
+        if titled is not None:
+            if (titled[0].header_row, titled[1]) != (at, separator):
+                notes.append(f"header found in line {titled[0].header_row + 1}")
             head, separator = titled
             at, header, fields = head.header_row, head.names, head.fields
-            notes.append(f"header found in line {at + 1}")
+            units_at = head.below
     fields = fields or fields_of([[row] for row in top[:at] if row.startswith("#")])
     while header and not header[-1]:  # a separator at the end of the line
         header = header[:-1]
@@ -177,7 +181,7 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     place = f"{name}:{at + 1}"
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{place}: {len(header)} columns, must be at most {MAX_COLUMNS}")
-    unit_cells, first = _units_row(top, at + 1, separator, stated=dialect.units_row)
+    unit_cells, first = _units_row(top, units_at, separator, stated=dialect.units_row)
     body = "".join(text.split("\n", first)[first:])
     if not body.strip():
         raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
@@ -327,8 +331,8 @@ class TableHead:
         Cells of the header.
     units : tuple of str
         Cells of the row of units, empty if there is none.
-    header_row, first_row : int
-        Index of the header and of the first row of numbers.
+    header_row, below, first_row : int
+        Index of the header, of the row of units (else of numbers), and of the first row of numbers.
     fields : tuple of Field
         Title lines of the form name and value.
     """
@@ -336,6 +340,7 @@ class TableHead:
     names: tuple[str, ...]
     units: tuple[str, ...]
     header_row: int
+    below: int
     first_row: int
     fields: tuple[Field, ...]
 
@@ -357,14 +362,18 @@ def find_head(rows: Sequence[Sequence[str]]) -> TableHead | None:
         if not above:
             return None
         units: tuple[str, ...] = ()
+        below = index
         if len(above) > 1 and is_units_row(rows[above[-1]]):
-            units = tuple(cell.strip() for cell in rows[above[-1]])
-            above.pop()
+            below = above.pop()
+            units = tuple(cell.strip() for cell in rows[below])
+        notes = []
+        while len(above) > 1 and sum(1 for cell in rows[above[-1]] if cell.strip()) < 2:
+            notes.append(rows[above.pop()])  # a start or a rate between names and units
         names = _names_of(rows, above)
         if sum(1 for name in names if name and not is_number(name)) < 2:
             return None
-        fields = fields_of([rows[i] for i in above[:-1]])
-        return TableHead(names, units, above[-1], index, fields)
+        fields = fields_of([*(rows[i] for i in above[:-1]), *notes])
+        return TableHead(names, units, above[-1], below, index, fields)
     return None
 
 
@@ -422,7 +431,7 @@ def unit_in_name(name: str) -> str:
     """Extract the unit from a name: ``Kraft [N]``, ``Weg (mm)``, ``Zeit / s``; "" if none."""
     if len(name) > LONGEST_NAME:
         return ""
-    match = _IN_NAME.search(name) or _AFTER_NAME.search(name)
+    match = IN_NAME.search(name) or _AFTER_NAME.search(name)
     unit = match[1].strip() if match else ""
     return unit if unit and is_unit(unit) else ""
 
@@ -431,7 +440,7 @@ def without_unit(name: str) -> str:
     """Remove the unit from the name of a channel."""
     if not unit_in_name(name):
         return name.strip()
-    pattern = _IN_NAME if _IN_NAME.search(name) else _AFTER_NAME
+    pattern = IN_NAME if IN_NAME.search(name) else _AFTER_NAME
     return pattern.sub("", name).strip()
 
 

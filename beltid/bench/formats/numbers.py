@@ -20,7 +20,21 @@ from beltid.errors import PlaceOf, Problems
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MISSING_WORDS: Final = frozenset(
     (
-        *("", "-", "--", "---", "nan", "NaN", "NAN", "-nan", "-NaN", "nan(ind)", "-nan(ind)"),
+        *(
+            "",
+            "-",
+            "--",
+            "---",
+            "\u2013",
+            "\u2014",
+            "nan",
+            "NaN",
+            "NAN",
+            "-nan",
+            "-NaN",
+            "nan(ind)",
+            "-nan(ind)",
+        ),
         *("NA", "N/A", "n/a", "n.a.", "<NA>", "null", "NULL", "None"),
         *("#N/A", "#NA", "#NV", "#DIV/0!", "#VALUE!", "#WERT!", "#NUM!", "#ZAHL!"),
         *("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND"),
@@ -38,18 +52,23 @@ _GROUPED: Final = re.compile(
     re.ASCII,
 )
 _COMMA_TO_POINT: Final = str.maketrans(",.", ".?")
-_PLAIN_SIGNS: Final = {"’": "'", "\u00a0": " ", "\u2009": " ", "\u202f": " "}
-_MINUS: Final = "\u2212"
-"""The typographic minus sign, which word processors and some instruments write."""
-_TO_PLAIN: Final = str.maketrans({**_PLAIN_SIGNS, _MINUS: "-"})
+_PLAIN_SIGNS: Final = {"’": "'", "\u00a0": " ", "\u2007": " ", "\u2009": " ", "\u202f": " "}
+_TO_MINUS: Final = str.maketrans("\u2212\u2013", "--")
+"""The typographic minus sign and the dash, which word processors and some instruments write."""
+_TO_PLAIN: Final = str.maketrans(_PLAIN_SIGNS) | _TO_MINUS
 _OTHER: Final = {",": ".", ".": ","}
 
 
 def is_number(text: str) -> bool:
     """Whether a cell is a number, with either decimal sign, with or without digit groups."""
     grouped = _GROUPED.fullmatch(text.translate(_TO_PLAIN))
-    plain = _FORTRAN.sub("E", text.replace(",", ".").replace(_MINUS, "-"))
+    plain = _FORTRAN.sub("E", text.replace(",", ".").translate(_TO_MINUS))
     return bool(grouped or NUMBER.fullmatch(plain))
+
+
+def first_no_number(cells: Sequence[str]) -> str:
+    """Return the first cell of a column, shortened, if it is no number; else ""."""
+    return "" if not cells or is_number(cells[0]) else cells[0][:40]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +96,7 @@ class NumberSigns:
         for cell in cells:
             match = _GROUPED.fullmatch(cell.translate(_TO_PLAIN))
             if match is None:
-                point = _DECIMAL.fullmatch(_FORTRAN.sub("E", cell.replace(_MINUS, "-")))
+                point = _DECIMAL.fullmatch(_FORTRAN.sub("E", cell.translate(_TO_MINUS)))
                 decimals |= {point["point"]} if point else set()
             elif match["point"] or match["more"] or match["sign"] in "' ":
                 groups.add(match["sign"])
@@ -91,7 +110,7 @@ class NumberSigns:
 
     def number(self, text: str) -> float | str:
         """Convert a cell to a number, or say why it is not one."""
-        text = _FORTRAN.sub("E", text.replace(_MINUS, "-"))
+        text = _FORTRAN.sub("E", text.translate(_TO_MINUS))
         plain = text.translate(_COMMA_TO_POINT) if self.decimal == "," else text
         if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
             return float(plain)
@@ -125,7 +144,7 @@ class NumberSigns:
         group, point = f"({'|'.join(map(re.escape, signs))})", re.escape(self.decimal)
         whole = rf"([1-9][0-9]{{0,2}}({group}[0-9]{{3}})+|[0-9]+)"
         pattern = rf"[-+]?({whole}({point}[0-9]*)?|{point}[0-9]+)([eE][-+]?[0-9]+)?"
-        cells = pc.replace_substring(pc.utf8_trim_whitespace(cells), _MINUS, "-")
+        cells = pc.replace_substring_regex(pc.utf8_trim_whitespace(cells), "[\u2212\u2013]", "-")
         if not pc.all(pc.match_substring_regex(cells, f"^{pattern}$"), min_count=0).as_py():
             return None
         for sign in signs:

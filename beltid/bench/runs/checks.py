@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Final
 
 import numpy as np
 
+from beltid.bench.channels.channel_mapping import sensors_of
 from beltid.bench.runs.run_split import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problem, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
@@ -16,6 +17,8 @@ from beltid.tables.values import absent, outside, shown_value
 Columns = dict[str, np.ndarray]
 MARKS, MARKED = 0.02, 10.0
 """Largest share of samples that may be overflow marks, and their least ratio to the others."""
+OTHER_RUN: Final = 100.0
+"""Least ratio of the largest run to a run in another unit; benches vary their load far less."""
 TRUTH: Final = ("true", "false")
 TRUTHS: Final = {
     **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
@@ -44,6 +47,8 @@ class Checker:
     ----------
     suspects : set of str
         Columns whose unit or sign is questionable; their numbers are not checked one by one.
+    codes : ndarray of int or None
+        Number of the run of every row, -1 without a label; set by `run`.
     """
 
     def __init__(
@@ -60,6 +65,7 @@ class Checker:
         self.place = place
         self.problems = problems
         self.suspects: set[str] = set()
+        self.codes: np.ndarray | None = None
 
     def run(
         self, units_stated: Collection[str], judged: Collection[str] | None = None
@@ -75,7 +81,7 @@ class Checker:
             a recording. None: the columns are the whole recording.
         """
         self._units({*units_stated, *(judged or ())})
-        codes = self._labels()
+        codes = self.codes = self._labels()
         notes: list[str] = []
         for column in self.table.columns:
             if column.name in self.columns and column.choices:
@@ -108,16 +114,46 @@ class Checker:
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
-            if guess and self._marks(column, values):
-                continue
-            if guess:
-                self.suspects.add(column.name)
-                span = f"lies between {finite.min():g} and {finite.max():g}"
+            if guess and not self._marks(column, values):
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
-                self.problems.add(
-                    f"{self.name}: {column.name} {span}, not plausible in {column.unit}; "
-                    f"if it is in {guess}, say so: {setting}"
-                )
+                self._doubt(self.name, column, finite, f"if it is in {guess}, say so: {setting}")
+
+    def _doubt(self, place: str, column: Column, finite: np.ndarray, advice: str) -> None:
+        """Report numbers that are not plausible in the unit of their column."""
+        self.suspects.add(column.name)
+        span = f"lies between {finite.min():g} and {finite.max():g}"
+        self.problems.add(
+            f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}"
+        )
+
+    def compare_runs(self, units_stated: Collection[str]) -> None:
+        """Report runs that are copies of another run, and runs in another unit than the rest."""
+        codes = self.codes
+        if codes is None or "time_s" not in self.columns or self.problems.count:
+            return
+        label = self.columns[self.table.label]
+        order = np.argsort(codes, kind="stable")
+        runs = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
+        sensors = [self.table.column(name) for name in sensors_of(self.table)]
+        seen: dict[int, str] = {}
+        for rows in runs:
+            samples = [self.columns[column.name][rows] for column in sensors]
+            refuse_copy(
+                samples, label[rows[0]], seen, self.table, self.place(int(rows[0])), self.problems
+            )
+        for column in self.table.columns:
+            believed = {*NOMINAL, *units_stated, *self.suspects}
+            if column.unit not in ("N", "mm") or column.name in believed:
+                continue
+            values = [v[np.isfinite(v)] for v in (self.columns[column.name][r] for r in runs)]
+            shift = 0.5 if column.unit == "mm" else 0.0  # a travel may begin anywhere
+            sizes = [np.abs(v - shift * (v.min() + v.max())).max() if v.size else 0 for v in values]
+            for rows, finite, size in zip(runs, values, sizes, strict=True):
+                doubted = 0.0 < OTHER_RUN * size < max(sizes)
+                guess = _other_unit(column, self.table.kind, finite) if doubted else ""
+                if guess and "true" not in self.columns.get("idle", label)[rows]:
+                    where = f"{self.name}, {self.table.label} {label[rows[0]]}"
+                    self._doubt(where, column, finite, f"is this run alone in {guess}?")
 
     def _marks(self, column: Column, values: np.ndarray) -> bool:
         """Report overflow marks; return whether they explain all implausible numbers."""
@@ -238,6 +274,38 @@ class Checker:
                 "must not go backwards (is the label used twice?)"
             ),
         )
+
+
+def refuse_copy(
+    samples: Sequence[np.ndarray],
+    label: str,
+    seen: dict[int, str],
+    table: Table,
+    place: tuple[str, int],
+    problems: Problems,
+) -> None:
+    """Report a run whose sensors recorded the samples of another: a file or columns copied.
+
+    Parameters
+    ----------
+    samples : sequence of ndarray
+        Samples of each sensor, shape (n,).
+    label : str
+        Label of the run.
+    seen : dict
+        Hash of the samples -> label of the runs so far; receives that of this one.
+    table : Table
+        The schema.
+    place : tuple
+        Place of the run for messages, and its line.
+    problems : Problems
+        Receives the problem.
+    """
+    first = seen.setdefault(hash(tuple(values.tobytes() for values in samples)), label)
+    if first != label and len(samples[0]) >= MIN_SAMPLES:
+        where, line = place
+        text = f"{table.label} {label} holds the same samples as {first}: keep only one of them"
+        problems.add(f"{where}: {text}", line)
 
 
 def no_number(name: str, column: Column) -> Problem:

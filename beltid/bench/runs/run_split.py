@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,8 @@ from beltid.tables.schemas import NOMINAL
 RESTART: Final = 0.05
 """A new run begins when time falls back into the first part, this share, of the run before."""
 MIN_SAMPLES: Final = 10
+LEAST_PERIOD: Final = 100
+"""Fewest samples between two overflows of a clock."""
 PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
@@ -58,6 +60,7 @@ def run_labels(
     if not starts:
         _refuse_second_rotation(columns, place, problems)
         return labels, []
+    _refuse_overflow(time, starts, place, problems)
     if lengths.min() < MIN_SAMPLES:
         row = bounds[int(lengths.argmin())] + 1
         problems.add(
@@ -93,6 +96,27 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
             starts.append(int(i))
             begin = int(i)
     return starts
+
+
+def _refuse_overflow(
+    time: np.ndarray, starts: Sequence[int], place: str, problems: Problems
+) -> None:
+    """Refuse a time that falls as a counter of 15, 16, 31 or 32 bits does when it overflows.
+
+    Its ticks are the steps of the time, or a power of ten of a second.
+    """
+    step = float(np.median(np.abs(np.diff(time))))
+    ticks = np.array([step, *(10.0**n for n in range(-9, 1))])
+    spans = np.outer(2.0 ** np.array([15, 16, 31, 32]), ticks)
+    for row in starts:
+        period = time[row - 1] - time[row] + step
+        if period > LEAST_PERIOD * step and np.any(np.abs(spans - period) <= 1.01 * step):
+            problems.add(
+                f"{place}: time_s falls from {time[row - 1]:g} to {time[row]:g} at row {row + 1}, "
+                "as a counter does when it overflows: if it does, add its period to the times "
+                "that follow; if a run begins there, add a column of labels"
+            )
+            return
 
 
 def _refuse_second_rotation(

@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import ChannelMapping
+from beltid.bench.channels.channel_mapping import ChannelMapping, sensors_of
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
-from beltid.bench.runs.checks import Checker, no_number
+from beltid.bench.runs.checks import Checker, no_number, refuse_copy
 from beltid.errors import SHOWN, InputError, PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Table
 from beltid.tables.units import Conversion
@@ -127,6 +127,7 @@ class BigRecording:
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
         self._judged: set[str] = set()
+        self._seen: dict[int, str] = {}
 
     def __iter__(self) -> Iterator[RunColumns]:
         """Yield the runs in the order of the file.
@@ -211,6 +212,8 @@ class BigRecording:
         if shown or run.label is None or self._is_suspect(columns) or self._is_unclear(texts):
             self._check(columns, texts, run, place)
         self._judged |= shown
+        samples = [columns[name] for name in sensors_of(self.table)]
+        refuse_copy(samples, str(run.label), self._seen, self.table, place(0), self.problems)
         for column in self.table.columns:
             if column.nullable and column.name in columns:
                 count = int(np.count_nonzero(np.isnan(columns[column.name])))

@@ -113,9 +113,10 @@ def _cut(
 def measured(belts: Sequence[BeltResults]) -> Picture:
     """Draw the measured runs of every belt at the speed nearest to a common one (Fig. 12)."""
     title = "Measured friction of every belt"
-    sheets = [(b.belt, s) for b in belts if (s := b.get("friction")) is not None]
+    friction = [(b.belt, s) for b in belts if (s := b.get("friction")) is not None]
+    sheets = [(name, s) for name, s in friction if np.any(s["status"] == "ok")]
     if not sheets:
-        return absent("belts-measured", title, "No folder has a friction.parquet.", "Fig. 12")
+        return absent("belts-measured", title, "No folder has a run with status ok.", "Fig. 12")
     speeds = [np.abs(s["slip_speed_m_s"]) for _, s in sheets]
     common = _common([np.sort(v) for v in speeds])
     with new_axes() as (fig, axes):

@@ -40,16 +40,20 @@ def read(path: Path) -> BenchFile:
         if broken is not None:
             raise InputError(f"damaged: {broken} in it does not match its checksum", code="damaged")
     notes: list[str] = []
-    groups = []
+    groups: list[Group] = []
+    hidden: list[Group] = []
     with path.open("rb") as stream:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
             group = _group(sheet.title, rows)
             if group is not None:
-                groups.append(group)
+                (groups if sheet.sheet_state == "visible" else hidden).append(group)
             elif any(rows):
                 notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+    if groups and hidden:
+        notes.append("hidden sheets left out: " + ", ".join(group.name for group in hidden))
+    groups = groups or hidden
     if any(absent(c.values).any() for group in groups for c in group.channels):
         _refuse_formulas(path)
     if not groups:
