@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.metadata_models import AgreementRow, DriftRow, EffectRow
 from beltid.report.cells import MISSING, are_numbers, cell, heading
 from beltid.report.results import BeltResults, Sheet
 
@@ -39,15 +40,6 @@ RUN_COLUMNS: Final = (
     "mu_sticking",
     "status",
 )
-GROUP_COLUMNS: Final = (
-    "group",
-    "n_points",
-    "rms_percent",
-    "mean_percent",
-    "largest_percent",
-    "force_low_N_m",
-    "force_high_N_m",
-)
 HUB_COLUMNS: Final = (
     "run",
     "pulley",
@@ -62,21 +54,6 @@ HUB_COLUMNS: Final = (
     "hub_angle_deg",
     "reserve",
     "status",
-)
-DRIFT_COLUMNS: Final = (
-    "cause",
-    "per",
-    "change_percent",
-    "standard_error_percent",
-    "clear",
-    "explained_percent",
-)
-EFFECT_COLUMNS: Final = (
-    "effect",
-    "size_percent",
-    "standard_uncertainty_percent",
-    "clear",
-    "explained_percent",
 )
 BUDGET_COLUMNS: Final = (
     "artifact",
@@ -211,7 +188,7 @@ def _force_range(sheet: Sheet, force: float) -> str:
 def agreement(sheet: Sheet, of: str) -> View:
     """Tabulate the differences between simulation and measurement by group of points."""
     rows = sheet.stated("statistics") or ()
-    return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
+    return view(f"Simulated less measured µ, {of}", rows, tuple(AgreementRow.__annotations__))
 
 
 def budget(results: BeltResults) -> View | None:
@@ -228,7 +205,7 @@ def drift(friction: Sheet) -> View | None:
     """Tabulate the drift of friction over the campaign; None if it was not checked."""
     rows = friction.stated("drift") or ()
     title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
-    return view(title, rows, DRIFT_COLUMNS) if rows else None
+    return view(title, rows, tuple(DriftRow.__annotations__)) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:
@@ -238,7 +215,7 @@ def effects(sheet: Sheet) -> View | None:
         "Effects on friction apart from the refined surface, in percent of µ; share that force "
         "and speed explain"
     )
-    return view(title, rows, EFFECT_COLUMNS) if rows else None
+    return view(title, rows, tuple(EffectRow.__annotations__)) if rows else None
 
 
 def set_aside(results: BeltResults) -> View | None:

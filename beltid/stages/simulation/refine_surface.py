@@ -71,14 +71,6 @@ EFFECT_WORDS: Final = {
     TOGETHER: "order or temperature, over the campaign",
     SCATTER: "scatter from run to run",
 }
-MISFIT_COLUMNS: Final = (
-    "group",
-    "runs",
-    "rms_before_percent",
-    "mean_before_percent",
-    "rms_after_percent",
-    "mean_after_percent",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -548,7 +540,7 @@ def summarise(built: Built) -> Summary:
             **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
-        table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
+        table=[dict(row) for row in metadata.misfit],
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
 
