@@ -69,6 +69,11 @@ OF_BENCH: Final = (
 """Keys of the config that identify a belt and its friction rig, as artifacts store them."""
 
 
+def reading_keys(kind: str) -> tuple[str, ...]:
+    """Return the keys of the config that matter for how a recording of this kind is read."""
+    return (f"columns.{kind}", f"units.{kind}", f"runs.{kind}", "dialect")
+
+
 class Stale(Exception):
     """Raised if an artifact has to be built but the caller asked for a check only."""
 

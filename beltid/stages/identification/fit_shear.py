@@ -11,11 +11,11 @@ import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import ShearMetadata
-from beltid.bench.recording import columns_of, read_rig
+from beltid.bench.recording import read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.friction.rest import against_stated
-from beltid.identify.friction.run import RunRecord, run_records
+from beltid.identify.friction.run import RunRecord
 from beltid.identify.shear.build_up import build_up
 from beltid.identify.shear.stiffness import (
     BenchValues,
@@ -25,8 +25,12 @@ from beltid.identify.shear.stiffness import (
 )
 from beltid.laws.penalty import NormalLaw, stiffness_under
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import friction_settings, records_of, rig_kind
+from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.identification.reduction import (
+    friction_settings,
+    recording_in_memory,
+    records_of,
+)
 from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
 from beltid.stages.reporter import Options
 from beltid.stages.tables import press_law
@@ -49,10 +53,7 @@ KEYS: Final = (
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "press.segment_length_cm",
-    "columns.rig",
-    "units.rig",
-    "runs.rig",
-    "dialect",
+    *reading_keys("rig"),
     SECTION,
 )
 SCATTER_REPORTED: Final = 2.0
@@ -113,8 +114,7 @@ def fit_shear(
     """
     model = load_config(config)
     _check_kind(model)
-    columns, kind = columns_of(frame, "rig", model), rig_kind(model)
-    records = run_records(columns, model.rig.pulley_radius_m, kind)
+    records = records_of(recording_in_memory(frame, model), model)
     law = read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
     press = None if law is None else press_law(law, model)
     return _outcome(records, model, press).with_origin(model, frame, law)

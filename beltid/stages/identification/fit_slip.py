@@ -24,7 +24,7 @@ from beltid.identify.slip.points import (
 )
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
+from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.outcome import Outcome, rows_of, table_columns_of
 from beltid.stages.reporter import Options
 
@@ -43,10 +43,7 @@ KEYS: Final = (
     "slip",
     "rig.pulley_radius_m",
     "rig.pulley_speeds_rad_s",
-    "columns.speedloss",
-    "units.speedloss",
-    "runs.speedloss",
-    "dialect",
+    *reading_keys("speedloss"),
 )
 
 

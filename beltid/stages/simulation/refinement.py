@@ -21,7 +21,8 @@ from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.reporter import Reporter
-from beltid.stages.uncertainties import SECTION, standard_uncertainties
+from beltid.stages.simulation.campaign import RIG_KEYS
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
@@ -32,22 +33,11 @@ from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
 KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
-    "rig.slide",
-    "rig.running_measures",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
+    *RIG_KEYS,
     "contact.points_per_element",
     "surface",
-    "press.segment_length_cm",
     "friction.correct_temperature",
     "friction.reference_temperature_degC",
-    SECTION,
 )
 PER_CALL: Final = 5
 FEWEST: Final = 50

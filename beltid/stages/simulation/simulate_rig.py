@@ -21,6 +21,7 @@ from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
+    RIG_KEYS,
     Campaign,
     bench_of,
     guided_weight,
@@ -38,7 +39,7 @@ from beltid.stages.simulation.planned_runs import (
     planned_runs,
 )
 from beltid.stages.tables import friction_of, press_law, surface_of
-from beltid.stages.uncertainties import SECTION, standard_uncertainties
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
@@ -63,25 +64,14 @@ SHOWN_OF_SOLVER: Final = (
     "cone",
 )
 KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
+    *RIG_KEYS,
     "belt.mass_per_length_kg_m",
     "belt.damping_time_s",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
-    "rig.slide",
-    "rig.running_measures",
     "rig.belt_speed_m_s",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
     "contact",
     "simulation.steps_per_run",
     "simulation.friction_solver",
     "simulation.sticking_ratio",
-    "press.segment_length_cm",
-    SECTION,
 )
 SHOWN_FAILURES: Final = 20
 PROFILES: Final = "profiles"
