@@ -93,29 +93,15 @@ class Built:
     artifact: Artifact
     up_to_date: bool
 
-    @property
-    def origin(self) -> str | None:
-        """Origin of its data: "measured", "synthetic", or None if not stated."""
-        return self.artifact.metadata.origin
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the user."""
-        return self.artifact.metadata.notes
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings that the user should look into."""
-        return self.artifact.metadata.warnings
-
     def summary(self, stage: str, title: str, **shown: Any) -> Summary:
         """Summarise it: the fields common to all artifacts, plus `shown` (see `Summary`)."""
+        metadata = self.artifact.metadata
         common: dict[str, Any] = {
             "out": self.artifact.path,
-            "notes": self.notes,
-            "warnings": self.warnings,
+            "notes": metadata.notes,
+            "warnings": metadata.warnings,
             "up_to_date": self.up_to_date,
-            "origin": self.origin,
+            "origin": metadata.origin,
         }
         return Summary(stage, title, **(common | shown))
 

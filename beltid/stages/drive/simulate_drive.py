@@ -104,8 +104,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     built = build.up_to_date()
     if built is None:
         surface = surface_of(build.read("surface", "belt"))
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, model)
+        press = press_law(inputs["stiffness"], model)
         points = (
             points_of_slip(model, read_artifact(inputs["slip"], "slip").columns)
             if "slip" in inputs

@@ -71,9 +71,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         model = config.config
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
-        press = None
-        if "stiffness" in inputs:
-            press = press_law(read_artifact(inputs["stiffness"], "stiffness"), model)
+        press = press_law(inputs["stiffness"], model) if "stiffness" in inputs else None
         try:
             outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:

@@ -143,10 +143,11 @@ def reduce_rig(
         Reduce the runs of a big recording while the next ones are read.
     """
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
+    records = records_of(rig, config)
     # a single worker reduces run by run without holding a batch
-    in_parallel = isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1
-    mapper = partial(_parallel_map, workers) if in_parallel else map
-    return reduce_stream(records_of(rig, config), radius, settings, mapper)
+    if isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1:
+        return reduce_stream(records, radius, settings, partial(_parallel_map, workers))
+    return reduce_stream(records, radius, settings)
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:

@@ -161,8 +161,7 @@ def _run_held_out(
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, config.config)
+        press = press_law(inputs["stiffness"], config.config)
         options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
         built = build.write(_held_out(friction.columns, press, config.config, by, options.workers))
     return summarise(built)

@@ -144,8 +144,7 @@ def run(
     built = build.up_to_date()
     if built is None or (times and profiles is None):
         surface = build.read("surface")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, model)
+        press = press_law(inputs["stiffness"], model)
         stated = differing or measured is None or not measured.size
         settings_source = "as the config states" if stated else "at the settings measured"
         options.reporter.report(
@@ -361,7 +360,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
         table=rows,
         overview=rows_per_setting(*settings) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
-        notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
+        notes=(*metadata.notes, *(of_profiles.artifact.metadata.notes if of_profiles else ())),
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
         up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
