@@ -20,7 +20,6 @@ from beltid.stages.drive import compare_drive, simulate_drive
 from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare, refine_surface, simulate_rig
-from beltid.stages.simulation.refinement import Draws
 from beltid.stages.workers import Workers
 
 
@@ -116,7 +115,7 @@ class BatchOptions(Options):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        Draws(self.bootstrap, self.seed)  # refuses too few draws before any work
+        refine_surface.Choices(self.bootstrap, self.seed)  # refuses too few draws before any work
 
 
 def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:

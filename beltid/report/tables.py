@@ -15,6 +15,7 @@ import numpy as np
 from beltid.artifacts.metadata_models import AgreementRow, DriftRow, EffectRow
 from beltid.report.cells import MISSING, are_numbers, cell, heading
 from beltid.report.results import BeltResults, Sheet
+from beltid.report.summary import rows_of
 
 LAW_COLUMNS: Final = (
     "temperature_degC",
@@ -128,30 +129,25 @@ def view(
     return View(title, tuple(heading(name) for name in names), cells, numeric, folded)
 
 
-def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return selected columns of a sheet as rows."""
-    columns = [sheet[name].tolist() for name in names]
-    return [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
-
-
 def hubs(drive: Sheet) -> View:
     """Tabulate the forces of a predicted drive, a row per point and pulley."""
-    rows = rows_of(drive, HUB_COLUMNS)
+    rows = rows_of(drive.columns, *HUB_COLUMNS)
     return view("Forces and losses of every pulley", rows, HUB_COLUMNS, folded=True)
 
 
 def laws(stiffness: Sheet) -> View:
     """Tabulate the normal law at each temperature, and the pooled one."""
-    rows = rows_of(stiffness, LAW_COLUMNS)
+    rows = rows_of(stiffness.columns, *LAW_COLUMNS)
     for row in rows:
-        if np.isnan(row["temperature_degC"]):
+        if row["temperature_degC"] is None:
             row["temperature_degC"] = "pooled"
     return view("The normal law at each temperature", rows, LAW_COLUMNS)
 
 
 def runs(friction: Sheet) -> View:
     """Tabulate every reduced run of the rig."""
-    return view("Every run of the rig", rows_of(friction, RUN_COLUMNS), RUN_COLUMNS, folded=True)
+    rows = rows_of(friction.columns, *RUN_COLUMNS)
+    return view("Every run of the rig", rows, RUN_COLUMNS, folded=True)
 
 
 def nodes(sheet: Sheet, of: str) -> View:

@@ -16,9 +16,9 @@ from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.conditions import series_of
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, finite_or_none, rows_of, span
+from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"

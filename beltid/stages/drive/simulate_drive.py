@@ -25,7 +25,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.report.conditions import series_of
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.drive.drive_of_config import (
     LabelledPoint,
@@ -35,7 +35,7 @@ from beltid.stages.drive.drive_of_config import (
     points_of_config,
     points_of_slip,
 )
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import press_law, surface_from, surface_of
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties

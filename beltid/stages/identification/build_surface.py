@@ -13,7 +13,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.alternatives import (
     Alternatives,
@@ -23,7 +23,7 @@ from beltid.stages.identification.alternatives import (
 )
 from beltid.stages.identification.conditions import rows_of_one, stated_of
 from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, in_percent, ok_rows, rows_of, span
+from beltid.stages.outcome import Outcome, in_percent, ok_rows, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties

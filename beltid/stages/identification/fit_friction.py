@@ -15,7 +15,7 @@ from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
     BINNED,
@@ -29,7 +29,7 @@ from beltid.stages.identification.reduction import (
     taken_off,
     with_conditions,
 )
-from beltid.stages.outcome import Outcome, listed, rows_of, rows_per_setting, span
+from beltid.stages.outcome import Outcome, listed, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import (
     SECTION,

@@ -24,14 +24,14 @@ from beltid.identify.shear.stiffness import (
     not_used,
 )
 from beltid.laws.penalty import NormalLaw, stiffness_under
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
     friction_settings,
     recording_in_memory,
     records_of,
 )
-from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
+from beltid.stages.outcome import Outcome, span, table_columns_of
 from beltid.stages.reporter import Options
 from beltid.stages.tables import press_law
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties

@@ -24,9 +24,9 @@ from beltid.identify.slip.points import (
 )
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.conditions import UNKNOWN_TENSION, series_of
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
-from beltid.stages.outcome import Outcome, rows_of, table_columns_of
+from beltid.stages.outcome import Outcome, table_columns_of
 from beltid.stages.reporter import Options
 
 KIND: Final = "slip"

@@ -38,7 +38,7 @@ from beltid.identify.agreement.compare import (
 )
 from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
@@ -48,7 +48,7 @@ from beltid.stages.identification.reduction import (
     rig_kind,
     rig_kind_keys,
 )
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.hold_out import (
     HELD_OUT,

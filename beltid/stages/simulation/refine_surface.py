@@ -91,9 +91,9 @@ class Choices:
 
     bootstrap: int
     seed: int
-    bending: Bending
-    condition: str | None
-    side: str | None
+    bending: Bending = "stated"
+    condition: str | None = None
+    side: str | None = None
 
     def __post_init__(self) -> None:
         problems = []
