@@ -72,7 +72,7 @@ def test_it_is_made_once_and_kept(source: Path, tmp_path: Path) -> None:
     again = make(recipe(source), out, Options(), work)
     assert (first.up_to_date, again.up_to_date, work.calls) == (False, True, 1)
     assert again.artifact.metadata.notes == ("a note",)
-    assert again.warnings == ("a warning",)
+    assert again.artifact.metadata.warnings == ("a warning",)
 
 
 @pytest.mark.parametrize(

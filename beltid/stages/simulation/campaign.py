@@ -30,18 +30,14 @@ if TYPE_CHECKING:
 RIG_KEYS: Final = (
     "belt.axial_stiffness_N",
     "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
     "rig.slide",
-    "rig.running_measures",
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "rig.supports",
     "press.segment_length_cm",
     SECTION,
 )
-"""Keys of the config that matter for every use of the simulated rig."""
+"""Keys of the config that matter for every use of the simulated rig, with `rig_kind_keys`."""
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 MOST_SAMPLES: Final = 10_000

@@ -58,7 +58,7 @@ from beltid.stages.simulation.hold_out import (
     predictions,
 )
 from beltid.stages.simulation.planned_runs import with_tensions
-from beltid.stages.simulation.refinement import KEYS as REFINED_BY
+from beltid.stages.simulation.refinement import refinement_keys
 from beltid.stages.tables import press_law, table_columns
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
@@ -67,7 +67,6 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
-HELD_OUT_KEYS: Final = ("compare", *REFINED_BY)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -157,7 +156,8 @@ def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness``, and compare them with measured ones."""
-    build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by})
+    keys = ("compare", *refinement_keys(config.config))
+    build = Build(KIND, config, keys, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")

@@ -28,13 +28,13 @@ from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
     CHECKED,
-    KEYS,
     NEEDED,
     check_table,
     drawn,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
+    refinement_keys,
     shared_sources,
     speed_labels,
 )
@@ -268,7 +268,8 @@ def run(
     select the runs that are used.
     """
     choices = Choices(bootstrap, seed, bending, condition, side)
-    build = Build(KIND, config, KEYS, inputs, out, options, choices.settings)
+    keys = refinement_keys(config.config)
+    build = Build(KIND, config, keys, inputs, out, options, choices.settings)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")

@@ -19,7 +19,7 @@ from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
 from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
-from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.campaign import RIG_KEYS
 from beltid.stages.uncertainties import standard_uncertainties
@@ -32,13 +32,6 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
-KEYS: Final = (
-    *RIG_KEYS,
-    "contact.points_per_element",
-    "surface",
-    "friction.correct_temperature",
-    "friction.reference_temperature_degC",
-)
 PER_CALL: Final = 5
 CHECKED: Final = "linear standard uncertainty against Monte Carlo, in percent of mu"
 COLUMNS: Final = (
@@ -64,6 +57,18 @@ PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding
 REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
 SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
 SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
+
+
+def refinement_keys(config: Config) -> tuple[str, ...]:
+    """Return the keys of a config that a refined surface depends on."""
+    return (
+        *RIG_KEYS,
+        *rig_kind_keys(config),
+        "contact.points_per_element",
+        "surface",
+        "friction.correct_temperature",
+        "friction.reference_temperature_degC",
+    )
 
 
 def drawn(

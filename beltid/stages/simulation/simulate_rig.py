@@ -17,7 +17,7 @@ from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
@@ -67,7 +67,6 @@ KEYS: Final = (
     *RIG_KEYS,
     "belt.mass_per_length_kg_m",
     "belt.damping_time_s",
-    "rig.belt_speed_m_s",
     "contact",
     "simulation.steps_per_run",
     "simulation.friction_solver",
@@ -135,10 +134,11 @@ def run(
     for line in differing:
         options.reporter.warn(line)
     choices = _choices(model, settings, runs)
-    build = Build(KIND, config, KEYS, inputs, out, options, choices)
+    keys = (*KEYS, *rig_kind_keys(model))
+    build = Build(KIND, config, keys, inputs, out, options, choices)
     profile_choices = {**choices, "profile_times_s": list(times)}
     profile_build = Build(
-        PROFILES, config, KEYS, inputs, _profiles_path(out), options, profile_choices
+        PROFILES, config, keys, inputs, _profiles_path(out), options, profile_choices
     )
     profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
