@@ -23,7 +23,7 @@ from beltid.identify.shear.stiffness import (
     fit_shear_stiffness,
     not_used,
 )
-from beltid.laws.penalty import NormalLaw, stiffness_under
+from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
@@ -37,12 +37,7 @@ from beltid.stages.tables import press_law
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
-from beltid.uncertainty.sources import (
-    Errors,
-    StandardUncertainties,
-    law_scatter_sources,
-    press_sources,
-)
+from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "shear"
 KEYS: Final = (
@@ -127,26 +122,6 @@ def _check_kind(config: Config) -> None:
         )
 
 
-def _normal_stiffness_spread(
-    press: PressLaw, given: StandardUncertainties, line_force: float
-) -> float:
-    """Return the relative standard uncertainty of a fitted normal law [-].
-
-    It is the larger of two: that of the stiffness under the line force [N/m], which counts on the
-    arc, and that of the linear part, which counts at its ends.
-    """
-
-    def stiffnesses(errors: Errors) -> np.ndarray:
-        k_linear, k_quadratic = press.coefficients(errors)
-        loaded = stiffness_under(np.array(line_force), k_linear, k_quadratic)
-        return np.array([k_linear, float(loaded)])
-
-    sources = (*law_scatter_sources(press.has_scatter), *press_sources(given))
-    best = stiffnesses(Errors())
-    changes = [stiffnesses(Errors.single(source)) / best - 1.0 for source in sources]
-    return float(np.linalg.norm(np.reshape(changes, (-1, 2)), axis=0).max())
-
-
 def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchValues:
     """Return belt and bench values of the config; the normal law is that of a usual belt."""
     names = (
@@ -182,7 +157,7 @@ def _outcome(
     tensions = [run.initial_tension_N for run in runs if run.ok]
     if press is not None and tensions:
         line_force = float(np.median(tensions)) / radius
-        spread = _normal_stiffness_spread(press, uncertainty, line_force)
+        spread = press.stiffness_spread(uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
         bench = replace(bench, normal_law=law, normal_stiffness=spread)
     shear = fit_shear_stiffness(runs, bench)
