@@ -44,6 +44,8 @@ KEYS: Final = (
     "slip",
     "rig.pulley_radius_m",
     "rig.pulley_speeds_rad_s",
+    "drive.pulleys",
+    "drive.driver",
     *reading_keys("speedloss"),
 )
 
@@ -92,7 +94,7 @@ def fit_slip(
 def _outcome(
     columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...], name: str
 ) -> Outcome[SlipResult]:
-    radius = config.rig.pulley_radius_m
+    radius = _driver_radius(config)
     try:
         result = identify(columns, radius)
     except InputError as error:
@@ -117,6 +119,14 @@ def _outcome(
         notes=(*notes, *result.notes, *([] if required is None else [required.statement])),
         warnings=(*(f"run {row['run']} set aside: {row['why']}" for row in aside), *warnings),
     )
+
+
+def _driver_radius(config: Config) -> float:
+    """Return the radius of the driver in Eq. (7) [m]; without a stated drive that of the rig."""
+    if "drive" not in config.model_fields_set:
+        return config.rig.pulley_radius_m
+    radius = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
+    return radius.get(config.drive.driving, config.rig.pulley_radius_m)
 
 
 def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None, list[str]]:
