@@ -114,6 +114,9 @@ class BatchOptions(Options):
     bootstrap: int = 0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        refine_surface.Choices(self.bootstrap, self.seed)  # refuses too few draws before any work
+
 
 def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
     """Return the steps of a chain; the draws of a Monte Carlo check are separate worker calls."""

@@ -10,7 +10,7 @@ import numpy as np
 from beltid.report import tables
 from beltid.report.figures import belts as figures
 from beltid.report.html import Page, Section
-from beltid.report.results import HELD_OUT, BeltResults, Sheet
+from beltid.report.results import HELD_OUT, BeltResults
 
 AGREEMENT: Final = {
     "compare": "published_rms_percent",
@@ -59,12 +59,6 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
     )
 
 
-def _combined_percent(sheet: Sheet) -> float | None:
-    """Return the combined standard uncertainty of mu in the measured range [%]; None if unknown."""
-    rows = [row for row in sheet.metadata.budget if row["source"] == "combined"]
-    return rows[0]["contribution_percent"] if rows else None
-
-
 def _row(belt: BeltResults) -> dict[str, Any]:
     """Summarize a belt in one row."""
     row: dict[str, Any] = {"belt": belt.belt, "data": belt.origin}
@@ -78,7 +72,7 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_range"] = [float(mu.min()), float(mu.max())]
         low, high = best.surface.validity["normal_force_N_m"]
         row["measured_force_N_m"], row["valid_force_N_m"] = best.measured_force, [low, high]
-        row["mu_u_percent"] = _combined_percent(best)
+        row["mu_u_percent"] = best.combined_percent
     else:
         row |= dict.fromkeys(("mu_range", "measured_force_N_m", "valid_force_N_m", "mu_u_percent"))
     for name, key in AGREEMENT.items():

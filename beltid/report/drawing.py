@@ -107,11 +107,16 @@ def figure(height: float = HEIGHT, width: float = WIDTH) -> Figure:
 
 
 @contextmanager
-def new_axes(height: float = HEIGHT) -> Iterator[tuple[Figure, Axes]]:
-    """Create a figure of the usual width with one pair of axes, drawn in the style."""
+def new_axes(height: float = HEIGHT, columns: int = 3) -> Iterator[tuple[Figure, Axes]]:
+    """Create a figure of the usual width with one pair of axes, drawn in the style.
+
+    What is labelled in the block gets a legend below, of at most `columns` columns.
+    """
     with style():
         fig = figure(height)
-        yield fig, fig.subplots()
+        axes = fig.subplots()
+        yield fig, axes
+        legend_below(fig, [axes], columns)
 
 
 def shade(position: float) -> tuple[float, float, float, float]:

@@ -125,6 +125,12 @@ class Sheet:
         return (self.stated("validation") or {}).get("rms_e_over_u")
 
     @property
+    def combined_percent(self) -> float | None:
+        """Combined standard uncertainty of a surface in the measured range [%]; None if unknown."""
+        rows = (row for row in self.metadata.budget if row["source"] == "combined")
+        return next((row["contribution_percent"] for row in rows), None)
+
+    @property
     def uncertainty(self) -> str:
         """Name of the surface's error measure."""
         return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"

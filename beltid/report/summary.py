@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltid.artifacts.metadata_models import Origin, plain
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def combined_origin(origins: Collection[str | None]) -> Origin | None:
@@ -18,6 +22,20 @@ def combined_origin(origins: Collection[str | None]) -> Origin | None:
     if "synthetic" in origins:
         return "synthetic"
     return "measured" if set(origins) == {"measured"} else None
+
+
+def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
+    """Return rows of the named columns of a table as plain values; nan becomes None.
+
+    A table may lack a column.
+    """
+    chosen = [name for name in names if name in columns]
+    cells = [[_plain(v) for v in columns[name].tolist()] for name in chosen]
+    return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.artifacts.metadata_models import AgreementRow, DriftRow, EffectRow
 from beltid.report.cells import MISSING, are_numbers, cell, heading
 from beltid.report.results import BeltResults, Sheet
+from beltid.report.summary import rows_of
 
 LAW_COLUMNS: Final = (
     "temperature_degC",
@@ -39,15 +41,6 @@ RUN_COLUMNS: Final = (
     "mu_sticking",
     "status",
 )
-GROUP_COLUMNS: Final = (
-    "group",
-    "n_points",
-    "rms_percent",
-    "mean_percent",
-    "largest_percent",
-    "force_low_N_m",
-    "force_high_N_m",
-)
 HUB_COLUMNS: Final = (
     "run",
     "pulley",
@@ -62,21 +55,6 @@ HUB_COLUMNS: Final = (
     "hub_angle_deg",
     "reserve",
     "status",
-)
-DRIFT_COLUMNS: Final = (
-    "cause",
-    "per",
-    "change_percent",
-    "standard_error_percent",
-    "clear",
-    "explained_percent",
-)
-EFFECT_COLUMNS: Final = (
-    "effect",
-    "size_percent",
-    "standard_uncertainty_percent",
-    "clear",
-    "explained_percent",
 )
 BUDGET_COLUMNS: Final = (
     "artifact",
@@ -151,30 +129,25 @@ def view(
     return View(title, tuple(heading(name) for name in names), cells, numeric, folded)
 
 
-def rows_of(sheet: Sheet, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return selected columns of a sheet as rows."""
-    columns = [sheet[name].tolist() for name in names]
-    return [dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True)]
-
-
 def hubs(drive: Sheet) -> View:
     """Tabulate the forces of a predicted drive, a row per point and pulley."""
-    rows = rows_of(drive, HUB_COLUMNS)
+    rows = rows_of(drive.columns, *HUB_COLUMNS)
     return view("Forces and losses of every pulley", rows, HUB_COLUMNS, folded=True)
 
 
 def laws(stiffness: Sheet) -> View:
     """Tabulate the normal law at each temperature, and the pooled one."""
-    rows = rows_of(stiffness, LAW_COLUMNS)
+    rows = rows_of(stiffness.columns, *LAW_COLUMNS)
     for row in rows:
-        if np.isnan(row["temperature_degC"]):
+        if row["temperature_degC"] is None:
             row["temperature_degC"] = "pooled"
     return view("The normal law at each temperature", rows, LAW_COLUMNS)
 
 
 def runs(friction: Sheet) -> View:
     """Tabulate every reduced run of the rig."""
-    return view("Every run of the rig", rows_of(friction, RUN_COLUMNS), RUN_COLUMNS, folded=True)
+    rows = rows_of(friction.columns, *RUN_COLUMNS)
+    return view("Every run of the rig", rows, RUN_COLUMNS, folded=True)
 
 
 def nodes(sheet: Sheet, of: str) -> View:
@@ -211,7 +184,7 @@ def _force_range(sheet: Sheet, force: float) -> str:
 def agreement(sheet: Sheet, of: str) -> View:
     """Tabulate the differences between simulation and measurement by group of points."""
     rows = sheet.stated("statistics") or ()
-    return view(f"Simulated less measured µ, {of}", rows, GROUP_COLUMNS)
+    return view(f"Simulated less measured µ, {of}", rows, tuple(AgreementRow.__annotations__))
 
 
 def budget(results: BeltResults) -> View | None:
@@ -228,7 +201,7 @@ def drift(friction: Sheet) -> View | None:
     """Tabulate the drift of friction over the campaign; None if it was not checked."""
     rows = friction.stated("drift") or ()
     title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
-    return view(title, rows, DRIFT_COLUMNS) if rows else None
+    return view(title, rows, tuple(DriftRow.__annotations__)) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:
@@ -238,7 +211,7 @@ def effects(sheet: Sheet) -> View | None:
         "Effects on friction apart from the refined surface, in percent of µ; share that force "
         "and speed explain"
     )
-    return view(title, rows, EFFECT_COLUMNS) if rows else None
+    return view(title, rows, tuple(EffectRow.__annotations__)) if rows else None
 
 
 def set_aside(results: BeltResults) -> View | None:

@@ -331,13 +331,12 @@ def _trust(results: BeltResults) -> list[str]:
 def _combined_uncertainty(results: BeltResults) -> list[str]:
     """State the combined uncertainty of the surface and its largest source."""
     sheet = results.best_surface
-    shares = [
+    total = sheet.combined_percent if sheet else None
+    parts = [
         (share, row)
         for row in (sheet.metadata.budget if sheet else ())
-        if (share := row["contribution_percent"]) is not None
+        if (share := row["contribution_percent"]) is not None and row["source"] != "combined"
     ]
-    total = next((share for share, row in shares if row["source"] == "combined"), None)
-    parts = [pair for pair in shares if pair[1]["source"] != "combined"]
     if total is None or not parts:
         return []
     share, largest = max(parts, key=lambda pair: pair[0])

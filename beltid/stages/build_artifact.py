@@ -69,6 +69,11 @@ OF_BENCH: Final = (
 """Keys of the config that identify a belt and its friction rig, as artifacts store them."""
 
 
+def reading_keys(kind: str) -> tuple[str, ...]:
+    """Return the keys of the config that matter for how a recording of this kind is read."""
+    return (f"columns.{kind}", f"units.{kind}", f"runs.{kind}", "dialect")
+
+
 class Stale(Exception):
     """Raised if an artifact has to be built but the caller asked for a check only."""
 
@@ -88,29 +93,15 @@ class Built:
     artifact: Artifact
     up_to_date: bool
 
-    @property
-    def origin(self) -> str | None:
-        """Origin of its data: "measured", "synthetic", or None if not stated."""
-        return self.artifact.metadata.origin
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the user."""
-        return self.artifact.metadata.notes
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings that the user should look into."""
-        return self.artifact.metadata.warnings
-
     def summary(self, stage: str, title: str, **shown: Any) -> Summary:
         """Summarise it: the fields common to all artifacts, plus `shown` (see `Summary`)."""
+        metadata = self.artifact.metadata
         common: dict[str, Any] = {
             "out": self.artifact.path,
-            "notes": self.notes,
-            "warnings": self.warnings,
+            "notes": metadata.notes,
+            "warnings": metadata.warnings,
             "up_to_date": self.up_to_date,
-            "origin": self.origin,
+            "origin": metadata.origin,
         }
         return Summary(stage, title, **(common | shown))
 

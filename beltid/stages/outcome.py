@@ -256,17 +256,6 @@ def _quoted(cell: Any) -> Any:
     return f"'{cell}" if is_formula else cell
 
 
-def rows_of(columns: dict[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
-    """Return rows of the named columns of a table as plain values; nan becomes None."""
-    chosen = [name for name in names if name in columns]
-    cells = [[_plain(v) for v in columns[name].tolist()] for name in chosen]
-    return [dict(zip(chosen, row, strict=True)) for row in zip(*cells, strict=True)]
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and np.isnan(value) else value
-
-
 def rows_per_setting(
     arc_deg: np.ndarray, speed_rad_s: np.ndarray, force_N_m: np.ndarray, mu: np.ndarray
 ) -> list[dict[str, Any]]:

@@ -164,8 +164,13 @@ def law_of(artifact: Artifact, temperature_degC: float | None = None) -> NormalL
     )
 
 
-def press_law(law: NormalLaw | Artifact | Outcome[Any], config: Config) -> PressLaw:
-    """Return a contact law with the scatter of its fit, which only a fitted table contains."""
+def press_law(law: NormalLaw | Artifact | Outcome[Any] | Path, config: Config) -> PressLaw:
+    """Return a contact law with the scatter of its fit, which only a fitted table contains.
+
+    A path is that of a stiffness artifact.
+    """
+    if isinstance(law, Path):
+        law = read_artifact(law, "stiffness")
     covariance, depth = np.zeros((2, 2)), 1.0e-4
     normal = law_of(law) if isinstance(law, Artifact) else checked_law(law)
     if isinstance(law, (Artifact, Outcome)):

@@ -108,6 +108,59 @@ def test_a_prediction_beyond_the_laws_is_warned_of(predict: Predict) -> None:
         assert words in result.stderr, result.stderr
 
 
+RADII = (0.075, 0.04)
+
+
+def recording_of_unequal_pulleys(path: Path, torques: tuple[float, ...], swapped: bool) -> None:
+    """Speed losses at 310 N by stretch and seating alone: those of small torques, in closed form.
+
+    Belt and law of the synthetic 5PK bench; sum and difference of the tensions are 2 T0 and M/R.
+    """
+
+    def log_of_speed(force: float, radius: float) -> float:
+        seating = (np.sqrt(6.5e7**2 + 4.0 * 3.0256e11 * force / radius) - 6.5e7) / (2.0 * 3.0256e11)
+        return float(np.log(1.0 + force / 1.0e5) - np.log(radius - seating))
+
+    driver, driven = RADII
+    lines = ["run,time_s,initial_tension_N,torque_N_m,driver_speed_rad_s,driven_speed_rad_s"]
+    for run, torque in enumerate(torques):
+        half = 0.5 * torque / driven
+        ratio = log_of_speed(310.0 + half, driver) - log_of_speed(310.0 - half, driven)
+        for k in range(8):
+            flutter = 0.002 * (-1) ** k
+            speeds = [60.0 + flutter, 60.0 / np.exp(ratio) - flutter]
+            cells = [310.0, torque, *(speeds[::-1] if swapped else speeds)]
+            lines.append(f"{run},{0.1 * k:.1f}," + ",".join(f"{cell:.8g}" for cell in cells))
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(("sign", "swapped"), [(1.0, False), (-1.0, False), (-1.0, True)])
+def test_unequal_pulleys_are_compared_at_the_driver(
+    bench: Path, beltid: Any, sign: float, swapped: bool
+) -> None:
+    """Also where the driven pulley drives; swapped speeds contradict the radii."""
+    loads = (0.0, 3.0, 4.5, 6.0)
+    recording_of_unequal_pulleys(bench / "own.csv", tuple(sign * M for M in loads), swapped)
+    config = {
+        "drive": {"pulleys": two(0.3, RADII)},
+        "compare_drive": {"max_rms_relative_error": 0.06},
+    }
+    (bench / "own.yaml").write_text(yaml.safe_dump(config))
+    common = ("-c", "own.yaml", "--force", "-o")
+    assert beltid("fit-slip", "own.csv", *common, "own_slip.parquet").exit_code == 0
+    laws = ("surface.parquet", "stiffness.parquet", "--from", "own_slip.parquet")
+    simulated = beltid("simulate-drive", *laws, *common, "own_drive.parquet")
+    assert simulated.exit_code == 0, simulated.stderr
+    found = beltid(
+        "compare-drive", "own_slip.parquet", "own_drive.parquet", *common, "own_c.parquet"
+    )
+    assert found.exit_code == 0, found.stdout
+    assert ("or driver and driven are swapped" in simulated.stderr) is swapped
+    # Eq. (7) at the driver of the drive, not at the pulley of the rig
+    slip = read_artifact(bench / "own_slip.parquet").columns
+    assert slip["slip_speed_m_s"][1:] == pytest.approx(RADII[0] * slip["speed_loss_rad_s"][1:])
+
+
 def test_runs_without_a_prediction_count_against_it(bench: Path, beltid: Any) -> None:
     """Of most runs the drive found no steady state: agreement of the rest is not enough."""
     drive = read_artifact(bench / "drive.parquet", "drive")

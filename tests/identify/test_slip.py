@@ -124,6 +124,24 @@ def test_speeds_in_coarse_steps_have_the_error_of_rounding():
     assert np.max(se) < 2.1 * 0.05 * 0.1 / math.sqrt(12.0)
 
 
+@pytest.mark.parametrize(("step", "ratio"), [(0.1, 0.75), (math.pi / 30.0, 0.75), (0.25, 2.0)])
+def test_coarse_readings_that_never_change_have_the_error_of_rounding(step, ratio):
+    z = []
+    for shift in np.linspace(0.0, 1.0, 12, endpoint=False) * step:
+        columns = drive(speeds=(22.0 + shift, 62.8 + shift), ratio=ratio, noise=0, driver_noise=0)
+        for name in ("driver_speed_rad_s", "driven_speed_rad_s"):
+            columns[name] = step * np.round(columns[name] / step)
+        result = fit_slip(columns, 0.05)
+        assert {p.status for p in result.points} == {"ok"}
+        assert abs(result.ratio - ratio) < 3.0 * result.ratio_se
+        z += [
+            (p.slip_speed_m_s - v) / p.slip_speed_se_m_s
+            for p, v in zip(result.points, TRUE, strict=True)
+        ]
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert np.sqrt(np.mean(np.square(z))) > 0.4
+
+
 @pytest.mark.parametrize("way", [np.linspace(0.0, 1.0, 10), np.zeros(10)])
 def test_a_drive_that_comes_up_to_its_speed_and_stops_is_no_operating_point(way):
     columns = drive(n=40)
@@ -153,6 +171,16 @@ def test_pulleys_that_are_swapped_are_refused():
     driver, driven = columns["driver_speed_rad_s"], columns["driven_speed_rad_s"]
     with pytest.raises(InputError, match="run S16: the driven pulley gains on the driver"):
         fit_slip(columns | {"driver_speed_rad_s": driven, "driven_speed_rad_s": driver}, 0.05)
+
+
+def test_pulleys_that_are_swapped_look_like_a_driven_pulley_that_drives():
+    columns = drive()
+    driver, driven = columns["driver_speed_rad_s"], columns["driven_speed_rad_s"]
+    swapped = {"driver_speed_rad_s": driven, "driven_speed_rad_s": driver}
+    (note,) = fit_slip(columns | swapped | {"torque_N_m": -columns["torque_N_m"]}, 0.05).notes
+    assert note.endswith("or the columns of driver and driven speed are swapped")
+    # a driven pulley that drives in some runs only is no sign of swapped columns
+    assert not fit_slip(drive(torque=np.arange(-8.0, 9.0)), 0.05).notes
 
 
 def test_unequal_pulleys_without_a_run_without_torque_are_named_where_all_runs_fail():

@@ -13,8 +13,9 @@ from pydantic import ValidationError
 from beltid.artifacts.artifact import read_artifact
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import BeltidError, InputError
+from beltid.report.summary import rows_of
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
 
 
@@ -70,8 +71,8 @@ def test_it_is_made_once_and_kept(source: Path, tmp_path: Path) -> None:
     first = make(recipe(source), out, Options(), work)
     again = make(recipe(source), out, Options(), work)
     assert (first.up_to_date, again.up_to_date, work.calls) == (False, True, 1)
-    assert again.notes == ("a note",)
-    assert again.warnings == ("a warning",)
+    assert again.artifact.metadata.notes == ("a note",)
+    assert again.artifact.metadata.warnings == ("a warning",)
 
 
 @pytest.mark.parametrize(

@@ -604,11 +604,11 @@ BATCH = 128
 
 def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel]]:
     """Fit the common effects of a bench of one or more runs, and the level of every run."""
-    centre = np.mean(log_settings(records), axis=0)
+    settings = log_settings(records)
+    centre = np.mean(settings, axis=0)
     chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
-    shortest = 2.0 * min(r.step_m for r in records)
-    longest = 3.0 * max(float(r.travel[-1]) for r in records)
-    given = Given.by([r.rest for r in records], (shortest, longest))
+    limits_m = np.array([(2.0 * r.step_m, 3.0 * float(r.travel[-1])) for r in records])
+    given = Given.by([r.rest for r in records], limits_m, settings - centre)
     sample = Stack([records[k] for k in chosen], centre)
     bench = fit_bench(sample, given)
     batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]

@@ -86,15 +86,21 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     runs, backward_notes = _forward_runs(recorded)
     notes += [*backward_notes, *_unsteady(runs)]
     series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
-    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series)
+    rounding = _rounding(runs)
+    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series, rounding)
     notes += ratio_notes
     losses = pooled_means({r: c[DRIVER] - ratio * c[DRIVEN] for r, c in runs.items()}, series)
     if _counts_load_as_negative(runs, losses):
         for run in runs.values():
             run["torque_N_m"] = -run["torque_N_m"]
         notes.append("the torque of a driving pulley is recorded as negative: sign reversed")
-    rounding = _rounding(runs, ratio)
-    points = [_point(r, runs[r], losses[r], rounding[r], ratio_se, pulley_radius_m) for r in runs]
+    points = []
+    for label, run in runs.items():
+        of_driver, of_driven = rounding[label]
+        rounding_of_loss = math.hypot(of_driver, ratio * of_driven)
+        points.append(
+            _point(label, run, losses[label], rounding_of_loss, ratio_se, pulley_radius_m)
+        )
     points = [
         replace(  # restore the signs of the recording
             p,
@@ -105,6 +111,12 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     ]
     service = [p for p in points if p.status == OK]
     clear = [p for p in service if abs(p.speed_loss_rad_s) > SIGNIFICANT * p.speed_loss_se_rad_s]
+    if clear and all(p.speed_loss_rad_s < 0.0 for p in clear):
+        notes.append(
+            "the driven pulley gains on the driver in every run with a clear loss: either it "
+            "drives, as a negative torque says, or the columns of driver and driven speed are "
+            "swapped"
+        )
     if not service or (not clear and any(p.status == GAINS for p in points)):
         reasons = [f"run {p.run}: {p.status}" for p in points if p.status != OK]
         raise InputError([*reasons, *ratio_notes])
@@ -179,20 +191,37 @@ def _unsteady(runs: Runs) -> list[str]:
     ]
 
 
-def _rounding(runs: Runs, ratio: float) -> dict[str, float]:
-    """Estimate the error of each run's loss due to coarse speed readings [rad/s]."""
+def _rounding(runs: Runs) -> dict[str, tuple[float, float]]:
+    """Estimate the errors of each run's mean speeds due to coarse readings [rad/s]."""
     finite = {
         label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
     }
-    steps = converter_steps(
-        *(np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
-    )
+    driver, driven = (np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
+    steps = np.maximum(converter_steps(driver, driven), _common_step(np.append(driver, driven)))
     errors = {}
     for label, speeds in finite.items():
         noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
-        driver, driven = converter_rounding(noise, steps)
-        errors[label] = math.hypot(driver, ratio * driven)
+        of_driver, of_driven = converter_rounding(noise, steps).tolist()
+        errors[label] = (of_driver, of_driven)
     return errors
+
+
+def _common_step(readings: Array) -> float:
+    """Return the largest step that divides all readings, by Euclid's algorithm.
+
+    It tells the resolution of readings that do not change within a run. Zero with fewer than three
+    different readings, which do not tell it.
+    """
+    levels = np.unique(np.abs(readings[readings != 0.0]))
+    if levels.size < 3:
+        return 0.0
+    step, smallest = float(levels[0]), 1e-9 * float(levels[-1])
+    while step > smallest:
+        remainders = np.abs(levels - step * np.rint(levels / step))
+        if np.max(remainders) <= smallest:
+            return step
+        step = float(np.min(remainders[remainders > smallest]))
+    return 0.0
 
 
 def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
@@ -234,8 +263,13 @@ def _turns_opposite(driver_rad_s: float, driven_rad_s: float) -> bool:
     return driver_rad_s * driven_rad_s < 0.0 and abs(driven_rad_s) > STANDS * abs(driver_rad_s)
 
 
-def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, float, list[str]]:
-    """Return the driver-to-driven speed ratio without torque, its standard error, and notes."""
+def _pulley_ratio(
+    runs: Runs, series: Sequence[Sequence[str]], rounding: Mapping[str, tuple[float, float]]
+) -> tuple[float, float, list[str]]:
+    """Return the driver-to-driven speed ratio without torque, its standard error, and notes.
+
+    Coarse readings may be wrong by the same amount in all runs: their errors do not average out.
+    """
     torque = {label: robust_mean_with_se(run["torque_N_m"]) for label, run in runs.items()}
     largest = max((abs(t.mean) for t in torque.values() if math.isfinite(t.mean)), default=0.0)
     quotients = {
@@ -243,15 +277,15 @@ def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, f
         for label, run in runs.items()
     }
     means = pooled_means(quotients, series)
-    ratios = [
-        means[label]
+    idle = [
+        label
         for label, t in torque.items()
         if abs(t.mean)
         <= max(NO_LOAD_SHARE * largest, min(2.0 * t.se, UNSTEADY * largest) if t.se > 0 else 0.0)
         and means[label].n_eff > 0.0
-        and means[label].se > 0.0
+        and math.isfinite(means[label].se)
     ]
-    if not ratios:
+    if not idle:
         speeds = (abs(robust_mean_with_se(run[DRIVER]).mean) for run in runs.values())
         fastest = max((speed for speed in speeds if math.isfinite(speed)), default=0.0)
         unequal = (
@@ -259,9 +293,15 @@ def _pulley_ratio(runs: Runs, series: Sequence[Sequence[str]]) -> tuple[float, f
             f"{fastest:.3g} rad/s"
         )
         return 1.0, 0.0, [f"no run without torque: the pulleys are taken as equal; {unequal}"]
-    weights = np.array([r.se**-2 for r in ratios])
-    ratio = float(weights @ np.array([r.mean for r in ratios]) / weights.sum())
-    se = float(weights.sum() ** -0.5)
+    ratios = np.array([means[label].mean for label in idle])
+    scatter = np.array([means[label].se for label in idle])
+    speeds_driven = np.array([abs(robust_mean_with_se(runs[label][DRIVEN]).mean) for label in idle])
+    of_driver, of_driven = np.array([rounding[label] for label in idle]).T
+    coarse = np.hypot(of_driver, ratios * of_driven) / speeds_driven
+    weights = 1.0 / np.maximum(scatter**2 + coarse**2, 1e-30)
+    weights /= weights.sum()
+    ratio = float(weights @ ratios)
+    se = math.hypot(np.linalg.norm(weights * scatter), float(weights @ coarse))
     notes = [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
     return ratio, se, notes if abs(ratio - 1.0) > SIGNIFICANT * se else []
 
@@ -286,7 +326,7 @@ def _point(
     elif _turns_opposite(speed, driven_speed):
         status = "the pulleys turn in opposite directions"
     # a negative torque swaps the roles of the pulleys, as with a generator
-    elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * loss.se:
+    elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * se:
         status = GAINS
     v, v_se = (float(sliding_speed(w, radius)) for w in (loss.mean, se))
     return SlipPoint(label, speed, tension, torque, loss.mean, se, v, v_se, n, status)

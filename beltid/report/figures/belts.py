@@ -19,7 +19,6 @@ from beltid.report.drawing import (
     SPEED,
     broken,
     group,
-    legend_below,
     logarithmic,
     new_axes,
 )
@@ -44,7 +43,6 @@ def laws(belts: Sequence[BeltResults]) -> Picture:
             look = group(i)
             axes.plot(depth * MICRO, sheet.law(row).force(depth), label=name, markevery=20, **look)
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
-        legend_below(fig, [axes])
     return Picture(
         "belts-law",
         title,
@@ -93,7 +91,6 @@ def _cut(
             shown.append(x)
         axes.set(xlabel=LINE_FORCE if over == "force" else SPEED, ylabel=MU)
         logarithmic(axes, "x", np.concatenate(shown))
-        legend_below(fig, [axes])
     words = "normal force" if over == "force" else "sliding speed"
     axis = "slip_speed_m_s" if over == "force" else "normal_force_N_m"
     ranges = [(name, sheet.surface.validity[axis]) for name, sheet in surfaces]
@@ -119,7 +116,7 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
         return absent("belts-measured", title, "No folder has a run with status ok.", "Fig. 12")
     speeds = [np.abs(s["slip_speed_m_s"]) for _, s in sheets]
     common = _common([np.sort(v) for v in speeds])
-    with new_axes() as (fig, axes):
+    with new_axes(columns=2) as (fig, axes):
         shown = []
         for i, ((name, sheet), v) in enumerate(zip(sheets, speeds, strict=True)):
             rows, speed = _at_speed(v, common)
@@ -131,7 +128,6 @@ def measured(belts: Sequence[BeltResults]) -> Picture:
             shown.append(f)
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
         logarithmic(axes, "x", np.concatenate(shown))
-        legend_below(fig, [axes], columns=2)
     return Picture(
         "belts-measured",
         title,
@@ -157,7 +153,7 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
         return absent("belts-proof", title, "No folder has a comparison.", "Fig. 17")
     tables = [_averaged(b, s) for b, s in compared]
     common = _common([np.sort(table["v"]) for table in tables])
-    with new_axes() as (fig, axes):
+    with new_axes(columns=2) as (fig, axes):
         for i, ((belt, _), table) in enumerate(zip(compared, tables, strict=True)):
             rows, speed = _at_speed(table["v"], common)
             rows = rows[np.argsort(table["normal_force_N_m"][rows], kind="stable")]
@@ -167,7 +163,6 @@ def proof(belts: Sequence[BeltResults]) -> Picture:
             axes.plot(f, table["mu_simulated"][rows], **{**look, "marker": None})
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
         logarithmic(axes, "x", np.concatenate([table["normal_force_N_m"] for table in tables]))
-        legend_below(fig, [axes], columns=2)
     return Picture(
         "belts-proof",
         title,
@@ -223,7 +218,6 @@ def agreement(belts: Sequence[BeltResults]) -> Picture:
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("simulated less measured µ, RMS [%]")
-        legend_below(fig, [axes])
     return Picture(
         "belts-agreement",
         title,

@@ -12,7 +12,6 @@ from beltid.report.drawing import (
     GROUPS,
     INK,
     broken,
-    legend_below,
     new_axes,
 )
 from beltid.report.picture import Picture
@@ -63,7 +62,7 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
     )
     total = next((row for row in rows if row["source"] == COMBINED), None)
     shown = [*single[:MOST_SOURCES]]
-    with new_axes(1.3 + 0.32 * (len(shown) + 1)) as (fig, axes):
+    with new_axes(1.3 + 0.32 * (len(shown) + 1), columns=2) as (fig, axes):
         for basis, (words, colour, hatch) in BASES.items():
             at = [i for i, row in enumerate(shown) if row.get("basis") == basis]
             if at:
@@ -81,7 +80,6 @@ def of_quantity(name: str, quantity: str, rows: Sequence[Row]) -> Picture:
         axes.margins(x=0.16)
         axes.grid(axis="y", visible=False)
         axes.set_xlabel("standard uncertainty (k = 1) [%]")
-        legend_below(fig, [axes], columns=2)
     label = QUANTITIES.get(quantity, quantity)
     hidden = len(single) - len(shown)
     note = f" The table has {counted(hidden, 'smaller source')}." if hidden else ""

@@ -171,7 +171,6 @@ def _slip_limit(sheet: Sheet) -> list[Picture]:
         axes.set(xlabel="belt tension at rest [N]", ylabel=TORQUE)
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
-        legend_below(fig, [axes])
     return [
         Picture(
             "slip-limit",
@@ -194,7 +193,7 @@ def _loss(sheet: Sheet) -> Picture:
     pulley = _slowest(sheet)
     title = f"Predicted speed loss of {pulley} over its torque"
     of = sheet["pulley"] == pulley
-    with new_axes() as (fig, axes):
+    with new_axes(columns=2) as (fig, axes):
         for k, (name, rows) in enumerate(_series(sheet, of)):
             look = group(k)
             torque, loss = sheet["torque_N_m"][rows], sheet["speed_loss_rad_s"][rows]
@@ -206,7 +205,6 @@ def _loss(sheet: Sheet) -> Picture:
                 below = below + sheet[part][rows]
                 axes.plot(torque, below, color=look["color"], linewidth=0.6)
         axes.set(xlabel=TORQUE, ylabel=LOSS)
-        legend_below(fig, [axes], columns=2)
     return Picture(
         "loss",
         title,
@@ -226,7 +224,6 @@ def _arcs(sheet: Sheet) -> Picture:
             axes.plot(torque[of], 100.0 * share, label=str(pulley), **look)
         axes.axhline(100.0, color=FAINT, linewidth=0.8)
         axes.set(xlabel=TORQUE, ylabel="sliding part of the arc [%]")
-        legend_below(fig, [axes])
     return Picture(
         "arcs",
         "How much of its arc each pulley uses",
@@ -237,7 +234,7 @@ def _arcs(sheet: Sheet) -> Picture:
 
 def compared(sheet: Sheet) -> list[Picture]:
     """Draw measured and predicted speed loss over torque."""
-    with new_axes() as (fig, axes):
+    with new_axes(columns=2) as (fig, axes):
         all_rows = np.ones(len(sheet["run"]), dtype=bool)
         for k, (name, rows) in enumerate(_series(sheet, all_rows)):
             look = group(k)
@@ -251,7 +248,6 @@ def compared(sheet: Sheet) -> list[Picture]:
                 **{**look, "linestyle": "none"},
             )
         axes.set(xlabel=TORQUE, ylabel=LOSS)
-        legend_below(fig, [axes], columns=2)
     return [
         Picture(
             "comparison",

@@ -119,7 +119,6 @@ def pooled(stiffness: Sheet, curves: Sheet | None) -> Picture:
         axes.plot(depth * MICRO, force, color=INK, lw=2.0, label="fitted law")
         axes.plot(depth[-1] * MICRO, force[-1], "o", color=INK, ms=7, label="end of validity")
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
-        legend_below(fig, [axes])
     no_unloading = np.isnan(stiffness["hysteresis_ratio"][row])
     where = "follows the loading branch" if no_unloading else "runs half-way between the branches"
     caption = (
@@ -164,7 +163,6 @@ def deviation(stiffness: Sheet) -> Picture:
             colour, line = GROUPS[i % len(GROUPS)], LINES[i % len(LINES)]
             axes.plot(own * MICRO, relative, color=colour, ls=line, label=f"{at[k]:g} °C")
         axes.set(xlabel=PENETRATION, ylabel="force, difference from the pooled law [%]")
-        legend_below(fig, [axes])
     return Picture(
         "press-deviation",
         title,

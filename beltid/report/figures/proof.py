@@ -18,7 +18,6 @@ from beltid.report.drawing import (
     MEASURED,
     MU,
     SIMULATED,
-    legend_below,
     logarithmic,
     new_axes,
     shades,
@@ -109,7 +108,6 @@ def averaged(sheet: Sheet, results: BeltResults) -> Picture:
         axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
         axes.set(xlabel=LINE_FORCE, ylabel=MU)
         logarithmic(axes, "x", force)
-        legend_below(fig, [axes])
     return Picture(
         sheet.name,
         f"Measured against simulated, {SIMULATED_WITH[sheet.name]}",
@@ -212,7 +210,7 @@ def _run_by_run(
     sheets: Sequence[Sheet], values: Sequence[np.ndarray], label: str, bound: float = 0.0
 ) -> Figure:
     """Draw a value of every run over its normal force: marker by arc, colour by surface."""
-    with new_axes(4.4) as (fig, axes):
+    with new_axes(4.4, columns=2) as (fig, axes):
         for sheet, y in zip(sheets, values, strict=True):
             colour = COLOURS[sheet.name]
             arc = sheet["arc_deg"]
@@ -230,5 +228,4 @@ def _run_by_run(
             axes.axhline(line, color=INK, lw=0.8, ls="--")
         axes.set(xlabel=LINE_FORCE, ylabel=label)
         logarithmic(axes, "x", sheets[0]["normal_force_N_m"])
-        legend_below(fig, [axes], columns=2)
     return fig

@@ -16,7 +16,6 @@ from beltid.report.drawing import (
     PENETRATION,
     PRESSED,
     group,
-    legend_below,
     mark_synthetic,
     new_axes,
 )
@@ -82,14 +81,13 @@ def _profiles(sheet: Sheet) -> list[Picture]:
     labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
     names = list(dict.fromkeys(labels))
     rows = np.array(labels)
-    with new_axes(4.4) as (fig, axes):
+    with new_axes(4.4, columns=2) as (fig, axes):
         for i, name in enumerate(names[:MOST_PROFILES]):
             at = rows == name
             look = {**group(i), "markevery": 8}
             x = sheet["arc_position_m"][at] * MILLI
             axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
         axes.set(xlabel=arc.POSITION, ylabel=LINE_FORCE)
-        legend_below(fig, [axes], columns=2)
     hidden = len(names) - MOST_PROFILES
     note = f" {hidden} more are in the table." if hidden > 0 else ""
     return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{note}", fig)]
@@ -103,18 +101,16 @@ def _press_curves(sheet: Sheet) -> list[Picture]:
             x, y = sheet["penetration_m"][rows] * MICRO, sheet["line_force_N_m"][rows]
             axes.plot(x, y, label=branch, **look)
         axes.set(xlabel=PENETRATION, ylabel=PRESSED)
-        legend_below(fig, [axes])
     return [Picture("branches", "Branches of the press", "All tests.", fig)]
 
 
 def _rig_curves(sheet: Sheet) -> list[Picture]:
-    with new_axes() as (fig, axes):
+    with new_axes(columns=4) as (fig, axes):
         for k, run in enumerate(dict.fromkeys(sheet["run"].tolist())):
             rows = sheet["run"] == run
             look = {**group(k), "marker": None}
             axes.plot(sheet["time_s"][rows], sheet["mu"][rows], label=str(run), **look)
         axes.set(xlabel="time [s]", ylabel=MU)
-        legend_below(fig, [axes], columns=4)
     return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the stored runs.", fig)]
 
 
@@ -125,7 +121,7 @@ def _shear(shear: Sheet) -> Picture:
     errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
     fitted = 1.0 / shear["slope_fitted_N_m"][used]
     tensions = snap_to_settings(shear["initial_tension_N"])[used]
-    with new_axes(4.2) as (fig, axes):
+    with new_axes(4.2, columns=4) as (fig, axes):
         for i, tension in enumerate(np.unique(tensions)):
             rows = np.flatnonzero(tensions == tension)
             rows = rows[np.argsort(arcs[rows], kind="stable")]
@@ -140,7 +136,6 @@ def _shear(shear: Sheet) -> Picture:
             )
             axes.plot(arcs[rows], fitted[rows] * MICRO, **{**look, "marker": None})
         axes.set(xlabel="contact arc [°]", ylabel="travel per tension difference [µm/N]")
-        legend_below(fig, [axes], columns=4)
     return Picture(
         "shear",
         "Build-up of the tensions",

@@ -12,7 +12,6 @@ from beltid.report.drawing import (
     FAINT,
     SPEED,
     group,
-    legend_below,
     new_axes,
 )
 from beltid.report.picture import Picture, absent
@@ -31,7 +30,7 @@ def pictures(results: BeltResults) -> list[Picture]:
 def against_torque(slip: Sheet) -> Picture:
     """Draw the largest sliding speed over torque for each setting of the drive (Fig. 9)."""
     series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
-    with new_axes(4.2) as (fig, axes):
+    with new_axes(4.2, columns=2) as (fig, axes):
         for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=itemgetter(0))):
             rows = rows[np.argsort(slip["torque_N_m"][rows], kind="stable")]
             axes.errorbar(
@@ -51,7 +50,6 @@ def against_torque(slip: Sheet) -> Picture:
             label = "speeds of the friction rig" if k == 0 else None
             axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
         axes.set(xlabel="torque of the driven pulley [N m]", ylabel=SPEED)
-        legend_below(fig, [axes], columns=2)
     return Picture(
         "slip",
         "Sliding speed in service",

@@ -19,7 +19,6 @@ from beltid.report.drawing import (
     SPEED,
     figure,
     is_wide,
-    legend_below,
     log_ticks,
     logarithmic,
     new_axes,
@@ -85,7 +84,7 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
     surface = sheet.surface
     f, v, mu = grid_of(surface, 81, 61)
     falling = falls_with_speed(surface, f, v)
-    with new_axes(4.4) as (fig, axes):
+    with new_axes(4.4, columns=2) as (fig, axes):
         levels = _levels(mu)
         filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
         lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
@@ -103,7 +102,6 @@ def as_map(sheet: Sheet, friction: Sheet | None) -> Picture:
         axes.margins(0.04)
         axes.grid(False)
         fig.colorbar(filled, ax=axes, label=MU)
-        legend_below(fig, [axes], columns=2)
     forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
     speeds = class_name(MILLI * surface.slip_speed_m_s)
     return Picture(

@@ -16,9 +16,9 @@ from beltid.drive.results import ADHESION, FULL_SLIP
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, InputError
 from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.report.conditions import series_of
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, finite_or_none, rows_of, span
+from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
@@ -57,9 +57,9 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 def _outcome(slip: Artifact, drive: Artifact, config: Config) -> Outcome[LossAgreement]:
     measured, rows = slip.columns, _predicted_rows(slip, drive)
-    has_prediction = rows >= 0
+    has_prediction, ratio = rows >= 0, _ratio_at_idle(drive.columns)
     predicted = {
-        name: np.where(has_prediction, drive.columns[source][rows], np.nan)
+        name: np.where(has_prediction, (drive.columns[source] * ratio)[rows], np.nan)
         for name, source in OF_PREDICTION.items()
     }
     points = LossPoints(
@@ -148,6 +148,16 @@ def _predicted_rows(slip: Artifact, drive: Artifact) -> np.ndarray:
     if (rows < 0).all():
         raise InputError(f"{drive.path}: has none of the runs of {slip.path}")
     return rows
+
+
+def _ratio_at_idle(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the driver's speed over that of each pulley at idle.
+
+    It refers the loss of a pulley to the driver, as the bench measures it.
+    """
+    at_idle = np.abs(columns["speed_rad_s"]) + columns["speed_loss_rad_s"]
+    unknown = np.full(at_idle.size, np.nan)
+    return np.divide(np.abs(columns["driver_speed_rad_s"]), at_idle, out=unknown, where=at_idle > 0)
 
 
 def _standard_error(measured: Mapping[str, np.ndarray]) -> np.ndarray:

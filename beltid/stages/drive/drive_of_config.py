@@ -121,8 +121,8 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
 def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[LabelledPoint]:
     """Return the operating points of a speed-loss recording, with the torque on the load pulley.
 
-    A braking torque is positive. If the recorded torques drive on balance, the recording uses the
-    other sign, and all signs are reversed.
+    A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
+    the recording uses the other sign, and all signs are reversed.
 
     Raises
     ------
@@ -131,12 +131,12 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
     """
     section = config.drive
     loaded = load_pulley(section)
-    speed, tension, torque = (
+    speed, tension, torque, loss = (
         np.asarray(columns[name], dtype=float)
-        for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m")
+        for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
     )
     braking = torque * np.sign(speed)
-    if np.nansum(braking) < 0.0:
+    if np.nansum(braking * loss) < 0.0:
         braking = -braking
     is_complete = np.isfinite(speed) & np.isfinite(tension) & np.isfinite(torque) & (speed != 0.0)
     if not is_complete.any():

@@ -11,9 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.metadata_models import DriveMetadata
+from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.metadata_models import DriveMetadata, SlipMetadata
 from beltid.config import Config, ConfigSource, load_config
+from beltid.config.drive import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint
@@ -25,7 +26,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.report.conditions import series_of
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.drive.drive_of_config import (
     LabelledPoint,
@@ -35,7 +36,7 @@ from beltid.stages.drive.drive_of_config import (
     points_of_config,
     points_of_slip,
 )
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import press_law, surface_from, surface_of
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
@@ -85,6 +86,8 @@ NOT_STATED: Final = (
     "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
     "assumed"
 )
+ALIKE_RATIOS: Final = 0.03
+"""Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside the measured range above which a warning is given."""
 
@@ -104,16 +107,16 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     built = build.up_to_date()
     if built is None:
         surface = surface_of(build.read("surface", "belt"))
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, model)
-        points = (
-            points_of_slip(model, read_artifact(inputs["slip"], "slip").columns)
-            if "slip" in inputs
-            else points_of_config(model)
-        )
+        press = press_law(inputs["stiffness"], model)
+        slip = read_artifact(inputs["slip"], "slip") if "slip" in inputs else None
+        points = points_of_config(model) if slip is None else points_of_slip(model, slip.columns)
         options.reporter.report(f"{len(points)} operating points, {model.drive.method}")
-        loaded = load_pulley(model.drive) if "slip" in inputs else None
-        built = build.write(_outcome(model, surface, press, points, loaded))
+        loaded = load_pulley(model.drive) if slip is not None else None
+        outcome = _outcome(model, surface, press, points, loaded)
+        if slip is not None:
+            other_radii = _other_radii(model.drive, slip)
+            outcome = replace(outcome, warnings=(*outcome.warnings, *other_radii))
+        built = build.write(outcome)
     return summarise(built)
 
 
@@ -201,6 +204,23 @@ def _outcome(
             *_outside(columns, surface),
         ),
     )
+
+
+def _other_radii(section: DriveSection, slip: Artifact) -> list[str]:
+    """Warn if the pulleys of the recording idle at another speed ratio than the stated radii."""
+    metadata: SlipMetadata = slip.metadata
+    radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
+    loaded = load_pulley(section)
+    stated = radius[loaded] / radius[section.driving]
+    if not metadata.pulley_ratio or not metadata.pulley_ratio_se:
+        return []
+    if abs(metadata.pulley_ratio / stated - 1.0) < ALIKE_RATIOS:
+        return []
+    return [
+        f"{slip.path}: without torque the driver turns {metadata.pulley_ratio:.4g} times as fast "
+        f"as {loaded}, with the radii of drive.pulleys {stated:.4g} times: the radii or names of "
+        "the pulleys are wrong, or driver and driven are swapped"
+    ]
 
 
 def _solve_points(

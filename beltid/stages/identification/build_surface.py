@@ -13,7 +13,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted
 from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
 from beltid.identify.surface.surface import build_surface as identify
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.alternatives import (
     Alternatives,
@@ -22,8 +22,8 @@ from beltid.stages.identification.alternatives import (
     friction_law_rows,
 )
 from beltid.stages.identification.conditions import rows_of_one, stated_of
-from beltid.stages.identification.reduction import rig_kind
-from beltid.stages.outcome import Outcome, in_percent, ok_rows, rows_of, span
+from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
+from beltid.stages.outcome import Outcome, in_percent, ok_rows, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
 from beltid.stages.uncertainties import SECTION, budget_table, standard_uncertainties
@@ -33,15 +33,6 @@ from beltid.uncertainty.published import published_changes, published_curves, sc
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 
 KIND: Final = "surface"
-KEYS: Final = (
-    "surface",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.slide",
-    "rig.running_measures",
-    "rig.pulley_radius_m",
-    SECTION,
-)
 METHOD: Final = "published"
 NO_ARC_DEG: Final = 90.0
 """Arc assigned to coefficients that a table states without one: they form a single group and do not
@@ -62,7 +53,9 @@ def run(
     `condition` and `side` select the runs that are used.
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
-    build = Build(KIND, config, KEYS, inputs, out, options, choices=chosen)
+    kind_keys = rig_kind_keys(config.config)
+    keys = ("surface", "rig.slide", "rig.pulley_radius_m", *kind_keys, SECTION)
+    build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")

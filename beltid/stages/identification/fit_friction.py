@@ -15,20 +15,21 @@ from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
-from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
+from beltid.report.summary import Summary, rows_of
+from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
     BINNED,
     TOUCHING,
     FrictionTable,
-    reduce_columns,
+    recording_in_memory,
     reduce_points,
     reduce_rig,
     rig_kind,
+    rig_kind_keys,
     taken_off,
     with_conditions,
 )
-from beltid.stages.outcome import Outcome, listed, rows_of, rows_per_setting, span
+from beltid.stages.outcome import Outcome, listed, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import (
     SECTION,
@@ -46,16 +47,6 @@ DRIFT: Final = (
 )
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
-RIG_KEYS: Final = (
-    "kind",
-    "weight_on",
-    "torque_with",
-    "running_measures",
-    "belt_speed_m_s",
-    "speed_bins_rad_s",
-    "force_resolution_N",
-    "pulley_radius_m",
-)
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
@@ -83,19 +74,14 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
 def _keys(config: Config, role: str) -> tuple[str, ...]:
     """Return the config keys that matter for a recording or for a table of plateaus."""
-    rig_keys = tuple(f"rig.{name}" for name in RIG_KEYS)
-    kind_keys = {
-        "running": ("belt.mass_per_length_kg_m",),
-        "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
-    }
-    file_keys = tuple(f"{section}.{role}" for section in ("columns", "units", "runs"))
     return (
         "friction",
-        *rig_keys,
-        *kind_keys.get(config.rig.kind, ()),
+        *rig_kind_keys(config),
+        "rig.speed_bins_rad_s",
+        "rig.force_resolution_N",
+        "rig.pulley_radius_m",
         "conditions",
-        *file_keys,
-        "dialect",
+        *reading_keys(role),
         SECTION,
     )
 
@@ -129,8 +115,10 @@ def fit_friction(
         If the recording cannot be used, or none of its runs.
     """
     model = load_config(config)
-    columns = columns_of(frame, "points" if table else "rig", model)
-    runs = reduce_points(columns, model) if table else reduce_columns(columns, model)
+    if table:
+        runs = reduce_points(columns_of(frame, "points", model), model)
+    else:
+        runs = reduce_rig(recording_in_memory(frame, model), model)
     return _outcome(runs, model, "frame", ()).with_origin(model, frame)
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import ShearMetadata
-from beltid.bench.recording import columns_of, read_rig
+from beltid.bench.recording import read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
 from beltid.identify.friction.rest import against_stated
-from beltid.identify.friction.run import RunRecord, run_records
+from beltid.identify.friction.run import RunRecord
 from beltid.identify.shear.build_up import build_up
 from beltid.identify.shear.stiffness import (
     BenchValues,
@@ -23,22 +23,21 @@ from beltid.identify.shear.stiffness import (
     fit_shear_stiffness,
     not_used,
 )
-from beltid.laws.penalty import NormalLaw, stiffness_under
-from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import friction_settings, records_of, rig_kind
-from beltid.stages.outcome import Outcome, rows_of, span, table_columns_of
+from beltid.laws.penalty import NormalLaw
+from beltid.report.summary import Summary, rows_of
+from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.identification.reduction import (
+    friction_settings,
+    recording_in_memory,
+    records_of,
+)
+from beltid.stages.outcome import Outcome, span, table_columns_of
 from beltid.stages.reporter import Options
 from beltid.stages.tables import press_law
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
-from beltid.uncertainty.sources import (
-    Errors,
-    StandardUncertainties,
-    law_scatter_sources,
-    press_sources,
-)
+from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "shear"
 KEYS: Final = (
@@ -49,10 +48,7 @@ KEYS: Final = (
     "rig.pulley_radius_m",
     "rig.span_length_m",
     "press.segment_length_cm",
-    "columns.rig",
-    "units.rig",
-    "runs.rig",
-    "dialect",
+    *reading_keys("rig"),
     SECTION,
 )
 SCATTER_REPORTED: Final = 2.0
@@ -70,9 +66,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         model = config.config
         _check_kind(model)
         rig = read_rig(inputs["rig"], model)
-        press = None
-        if "stiffness" in inputs:
-            press = press_law(read_artifact(inputs["stiffness"], "stiffness"), model)
+        press = press_law(inputs["stiffness"], model) if "stiffness" in inputs else None
         try:
             outcome = _outcome(records_of(rig, model), model, press)
         except InputError as error:
@@ -113,8 +107,7 @@ def fit_shear(
     """
     model = load_config(config)
     _check_kind(model)
-    columns, kind = columns_of(frame, "rig", model), rig_kind(model)
-    records = run_records(columns, model.rig.pulley_radius_m, kind)
+    records = records_of(recording_in_memory(frame, model), model)
     law = read_artifact(stiffness, "stiffness") if isinstance(stiffness, (str, Path)) else stiffness
     press = None if law is None else press_law(law, model)
     return _outcome(records, model, press).with_origin(model, frame, law)
@@ -127,26 +120,6 @@ def _check_kind(config: Config) -> None:
             f"rig.kind = {config.rig.kind}: the shear stiffness needs both span tensions of a belt "
             "between fixed ends, must be two_cells"
         )
-
-
-def _normal_stiffness_spread(
-    press: PressLaw, given: StandardUncertainties, line_force: float
-) -> float:
-    """Return the relative standard uncertainty of a fitted normal law [-].
-
-    It is the larger of two: that of the stiffness under the line force [N/m], which counts on the
-    arc, and that of the linear part, which counts at its ends.
-    """
-
-    def stiffnesses(errors: Errors) -> np.ndarray:
-        k_linear, k_quadratic = press.coefficients(errors)
-        loaded = stiffness_under(np.array(line_force), k_linear, k_quadratic)
-        return np.array([k_linear, float(loaded)])
-
-    sources = (*law_scatter_sources(press.has_scatter), *press_sources(given))
-    best = stiffnesses(Errors())
-    changes = [stiffnesses(Errors.single(source)) / best - 1.0 for source in sources]
-    return float(np.linalg.norm(np.reshape(changes, (-1, 2)), axis=0).max())
 
 
 def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchValues:
@@ -184,7 +157,7 @@ def _outcome(
     tensions = [run.initial_tension_N for run in runs if run.ok]
     if press is not None and tensions:
         line_force = float(np.median(tensions)) / radius
-        spread = _normal_stiffness_spread(press, uncertainty, line_force)
+        spread = press.stiffness_spread(uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
         bench = replace(bench, normal_law=law, normal_stiffness=spread)
     shear = fit_shear_stiffness(runs, bench)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,6 @@ from beltid.artifacts.metadata_models import SlipMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.slip.points import (
     GROSS_SLIP,
     OK,
@@ -23,9 +23,10 @@ from beltid.identify.slip.points import (
     required_pulley_speeds,
 )
 from beltid.identify.slip.slip import fit_slip as identify
-from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.outcome import Outcome, rows_of, table_columns_of
+from beltid.report.conditions import UNKNOWN_TENSION, series_of
+from beltid.report.summary import Summary, rows_of
+from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.outcome import Outcome, table_columns_of
 from beltid.stages.reporter import Options
 
 KIND: Final = "slip"
@@ -43,10 +44,9 @@ KEYS: Final = (
     "slip",
     "rig.pulley_radius_m",
     "rig.pulley_speeds_rad_s",
-    "columns.speedloss",
-    "units.speedloss",
-    "runs.speedloss",
-    "dialect",
+    "drive.pulleys",
+    "drive.driver",
+    *reading_keys("speedloss"),
 )
 
 
@@ -94,7 +94,7 @@ def fit_slip(
 def _outcome(
     columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...], name: str
 ) -> Outcome[SlipResult]:
-    radius = config.rig.pulley_radius_m
+    radius = _driver_radius(config)
     try:
         result = identify(columns, radius)
     except InputError as error:
@@ -119,6 +119,14 @@ def _outcome(
         notes=(*notes, *result.notes, *([] if required is None else [required.statement])),
         warnings=(*(f"run {row['run']} set aside: {row['why']}" for row in aside), *warnings),
     )
+
+
+def _driver_radius(config: Config) -> float:
+    """Return the radius of the driver in Eq. (7) [m]; without a stated drive that of the rig."""
+    if "drive" not in config.model_fields_set:
+        return config.rig.pulley_radius_m
+    radius = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
+    return radius.get(config.drive.driving, config.rig.pulley_radius_m)
 
 
 def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None, list[str]]:
@@ -169,31 +177,23 @@ def summarise(built: Built) -> Summary:
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return a row per driver speed and initial tension: largest sliding speed and its torque."""
     rows = []
-    drivers, tensions = (
-        snap_to_settings(columns["driver_speed_rad_s"]),
-        snap_to_settings(columns["initial_tension_N"]),
-    )
-    good = columns["status"] == OK
-    for driver in np.unique(drivers):
-        for tension in np.unique(tensions[drivers == driver]):
-            in_series = (drivers == driver) & (tensions == tension)
-            usable = np.flatnonzero(in_series & good)
-            fastest = (
-                usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))]
-                if usable.size
-                else None
-            )
-            rows.append(
-                {
-                    "driver_speed_rad_s": float(driver),
-                    "initial_tension_N": float(tension),
-                    "runs": int(in_series.sum()),
-                    "runs_ok": int(usable.size),
-                    "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
-                    "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),
-                    "at_torque_N_m": _at(columns["torque_N_m"], fastest),
-                }
-            )
+    series = series_of(columns["driver_speed_rad_s"], columns["initial_tension_N"])
+    for (driver, tension), points in sorted(series.items(), key=itemgetter(0)):
+        usable = points[columns["status"][points] == OK]
+        fastest = (
+            usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))] if usable.size else None
+        )
+        rows.append(
+            {
+                "driver_speed_rad_s": driver,
+                "initial_tension_N": None if tension == UNKNOWN_TENSION else tension,
+                "runs": points.size,
+                "runs_ok": usable.size,
+                "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
+                "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),
+                "at_torque_N_m": _at(columns["torque_N_m"], fastest),
+            }
+        )
     return rows
 
 

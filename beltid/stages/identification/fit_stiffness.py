@@ -14,17 +14,17 @@ from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
-from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
+from beltid.report.summary import Summary, rows_of
+from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.alternatives import normal_law_rows, normal_laws
 from beltid.stages.identification.reduction import stiffness_settings
-from beltid.stages.outcome import Outcome, rows_of
+from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.reduced import stiffness_uncertainty
 
 KIND: Final = "stiffness"
-KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect", SECTION)
+KEYS: Final = ("press", *reading_keys("press"), SECTION)
 POOLED: Final = "pooled"
 COEFFICIENTS: Final = (
     "k_linear_N_m2",

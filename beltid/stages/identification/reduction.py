@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from beltid.bench.big_recording import BigRecording, open_big
-from beltid.bench.recording import Recording
+from beltid.bench.recording import Recording, columns_of
 from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.config.model import PressSection
@@ -36,7 +36,6 @@ from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     FrictionSettings,
     RunReduction,
-    reduce_runs,
     reduce_stream,
 )
 from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
@@ -96,6 +95,22 @@ def rig_kind(config: Config) -> RigKind:
     )
 
 
+def rig_kind_keys(config: Config) -> tuple[str, ...]:
+    """Return the keys of a config that `rig_kind` reads, without those of the load cells."""
+    of_kind = {
+        "running": ("belt.mass_per_length_kg_m",),
+        "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
+    }
+    return (
+        "rig.kind",
+        "rig.weight_on",
+        "rig.torque_with",
+        "rig.running_measures",
+        "rig.belt_speed_m_s",
+        *of_kind.get(config.rig.kind, ()),
+    )
+
+
 def _known_cell(config: Config, span: Span) -> KnownCell:
     return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
 
@@ -114,7 +129,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
 
 
 def reduce_rig(
-    rig: Recording | BigRecording, config: Config, workers: Workers
+    rig: Recording | BigRecording, config: Config, workers: Workers | None = None
 ) -> tuple[RunReduction, ...]:
     """Reduce the runs of a recording of the friction rig; a big one in bounded memory.
 
@@ -123,26 +138,50 @@ def reduce_rig(
     rig : Recording or BigRecording
         The recording.
     config : Config
-        Radius of the pulley, settings of the reduction.
-    workers : Workers
+        Kind of the rig, radius of the pulley, settings of the reduction.
+    workers : Workers, optional
         Reduce the runs of a big recording while the next ones are read.
     """
-    if isinstance(rig, Recording):
-        if rig.is_artifact:
-            radius, settings = config.rig.pulley_radius_m, friction_settings(config)
-            return reduce_simulated(rig.columns, radius, settings, config)
-        return reduce_columns(rig.columns, config)
     radius, settings = config.rig.pulley_radius_m, friction_settings(config)
+    records = records_of(rig, config)
     # a single worker reduces run by run without holding a batch
-    mapper = map if workers.jobs == 1 else partial(_parallel_map, workers)
-    return reduce_stream(records_of(rig, config), radius, settings, mapper)
+    if isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1:
+        return reduce_stream(records, radius, settings, partial(_parallel_map, workers))
+    return reduce_stream(records, radius, settings)
+
+
+def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
+    """Return a frame with the columns of rig.csv as a recording.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table, mapping or Recording
+        The samples.
+    config : Config or None
+        Names and units of the columns; None if they are those of rig.csv.
+    simulated : bool
+        Whether it comes from the simulated rig.
+    """
+    columns = columns_of(frame, "rig", config)
+    return Recording("rig", columns, Path("frame"), is_artifact=simulated)
 
 
 def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRecord]:
-    """Yield the records of the runs of a recording; a big one is read run by run."""
+    """Yield the records of the runs of a recording; a big one is read run by run.
+
+    The recording of the simulated rig holds the tensions of both spans from perfect load cells, for
+    every kind of bench. Only the span of a dead weight has no cell: its tension is the initial
+    tension. The belt of a running rig runs here as well.
+    """
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
     if isinstance(rig, Recording):
-        columns, kind = _simulated(rig.columns, config) if rig.is_artifact else (rig.columns, kind)
+        columns = rig.columns
+        if rig.is_artifact:
+            kind = replace(kind, cells=KnownCells())
+            if config.rig.kind == "dead_weight":
+                columns = {**columns, "weight_N": columns["initial_tension_N"]}
+            else:
+                kind = replace(kind, measures="two_cells")
         yield from run_records(columns, radius, kind)
         return
     drag = None
@@ -152,55 +191,6 @@ def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRec
     for run in map(_columns, rig):
         if not run.is_idle:
             yield run_record(run, radius, kind, drag)
-
-
-def reduce_simulated(
-    columns: Mapping[str, ArrayLike], radius_m: float, settings: FrictionSettings, config: Config
-) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the simulated rig.
-
-    Parameters
-    ----------
-    columns : mapping of str to array_like
-        The columns of the recording.
-    radius_m : float
-        Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Settings of the reduction.
-    config : Config
-        Kind of the rig.
-    """
-    columns, kind = _simulated(columns, config)
-    return reduce_runs(columns, radius_m, settings, kind)
-
-
-def _simulated(
-    columns: Mapping[str, ArrayLike], config: Config
-) -> tuple[Mapping[str, ArrayLike], RigKind]:
-    """Return the columns of a recording of the simulated rig, and the kind of rig they belong to.
-
-    The recording holds the tensions of both spans from perfect load cells, for every kind of bench.
-    Only the span of a dead weight has no cell: its tension is the initial tension. The belt of a
-    running rig runs here as well.
-    """
-    kind = replace(rig_kind(config), cells=KnownCells())
-    if config.rig.kind != "dead_weight":
-        return columns, replace(kind, measures="two_cells")
-    return {**columns, "weight_N": columns["initial_tension_N"]}, kind
-
-
-def reduce_columns(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the friction rig that is held in memory.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Its columns.
-    config : Config
-        Kind of the rig, radius of the pulley, settings of the reduction.
-    """
-    settings = friction_settings(config)
-    return reduce_runs(columns, config.rig.pulley_radius_m, settings, rig_kind(config))
 
 
 def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:

@@ -95,23 +95,18 @@ def _assemble(
     friction: Artifact | None,
     source: ConfigSource | None,
 ) -> ContactLaw:
-    normal = law_of(stiffness)  # raises an error without a pooled law
+    law_of(stiffness)  # raises an error without a pooled law
     row = int(np.flatnonzero(np.isnan(stiffness.columns["temperature_degC"]))[0])
     return ContactLaw(
         about=ABOUT,
         origin=combined_origin([stiffness.metadata.origin, surface.metadata.origin]),
         belt=BeltFacts(name=_belt_name(folder)) if source is None else _belt(source.config),
         conditions=surface.metadata.figures.get("conditions") or {},
-        normal=NormalPart(
-            k_linear_N_m2=normal.k_linear_N_m2,
-            k_quadratic_N_m3=normal.k_quadratic_N_m3,
-            k_linear_u_N_m2=_finite_or_none(stiffness, "k_linear_u_N_m2", row),
-            k_quadratic_u_N_m3=_finite_or_none(stiffness, "k_quadratic_u_N_m3", row),
-            k_linear_se_N_m2=_finite_or_none(stiffness, "k_linear_se_N_m2", row),
-            k_quadratic_se_N_m3=_finite_or_none(stiffness, "k_quadratic_se_N_m3", row),
-            covariance=_covariance(stiffness, row),
-            rms_residual_N_m=_finite_or_none(stiffness, "rms_residual_N_m", row),
-            hysteresis_ratio=_finite_or_none(stiffness, "hysteresis_ratio", row),
+        normal=NormalPart.model_validate(
+            {
+                **{name: _finite_or_none(stiffness, name, row) for name in NormalPart.model_fields},
+                "covariance": _covariance(stiffness, row),
+            }
         ),
         friction=friction_part(
             surface_of(surface),
@@ -159,22 +154,16 @@ def _belt_name(folder: Path) -> str:
 
 def _belt(config: Config) -> BeltFacts:
     belt = config.belt
-    return BeltFacts(
-        name=belt.name,
-        type=belt.type,
-        ribs=belt.ribs,
-        width_m=belt.width_m or ribbed_width(belt.type, belt.ribs),
-        axial_stiffness_N=belt.axial_stiffness_N,
-        bending_stiffness_N_m2=belt.bending_stiffness_N_m2,
-        mass_per_length_kg_m=belt.mass_per_length_kg_m,
-    )
+    facts = {name: getattr(belt, name) for name in BeltFacts.model_fields}
+    facts["width_m"] = belt.width_m or ribbed_width(belt.type, belt.ribs)
+    return BeltFacts.model_validate(facts)
 
 
 def _finite_or_none(artifact: Artifact, column: str, row: int) -> float | None:
-    if column not in artifact.columns:
+    values = artifact.columns.get(column)
+    if values is None or values.ndim > 1 or not np.isfinite(values[row]):
         return None
-    value = float(artifact.columns[column][row])
-    return value if np.isfinite(value) else None
+    return float(values[row])
 
 
 def _budget(surface: Artifact) -> tuple[Contribution, ...]:

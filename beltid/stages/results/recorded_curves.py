@@ -20,26 +20,19 @@ from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import CELL_KEYS, records_of, stiffness_settings
+from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.identification.reduction import (
+    CELL_KEYS,
+    records_of,
+    rig_kind_keys,
+    stiffness_settings,
+)
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
-PRESS_KEYS: Final = ("press", "columns.press", "units.press", "runs.press", "dialect")
-RIG_KEYS: Final = (
-    "columns.rig",
-    "units.rig",
-    "runs.rig",
-    "dialect",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.running_measures",
-    "rig.belt_speed_m_s",
-    *CELL_KEYS,
-)
-"""Includes the load cells: their known errors are corrected here as in the reduction."""
+PRESS_KEYS: Final = ("press", *reading_keys("press"))
 MOST_ARCS: Final = 4
 MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
@@ -73,7 +66,9 @@ def rig_curves(
     InputError
         If the recording lacks one of these runs, so that it does not belong to the friction table.
     """
-    build = Build(RIG, source, RIG_KEYS, {"rig": rig, "friction": friction}, out, options)
+    # the known errors of the load cells are corrected here as in the reduction
+    keys = (*reading_keys("rig"), *rig_kind_keys(source.config), *CELL_KEYS)
+    build = Build(RIG, source, keys, {"rig": rig, "friction": friction}, out, options)
     built = build.up_to_date()
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)

@@ -140,15 +140,12 @@ def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     config = config_of(folder)
     facts = (*belt_facts(config), (config and config.data.date) or "")
     made_from = hash_of(_files(folder), folder.resolve().name, *facts)
-    is_current = up_to_date(out, made_from, options)
-    results = gather(folder, with_profiles=not is_current)
-    if is_current:
-        return _summary([results], out, {}, up_to_date=True)
+    if up_to_date(out, made_from, options):
+        return _finish([gather(folder, with_profiles=False)], out)
     if options.peek:
         raise Stale
-    page = belt_page(results, made_from)
-    size = write(out, page)
-    return _summary([results], out, {**_counts(page), "size_kB": size / 1000.0})
+    results = gather(folder)
+    return _finish([results], out, belt_page(results, made_from))
 
 
 def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
@@ -160,11 +157,7 @@ def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
     made_from = hash_of(files, *links)
     is_current = up_to_date(out, made_from, options)
     results = [gather(folder, with_profiles=False) for folder in folders]
-    if is_current:
-        return _summary(results, out, {}, up_to_date=True)
-    page = belts_page(results, links, made_from)
-    size = write(out, page)
-    return _summary(results, out, {**_counts(page), "size_kB": size / 1000.0})
+    return _finish(results, out, None if is_current else belts_page(results, links, made_from))
 
 
 def _files(folder: Path) -> list[tuple[str, Path]]:
@@ -173,15 +166,16 @@ def _files(folder: Path) -> list[tuple[str, Path]]:
     return [(f"{folder.resolve().name}/{name}", path) for name, path in paths if path.is_file()]
 
 
-def _counts(page: Page) -> dict[str, Any]:
-    pictures = [picture for section in page.sections for picture in section.pictures]
-    n_drawn = sum(picture.figure is not None for picture in pictures)
-    return {"figures": n_drawn, "figures_missing": len(pictures) - n_drawn}
-
-
-def _summary(
-    results: Sequence[BeltResults], out: Path, facts: dict[str, Any], *, up_to_date: bool = False
-) -> Summary:
+def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None) -> Summary:
+    """Write a new page, and summarise it; without one, that of an earlier call is up to date."""
+    facts: dict[str, Any] = {}
+    if page is not None:
+        text = rendered(page)
+        write_text(out, text)
+        pictures = [picture for section in page.sections for picture in section.pictures]
+        drawn = sum(picture.figure is not None for picture in pictures)
+        facts = {"figures": drawn, "figures_missing": len(pictures) - drawn}
+        facts["size_kB"] = len(text.encode()) / 1000.0
     origins = {result.origin for result in results}
     mixed = len(origins) > 1
     return Summary(
@@ -198,7 +192,7 @@ def _summary(
             f"{result.belt}: {problem}" for result in results for problem in result.problems
         ),
         verdict=verdict_of(results[0]).headline if len(results) == 1 else "",
-        up_to_date=up_to_date,
+        up_to_date=page is None,
         origin=None if mixed else next(iter(origins)),
     )
 
@@ -255,10 +249,3 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
         raise InputError(text, code="not-replaced")
     return mark == made_from and not options.force
-
-
-def write(out: Path, page: Page) -> int:
-    """Write a page atomically; return its size in bytes."""
-    text = rendered(page)
-    write_text(out, text)
-    return len(text.encode())

@@ -11,9 +11,9 @@ from beltid.errors import InputError
 from beltid.report.drawing import NO_DATES, saved
 from beltid.report.figures.single import pictures
 from beltid.report.picture import Picture
-from beltid.report.summary import Summary
+from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import already_exists
-from beltid.stages.outcome import csv_bytes, flat, rows_of
+from beltid.stages.outcome import csv_bytes, flat
 from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import sheet_of
 

@@ -23,7 +23,7 @@ from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
-from beltid.stages.simulation.planned_runs import snap_to_settings
+from beltid.stages.simulation.planned_runs import nominal_settings
 from beltid.tables.schemas import RECORDINGS
 
 RECORDED: Final = tuple(f"data.{kind}" for kind in RECORDINGS)
@@ -117,7 +117,7 @@ def _rig_values(recording: Path | None, config: Config, options: Options) -> dic
         recorded = [
             run.settings[c] for run in inspection.runs for c in columns if c in run.settings
         ]
-        snapped = snap_to_settings(np.array(recorded), gap)
+        snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:
             options.reporter.report(

@@ -20,12 +20,24 @@ from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.planned_runs import PlannedRun, as_resting, belt_speed, momentum_N
 from beltid.stages.tables import checked_law, is_number, surface_from
+from beltid.stages.uncertainties import SECTION
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 
 if TYPE_CHECKING:
     from beltid.config import Config
 
+RIG_KEYS: Final = (
+    "belt.axial_stiffness_N",
+    "belt.bending_stiffness_N_m2",
+    "rig.slide",
+    "rig.pulley_radius_m",
+    "rig.span_length_m",
+    "rig.supports",
+    "press.segment_length_cm",
+    SECTION,
+)
+"""Keys of the config that matter for every use of the simulated rig, with `rig_kind_keys`."""
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 MOST_SAMPLES: Final = 10_000

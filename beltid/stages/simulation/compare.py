@@ -20,7 +20,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
-from beltid.bench.recording import columns_of, read_recording
+from beltid.bench.recording import read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import (
     EXIT_DONE,
@@ -37,18 +37,18 @@ from beltid.identify.agreement.compare import (
     compare_points,
 )
 from beltid.identify.agreement.hold_out import FEWEST, HoldOut
-from beltid.identify.friction.reduction import FrictionSettings, reduce_runs
 from beltid.laws.penalty import NormalLaw
-from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Build, Built
+from beltid.report.summary import Summary, rows_of
+from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
-    friction_settings,
-    reduce_simulated,
+    recording_in_memory,
+    reduce_rig,
     reduction_columns,
     rig_kind,
+    rig_kind_keys,
 )
-from beltid.stages.outcome import Outcome, rows_of, span
+from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.hold_out import (
     HELD_OUT,
@@ -58,7 +58,7 @@ from beltid.stages.simulation.hold_out import (
     predictions,
 )
 from beltid.stages.simulation.planned_runs import with_tensions
-from beltid.stages.simulation.refinement import KEYS as REFINED_BY
+from beltid.stages.simulation.refinement import refinement_keys
 from beltid.stages.tables import press_law, table_columns
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
@@ -67,21 +67,6 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
-KEYS: Final = (
-    "compare",
-    "belt.mass_per_length_kg_m",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
-    "rig.running_measures",
-    "rig.belt_speed_m_s",
-    "columns.rig",
-    "units.rig",
-    "runs.rig",
-    "dialect",
-    *CELL_KEYS,
-)
-HELD_OUT_KEYS: Final = ("compare", *REFINED_BY)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -143,25 +128,23 @@ def run(
     if "stiffness" in inputs:
         by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    keys = ("compare", "belt.mass_per_length_kg_m", *rig_kind_keys(config.config), *CELL_KEYS)
+    build = Build(KIND, config, (*keys, *reading_keys("rig")), inputs, out, options)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
         recording = read_recording(inputs["simulated"], "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
-        radius, settings = _reduction_settings(friction, config.config)
+        reduced = reduce_rig(recording, _as_measured(friction, config.config))
         notes: tuple[str, ...] = ()
         uncertainty = None
         if recording.is_artifact:
-            reduced = reduce_simulated(recording.columns, radius, settings, config.config)
             with suppress(ArtifactError):  # a compressed recording is not readable as an artifact
                 metadata = read_artifact(recording.path, "simulated").metadata
                 uncertainty = runs_uncertainty_of(metadata.figures)
-        else:  # a second bench, whose kind and load cells the config states
-            kind = rig_kind(config.config)
-            reduced = reduce_runs(recording.columns, radius, settings, kind)
+        elif cells := rig_kind(config.config).cells.note:  # a second bench, as the config states
             # name without folder, so that the same input gives the same bytes anywhere
-            notes = (f"{recording.path.name}: {kind.cells.note}",) if kind.cells.note else ()
+            notes = (f"{recording.path.name}: {cells}",)
         simulated = reduction_columns(reduced)
         built = build.write(
             _outcome(friction.columns, simulated, config.config, uncertainty, notes)
@@ -173,12 +156,12 @@ def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness``, and compare them with measured ones."""
-    build = Build(KIND, config, HELD_OUT_KEYS, inputs, out, options, {"hold_out": by})
+    keys = ("compare", *refinement_keys(config.config))
+    build = Build(KIND, config, keys, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, config.config)
+        press = press_law(inputs["stiffness"], config.config)
         options.reporter.report(f"{friction.path}: every {by} left out once and predicted")
         built = build.write(_held_out(friction.columns, press, config.config, by, options.workers))
     return summarise(built)
@@ -311,10 +294,8 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        settings = friction_settings(config)
-        recorded = columns_of(frame, "rig")
-        reduced = reduce_simulated(recorded, config.rig.pulley_radius_m, settings, config)
-        return reduction_columns(reduced)
+        recording = recording_in_memory(frame, None, simulated=True)
+        return reduction_columns(reduce_rig(recording, config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
         frame = {
             **{name: np.asarray(frame[name]) for name in names},
@@ -324,19 +305,32 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
     return table_columns(frame, "friction", NEEDED, "simulated")
 
 
-def _reduction_settings(friction: Artifact, config: Config) -> tuple[float, FrictionSettings]:
-    """Return radius and settings of the reduction of the measured runs, without the load cells."""
+def _as_measured(friction: Artifact, config: Config) -> Config:
+    """Return the config with the radius and the reduction settings of the measured runs.
+
+    The load cells remain those of the config.
+    """
     stored = friction.metadata.settings
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
     field_names = type(config.friction).model_fields
     section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
     bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
     try:
-        reduction_config = load_config({"friction": section, "rig": bins}) if section else config
+        measured = load_config({"friction": section, "rig": bins}) if section else config
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    return float(radius), friction_settings(reduction_config)
+    cells = {
+        key: getattr(config.friction, key) for key in field_names if f"friction.{key}" in CELL_KEYS
+    }
+    speed_bins = measured.rig.speed_bins_rad_s
+    rig = {"pulley_radius_m": float(radius), "speed_bins_rad_s": speed_bins}
+    return config.model_copy(
+        update={
+            "friction": measured.friction.model_copy(update=cells),
+            "rig": config.rig.model_copy(update=rig),
+        }
+    )
 
 
 def _outcome(

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact
-from beltid.artifacts.metadata_models import SurfaceMetadata
+from beltid.artifacts.metadata_models import Metadata, SurfaceMetadata
 from beltid.config import Config
 from beltid.errors import ArgumentTypeError, InputError
 from beltid.laws.friction_surface import FrictionSurface
@@ -156,11 +156,7 @@ def present_knowledge(
 
 def known_of_artifact(artifact: Artifact) -> KnownSurface:
     """Return the known surface of an artifact."""
-    metadata: SurfaceMetadata = artifact.metadata
-    surface = surface_of(artifact)
-    if metadata.uncertainty is None:
-        raise InputError(f"{artifact.path}: has no covariance; build it again")
-    return _known(surface, metadata.uncertainty, metadata.noise_scale, str(artifact.path))
+    return _known(surface_of(artifact), artifact.metadata, str(artifact.path))
 
 
 def known_of_result(surface: Any) -> KnownSurface:
@@ -170,14 +166,13 @@ def known_of_result(surface: Any) -> KnownSurface:
             f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
             "the plan needs its covariance by source"
         )
-    extra = surface.extra
-    return _known(surface_from(surface), extra["uncertainty"], extra.get("noise_scale"), "surface")
+    return _known(surface_from(surface), surface.metadata(), "surface")
 
 
-def _known(
-    surface: FrictionSurface, stored: Mapping[str, Any], noise_scale: float | None, name: str
-) -> KnownSurface:
-    if not isinstance(surface, UncertainSurface) or surface.factor is None:
+def _known(surface: FrictionSurface, metadata: Metadata, name: str) -> KnownSurface:
+    assert isinstance(metadata, SurfaceMetadata)
+    stored = metadata.uncertainty
+    if not isinstance(surface, UncertainSurface) or surface.factor is None or stored is None:
         raise InputError(f"{name}: has no covariance; build it again")
     sources = sources_of(stored["sources"])
     return KnownSurface(
@@ -186,5 +181,5 @@ def _known(
         changes=surface.factor[..., : len(sources)],
         scatter=surface.factor[..., len(sources) :],
         arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
-        noise_scale=noise_scale or 1.0,
+        noise_scale=metadata.noise_scale or 1.0,
     )

@@ -180,11 +180,11 @@ def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.
     settings = with_tensions(friction, config)
     rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
     rows = rows[np.all((rows > 0.0) & np.isfinite(rows), axis=1) & ok_rows(friction)]
-    snapped = [snap_to_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
+    snapped = [nominal_settings(rows[:, k], SAME_SETTING[name]) for k, name in enumerate(KEYS)]
     return np.unique(np.column_stack(snapped), axis=0)
 
 
-def snap_to_settings(values: np.ndarray, gap: float) -> np.ndarray:
+def nominal_settings(values: np.ndarray, gap: float) -> np.ndarray:
     """Snap values to their repeated settings; return them unchanged if they repeat none.
 
     Parameters
@@ -262,7 +262,7 @@ def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[floa
         if key in config.rig.model_fields_set:
             values = []
             for value in getattr(config.rig, key):
-                near = occurring[np.abs(occurring - value) <= SAME_SETTING[name] * occurring]
+                near = occurring[_is_same_setting(occurring, [value], SAME_SETTING[name])]
                 values += near.tolist() or [value]
         lists.append(list(dict.fromkeys(values)))
     return lists
@@ -361,13 +361,13 @@ def _matching(
         return set(allowed)
     matches = set()
     for value in picked:
-        near = [a for a in allowed if abs(a - value) <= gap * a]
-        if not near:
+        near = np.array(allowed)[_is_same_setting(np.array(allowed), [value], gap)]
+        if not near.size:
             listing = _listed(allowed)
             problems.append(
                 f"{option} = {value:g}, must be one of those of the campaign: {listing}"
             )
-        matches.update(near)
+        matches.update(near.tolist())
     return matches
 
 

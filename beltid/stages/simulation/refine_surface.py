@@ -10,7 +10,6 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
@@ -29,14 +28,13 @@ from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
     CHECKED,
-    KEYS,
     NEEDED,
-    Draws,
     check_table,
     drawn,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
+    refinement_keys,
     shared_sources,
     speed_labels,
 )
@@ -58,6 +56,8 @@ from beltid.uncertainty.refined import (
 KIND: Final = "surface"
 METHOD: Final = "refined"
 MOST_NOISE: Final = 3.0
+FEWEST: Final = 50
+"""Number of Monte Carlo replicates below which they give no standard uncertainty."""
 Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
     "friction changes not in the surface, in percent of mu; share that force and speed explain"
@@ -71,14 +71,6 @@ EFFECT_WORDS: Final = {
     TOGETHER: "order or temperature, over the campaign",
     SCATTER: "scatter from run to run",
 }
-MISFIT_COLUMNS: Final = (
-    "group",
-    "runs",
-    "rms_before_percent",
-    "mean_before_percent",
-    "rms_after_percent",
-    "mean_after_percent",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,23 +79,36 @@ class Choices:
 
     Attributes
     ----------
-    draws : Draws
-        Draws of the Monte Carlo check, and the workers.
+    bootstrap : int
+        Number of Monte Carlo replicates that check the uncertainty; 0 skips the check.
+    seed : int
+        Seed of their draws.
     bending : {"stated", "fit", "use"}
         Whether the bending stiffness is also fitted to the runs, and used.
     condition, side : str or None
         Selection of the runs if they were made under several conditions or sides.
     """
 
-    draws: Draws
-    bending: Bending
-    condition: str | None
-    side: str | None
+    bootstrap: int
+    seed: int
+    bending: Bending = "stated"
+    condition: str | None = None
+    side: str | None = None
 
     def __post_init__(self) -> None:
+        problems = []
+        if self.bootstrap != 0 and self.bootstrap < FEWEST:
+            problems.append(
+                f"--bootstrap = {self.bootstrap}, must be at least {FEWEST} draws: fewer do not "
+                "give a standard uncertainty"
+            )
+        if self.seed < 0:
+            problems.append(f"--seed = {self.seed}, must be >= 0")
         if self.bending not in get_args(Bending):
             allowed = ", ".join(get_args(Bending))
-            raise InputError(f"bending = {self.bending}, must be one of {allowed}")
+            problems.append(f"bending = {self.bending}, must be one of {allowed}")
+        if problems:
+            raise InputError(problems)
 
     @property
     def runs(self) -> dict[str, str | None]:
@@ -113,9 +118,10 @@ class Choices:
     @property
     def settings(self) -> dict[str, Any]:
         """The settings that a result depends on."""
+        draws = {"bootstrap": self.bootstrap, "seed": self.seed} if self.bootstrap else {}
         bending = {} if self.bending == "stated" else {"bending": self.bending}
         chosen = {name: word for name, word in self.runs.items() if word}
-        return {**self.draws.choices, **bending, **chosen}
+        return {**draws, **bending, **chosen}
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,19 +267,18 @@ def run(
     bending stiffness is also fitted to the runs ("fit"), and used ("use"). `condition` and `side`
     select the runs that are used.
     """
-    draws = Draws(bootstrap, seed, options.reporter, options.workers)
-    choices = Choices(draws, bending, condition, side)
-    build = Build(KIND, config, KEYS, inputs, out, options, choices.settings)
+    choices = Choices(bootstrap, seed, bending, condition, side)
+    keys = refinement_keys(config.config)
+    build = Build(KIND, config, keys, inputs, out, options, choices.settings)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        law = press_law(stiffness, config.config)
+        law = press_law(inputs["stiffness"], config.config)
         options.reporter.report(
             f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
         name = str(friction.path)
-        built = build.write(_outcome(friction.columns, law, config.config, name, choices))
+        built = build.write(_outcome(friction.columns, law, config.config, name, choices, options))
     return summarise(built)
 
 
@@ -321,10 +326,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    choices, model = Choices(Draws(bootstrap, seed), bending, condition, side), load_config(config)
+    choices, model = Choices(bootstrap, seed, bending, condition, side), load_config(config)
     press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
-    outcome = _outcome(columns, press, model, "friction table", choices)
+    outcome = _outcome(columns, press, model, "friction table", choices, Options())
     return outcome.with_origin(model, friction, law)
 
 
@@ -334,12 +339,14 @@ def _outcome(
     config: Config,
     name: str,
     choices: Choices,
+    options: Options,
 ) -> Outcome[Refinement]:
     campaign, speeds, used, set_aside = prepared_campaign(
         columns, press, config, name, choices.runs
     )
     labels = tuple(str(columns["run"][i]) for i in used)
-    result = _refined(campaign, speeds, config, choices, labels, columns["arc_deg"][used])
+    arcs_deg = columns["arc_deg"][used]
+    result = _refined(campaign, speeds, config, choices, labels, arcs_deg, options)
     check, surface = result.check, result.refined.surface
     formulas = friction_formulas(surface, result.uncertainty.factor)
     return Outcome(
@@ -351,7 +358,7 @@ def _outcome(
         extra={
             **stated_of(columns, used),
             **_figures(result, campaign, config),
-            **(check.extra(choices.draws.seed) if check else {}),
+            **(check.extra(choices.seed) if check else {}),
             **formulas.extra,
         },
         notes=(
@@ -382,22 +389,24 @@ def _refined(
     choices: Choices,
     labels: tuple[str, ...],
     arcs_deg: np.ndarray,
+    options: Options,
 ) -> Refinement:
     """Refine the surface of a campaign with the options of a call."""
-    draws, sources = choices.draws, shared_sources(campaign, config)
+    workers, sources = options.workers, shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
     fitted = None
     if choices.bending != "stated":
-        fitted = draws.workers.call(fit_bending, campaign, speeds, sources, reference)
+        fitted = workers.call(fit_bending, campaign, speeds, sources, reference)
         if choices.bending == "use":
             campaign, sources = fitted.used(campaign, sources)
-    solution = draws.workers.call(refined_campaign, campaign, speeds, sources, reference)
+    solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
     uncertainty, check = refined_uncertainty(solution), None
-    if draws.count:
+    if choices.bootstrap:
         settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
         linear = (solution.sources, solution.slopes)
         nominal = prepare(solution.campaign, solution.refined, speeds, settings, linear)
-        replicates = drawn(nominal, draws)
+        draws = choices.bootstrap, choices.seed
+        replicates = drawn(nominal, *draws, options.reporter, workers)
         check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)
     effects, contradictions = shown_effects(solution), solution.contradictions()
     return Refinement(
@@ -548,7 +557,7 @@ def summarise(built: Built) -> Summary:
             **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
             **({CHECKED: check_table(check["table"])} if check else {}),
         },
-        table=[{name: row[name] for name in MISFIT_COLUMNS} for row in metadata.misfit],
+        table=[dict(row) for row in metadata.misfit],
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
 

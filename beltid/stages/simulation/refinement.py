@@ -6,7 +6,7 @@ import math
 import pickle
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +19,10 @@ from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
 from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
-from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.reporter import Reporter
-from beltid.stages.uncertainties import SECTION, standard_uncertainties
+from beltid.stages.simulation.campaign import RIG_KEYS
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
@@ -31,26 +32,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
-KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
-    "rig.slide",
-    "rig.running_measures",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-    "contact.points_per_element",
-    "surface",
-    "press.segment_length_cm",
-    "friction.correct_temperature",
-    "friction.reference_temperature_degC",
-    SECTION,
-)
 PER_CALL: Final = 5
-FEWEST: Final = 50
 CHECKED: Final = "linear standard uncertainty against Monte Carlo, in percent of mu"
 COLUMNS: Final = (
     "group",
@@ -77,57 +59,29 @@ SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets
 SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
 
 
-@dataclass(frozen=True, slots=True)
-class Draws:
-    """Number of Monte Carlo replicates, and the workers that compute them.
-
-    Attributes
-    ----------
-    count : int
-        Number of replicates; 0 skips the check.
-    seed : int
-        Seed of the draws.
-    reporter : Reporter
-        Receives the progress messages.
-    workers : Workers
-        Compute the replicates; the result does not depend on them.
-    """
-
-    count: int = 0
-    seed: int = 0
-    reporter: Reporter = field(default_factory=Reporter)
-    workers: Workers = field(default_factory=Workers)
-
-    def __post_init__(self) -> None:
-        problems = []
-        if self.count != 0 and self.count < FEWEST:
-            problems.append(
-                f"--bootstrap = {self.count}, must be at least {FEWEST} draws: fewer do not give a "
-                "standard uncertainty"
-            )
-        if self.seed < 0:
-            problems.append(f"--seed = {self.seed}, must be >= 0")
-        if problems:
-            raise InputError(problems)
-
-    @property
-    def choices(self) -> dict[str, int]:
-        """The settings that a result depends on."""
-        return {"bootstrap": self.count, "seed": self.seed} if self.count else {}
+def refinement_keys(config: Config) -> tuple[str, ...]:
+    """Return the keys of a config that a refined surface depends on."""
+    return (
+        *RIG_KEYS,
+        *rig_kind_keys(config),
+        "contact.points_per_element",
+        "surface",
+        "friction.correct_temperature",
+        "friction.reference_temperature_degC",
+    )
 
 
-def drawn(nominal: Nominal, draws: Draws) -> Replicates:
-    """Return the replicates in order, the same for any number of workers."""
+def drawn(
+    nominal: Nominal, count: int, seed: int, reporter: Reporter, workers: Workers
+) -> Replicates:
+    """Return `count` replicates in order, the same for any number of workers."""
     # pickled as for a worker: the memory layout of an array changes the rounding of its sums
     nominal = pickle.loads(pickle.dumps(nominal))
-    groups: Sequence[range] = [
-        range(first, min(first + PER_CALL, draws.count))
-        for first in range(0, draws.count, PER_CALL)
-    ]
+    groups = [range(first, min(first + PER_CALL, count)) for first in range(0, count, PER_CALL)]
     parts: dict[int, Replicates] = {}
-    calls = [(nominal, draws.seed, group) for group in groups]
-    with draws.reporter.progress("Monte Carlo", len(groups)) as advance:
-        for index, part in draws.workers.as_ended(replicates, calls):
+    calls = [(nominal, seed, group) for group in groups]
+    with reporter.progress("Monte Carlo", len(groups)) as advance:
+        for index, part in workers.as_ended(replicates, calls):
             parts[index] = part
             advance()
     return gathered([parts[i] for i in range(len(groups))])

@@ -17,10 +17,11 @@ from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
+    RIG_KEYS,
     Campaign,
     bench_of,
     guided_weight,
@@ -38,7 +39,7 @@ from beltid.stages.simulation.planned_runs import (
     planned_runs,
 )
 from beltid.stages.tables import friction_of, press_law, surface_of
-from beltid.stages.uncertainties import SECTION, standard_uncertainties
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
@@ -63,25 +64,13 @@ SHOWN_OF_SOLVER: Final = (
     "cone",
 )
 KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
+    *RIG_KEYS,
     "belt.mass_per_length_kg_m",
     "belt.damping_time_s",
-    "rig.kind",
-    "rig.weight_on",
-    "rig.torque_with",
-    "rig.slide",
-    "rig.running_measures",
-    "rig.belt_speed_m_s",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
     "contact",
     "simulation.steps_per_run",
     "simulation.friction_solver",
     "simulation.sticking_ratio",
-    "press.segment_length_cm",
-    SECTION,
 )
 SHOWN_FAILURES: Final = 20
 PROFILES: Final = "profiles"
@@ -145,17 +134,17 @@ def run(
     for line in differing:
         options.reporter.warn(line)
     choices = _choices(model, settings, runs)
-    build = Build(KIND, config, KEYS, inputs, out, options, choices)
+    keys = (*KEYS, *rig_kind_keys(model))
+    build = Build(KIND, config, keys, inputs, out, options, choices)
     profile_choices = {**choices, "profile_times_s": list(times)}
     profile_build = Build(
-        PROFILES, config, KEYS, inputs, _profiles_path(out), options, profile_choices
+        PROFILES, config, keys, inputs, _profiles_path(out), options, profile_choices
     )
     profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
     if built is None or (times and profiles is None):
         surface = build.read("surface")
-        stiffness = read_artifact(inputs["stiffness"], "stiffness")
-        press = press_law(stiffness, model)
+        press = press_law(inputs["stiffness"], model)
         stated = differing or measured is None or not measured.size
         settings_source = "as the config states" if stated else "at the settings measured"
         options.reporter.report(
@@ -371,7 +360,7 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
         table=rows,
         overview=rows_per_setting(*settings) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
-        notes=(*built.notes, *(of_profiles.notes if of_profiles else ())),
+        notes=(*metadata.notes, *(of_profiles.artifact.metadata.notes if of_profiles else ())),
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
         up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
