@@ -20,6 +20,7 @@ from beltid.stages.drive import compare_drive, simulate_drive
 from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare, refine_surface, simulate_rig
+from beltid.stages.simulation.refinement import Draws
 from beltid.stages.workers import Workers
 
 
@@ -113,6 +114,9 @@ class BatchOptions(Options):
     report: bool = True
     bootstrap: int = 0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        Draws(self.bootstrap, self.seed)  # refuses too few draws before any work
 
 
 def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:

@@ -177,13 +177,14 @@ def press_end(law: ContactLaw) -> float | None:
 def penetration_nodes(law: ContactLaw) -> Array:
     """Space penetrations [m] evenly from 0 to at least that of the largest line force of the law.
 
-    One node is at the end of the press test: no straight line joins measured and extrapolated
-    values.
+    One node is at the end of the press test, so that no straight line joins measured and
+    extrapolated values, unless that is within half a step of zero.
     """
     largest, end = float(law.surface.normal_force_N_m[-1]), press_end(law) or 0.0
     deepest = float(law.normal_law.penetration(max(largest, end, 1.0)))
     measured = float(law.normal_law.penetration(end)) or deepest
-    step = measured / max(round((PENETRATIONS - 1) * measured / deepest), 1)
+    steps = round((PENETRATIONS - 1) * measured / deepest)
+    step = measured / steps if steps else deepest / (PENETRATIONS - 1)
     return np.asarray(step * np.arange(math.ceil(deepest / step - 1e-9) + 1), dtype=float)
 
 

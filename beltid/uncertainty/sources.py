@@ -308,6 +308,12 @@ def slower_source() -> Source:
     return Source(words, "slower_friction", 0, 1.0, "1", 1.0, ASSUMED)
 
 
+def between_speeds_source(place: int) -> Source:
+    """Return the source for friction interpolated to a speed that was left out, of unit size."""
+    words = "interpolation between the speeds"
+    return Source(words, "between_speeds", place, 1.0, "1", 1.0, FITTED)
+
+
 def law_scatter_sources(known: bool) -> tuple[Source, ...]:
     """Return the scatter of both contact law coefficients, if their covariance is known."""
     words = "contact law, scatter of the press"

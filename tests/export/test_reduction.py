@@ -104,3 +104,16 @@ def test_a_constant_coefficient_has_no_deviation_and_takes_any_point(law: Contac
     assert point.normal_force_N_m == 123.0
     assert reduction.constant_deviation(surface, point).worst == 0.0
     assert reduction.friction_table(surface).mu.tolist() == [[0.7]]
+
+
+@pytest.mark.parametrize("end", [1e-6, 1.0, 60.0, 300.0, 1.0e4, 1.0e5])
+def test_a_table_of_penetrations_is_short_wherever_the_press_ended(
+    law: ContactLaw, end: float
+) -> None:
+    pressed = law.validity.model_copy(update={"press_force_N_m": (0.0, end)})
+    law = law.model_copy(update={"validity": pressed})
+    nodes = reduction.penetration_nodes(law)
+    assert 33 <= nodes.size <= 130
+    assert law.normal_law.force(nodes[-1]) >= 0.999 * max(end, law.surface.normal_force_N_m[-1])
+    at_end = np.abs(nodes - law.normal_law.penetration(end)).min()
+    assert at_end < 1e-12 or law.normal_law.penetration(end) < 0.5 * nodes[1]

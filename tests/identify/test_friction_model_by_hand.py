@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -252,6 +253,13 @@ def test_a_part_of_the_tail_as_long_as_the_record_is_told(length):
     assert drop @ found.mean[:RANK] == pytest.approx(0.05 - true, rel=0.02)
     assert abs(left - true) < 2.0 * sd
     assert sd < 0.5 * true
+
+
+def test_rests_of_too_few_samples_for_a_slope_tell_nothing_of_a_drift():
+    short = [replace(recorded(0)[0].rest, slope_ses_N_s=(np.inf, np.inf))] * 2
+    given = shared.Given.by(short, (1e-3, 0.2))
+    assert not given.squares.any()
+    assert not given.products.any()
 
 
 def test_the_slope_of_the_evidence_is_its_difference_quotient():

@@ -82,10 +82,23 @@ def test_what_is_no_rotation():
         find_rotation(noise)
     short = np.random.default_rng(2).normal(0.0, 0.001, 400)
     short[392:396] = 0.2  # the noise is above half of its own largest values for longer
-    with pytest.raises(RunRejected, match=r"turns in less than 5 % of the samples"):
+    with pytest.raises(RunRejected, match="turns in fewer than 20 samples"):
         find_rotation(short)
     short[370:396] = 0.2
     assert find_rotation(short).first == 370
+
+
+@pytest.mark.parametrize("turning", [24, 300])
+def test_a_rotation_is_found_after_any_rest(turning):
+    """At 3 m/s all is over in a second, a thousandth of the record or a fiftieth."""
+    speed = np.random.default_rng(3).normal(0.0, 1e-3, 20_000)
+    speed[-turning - 40 : -40] += 60.0
+    found = find_rotation(speed)
+    assert (found.first, found.end) == (19_960 - turning, 19_960)
+    assert found.speed_rad_s == pytest.approx(60.0, rel=1e-4)
+    # a glitch of four samples before it is none
+    speed[5000:5004] = 900.0
+    assert find_rotation(speed).first == 19_960 - turning
 
 
 def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
-from beltid.identify.agreement.hold_out import folds
+from beltid.identify.agreement.hold_out import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.simulation.compare import predict_held_out
 from beltid.stages.simulation.hold_out import Predicted, predict
@@ -90,6 +91,36 @@ def test_what_is_left_out_has_no_say_in_its_prediction() -> None:
     # 9 % where 6 % are allowed: the surface refined from all runs would hide it
     missed = moved.part.mu / wrong[moved.fold.left_out] - 1.0
     assert missed == pytest.approx(np.full(missed.size, 1.0 / 1.1 - 1.0), abs=0.005)
+
+
+def test_friction_with_a_maximum_between_the_speeds_is_covered() -> None:
+    """The middle one of three speeds has 8 % more friction than the others lead to expect."""
+    columns = bench(arcs=(40, 82), speeds=SPEEDS[::2])
+    high = np.where(np.abs(columns["pulley_speed_rad_s"] - 0.21) < 0.02, 1.08, 1.0)
+    columns = {**columns, "mu_sliding": columns["mu_sliding"] * high}
+    outcome = predict_held_out(columns, LAW, hold_out="speed")
+    assert outcome.result.overall.rms == pytest.approx(0.08, abs=0.02)
+    assert np.all(np.abs(outcome.columns["e_over_u"]) < 2.0)
+    assert "interpolation between the speeds" in [row["source"] for row in outcome.extra["budget"]]
+
+
+def test_between_speeds_the_interpolation_is_as_uncertain_as_its_curvature() -> None:
+    two = np.array([0.0, 1.6])
+    # a straight line, which an integrated random walk leaves by q a² b² / (3 h)
+    at, q = np.array([0.0, 0.4, 0.8]), 0.01
+    expected = np.sqrt(q * at**2 * (1.6 - at) ** 2 / (3.0 * 1.6))
+    np.testing.assert_allclose(between_speeds(two, np.array([0.1, 0.3]), at, q), expected)
+    # one drawn curve after another: integrals of random walks of intensity q, seen at six places
+    rng, grid = np.random.default_rng(5), np.linspace(0.0, 6.0, 1201)
+    steps = rng.normal(0.0, np.sqrt(0.01 * 0.005), (300, grid.size))
+    curves = np.cumsum(np.cumsum(steps, axis=1), axis=1) * 0.005 + 0.3 * grid
+    seen = np.array([0, 200, 400, 800, 1000, 1200])
+    misses = []
+    for curve in curves:
+        spline = CubicSpline(grid[seen], curve[seen], bc_type="natural")
+        u = between_speeds(grid[seen], curve[seen], grid[[600]], 0.01)
+        misses.append((curve[600] - spline(grid[600])) / u[0])
+    assert np.sqrt(np.mean(np.square(misses))) == pytest.approx(1.0, abs=0.1)
 
 
 def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:

@@ -54,6 +54,8 @@ MOST_SUSPICIOUS = 0.05
 """Share of suspicious sections above which the whole channel is searched for spikes."""
 STUCK = 0.02
 """Share of blocks that reach the extreme value above which a cell may be saturated."""
+FEWEST_TURNING = 20
+"""Fewest samples of a rotation in a long record; in a short one, a twentieth of the samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,21 +344,26 @@ def find_rotation(speed: Array) -> Rotation:
     Raises
     ------
     RunRejected
-        If the pulley never turns.
+        If the pulley never turns, or for too short.
     """
     smooth = running_median(speed, 5)
     magnitude = np.abs(smooth)
     noise = difference_sigma(speed)
-    reached = float(np.quantile(magnitude, 0.95))
-    first, end = _first_rotation(magnitude, reached)
-    top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
-    quiet = np.abs(speed[magnitude <= 0.5 * top])
-    # speed noise grows with the speed on most encoders: compare with the rest phase
-    background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
-    if not top > max(5.0 * noise, 2.0 * background):
+    least = min(FEWEST_TURNING, 0.05 * speed.size)
+    # the larger share is safe from glitches; a long rest leaves the rotation a smaller one
+    for turning in (0.05 * speed.size, least):
+        reached = float(np.quantile(magnitude, 1.0 - turning / speed.size))
+        first, end = _first_rotation(magnitude, reached)
+        top = median(magnitude[(first + end) // 2 : end]) if end > first else 0.0
+        quiet = np.abs(speed[magnitude <= 0.5 * top])
+        # speed noise grows with the speed on most encoders: compare with the rest phase
+        background = 4.0 * median(quiet) if quiet.size >= 3 else 0.0
+        if top > max(5.0 * noise, 2.0 * background):
+            break
+    else:
         fastest = float(np.max(magnitude))
         if fastest > max(10.0 * top, 10.0 * noise):
-            raise RunRejected("too short: the pulley turns in less than 5 % of the samples")
+            raise RunRejected(f"too short: the pulley turns in fewer than {least:.0f} samples")
         raise RunRejected(
             f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
         )

@@ -433,6 +433,8 @@ class Given:
         squares, products = np.zeros((2, 2)), np.zeros(2)
         for k, sign in enumerate((-1.0, 1.0)):  # of the difference, and of the sum
             slope, weight = slopes[:, k], np.maximum(errors[:, k], STILL * tension) ** -2.0
+            if not weight.any():  # too few samples at rest for any slope
+                continue
             mean = float(np.sum(weight * slope) / np.sum(weight))
             # slopes that differ by more than their noise get less weight
             excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)

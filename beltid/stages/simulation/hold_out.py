@@ -13,9 +13,10 @@ from typing import Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.identify.agreement.hold_out import Fold, HoldOut, folds
+from beltid.identify.agreement.hold_out import Fold, HoldOut, between_speeds, folds
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC
+from beltid.refine.evidence import BENDING_BEFORE
 from beltid.stages.outcome import flat
 from beltid.stages.simulation.refinement import (
     NEEDED,
@@ -37,7 +38,7 @@ from beltid.uncertainty.simulated import (
     simulated_uncertainty,
     with_rig_sources,
 )
-from beltid.uncertainty.sources import Source, all_sources
+from beltid.uncertainty.sources import Source, all_sources, between_speeds_source
 
 SETTINGS: Final = ("arc_deg", "nominal_tension_N", "pulley_speed_rad_s")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
@@ -131,6 +132,17 @@ def predict(
     part = simulated_uncertainty(
         bench, press, points, arcs, sources, largest_tension=largest, kind=kind
     )
+    if fold.by == "speed":
+        known = float(np.exp(-BENDING_BEFORE[0]))  # as over ln f_N
+        log_mu = np.log(surface.mu_nodes).mean(axis=0)
+        measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
+        missed = between_speeds(measured_at, log_mu, at, known)[:, None]
+        part = replace(
+            part,
+            simulated=np.hstack([part.simulated, missed]),
+            difference=np.hstack([part.difference, missed]),
+        )
+        sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force = campaign.measured.normal_force
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())))
 
