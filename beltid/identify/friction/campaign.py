@@ -156,7 +156,9 @@ class Stack:
         self.fixed = np.zeros((n, m, m))
         """Covariance of a run that does not depend on the variances (n, m, m)."""
         self.parts = np.zeros((N_VARIANCES, n, m, m))
-        """Covariance added per unit of each variance, as in :class:`Bench`."""
+        """Covariance added per unit of each variance: wandering zeros, by :data:`MEMORIES_S` [N];
+        ripple once per turn, height and length of the tail of a run, slow decays of the build-up
+        [-]."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
             since_rest = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
@@ -202,23 +204,6 @@ class Stack:
     def typical_error_N(self) -> float:
         """Median over the runs of the error of the mean of a cell by white noise [N]."""
         return float(np.median(self.noise_N / np.sqrt(self.count.sum(axis=1))))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bench:
-    """Effects and variances common to the runs of a bench.
-
-    Attributes
-    ----------
-    sd : ndarray
-        Standard deviations: wandering zeros, by :data:`MEMORIES_S` [N]; ripple once per turn,
-        height and length of the tail of a run, slow decays of the build-up [-].
-    shared : Shared
-        Tail and drift.
-    """
-
-    sd: Array
-    shared: Shared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,7 +291,7 @@ def log_evidence(
     stack : Stack
         The runs.
     sd : ndarray
-        Standard deviations, as in :class:`Bench`.
+        Standard deviations, in the order of `Stack.parts`.
     scale : ndarray, shape (R,)
         Ratios of the noise variance of each run to that of the bench.
     given, before : Given, Shared
@@ -375,12 +360,12 @@ class Priors:
         return cls(np.log(medians), widths, precision)
 
     def sd(self, x: Array) -> Array:
-        """Return standard deviations (:class:`Bench`) at steps x from the medians, in widths."""
+        """Return the standard deviations at steps x from the medians, in widths."""
         return np.asarray(np.exp(self.centre + self.width * x))
 
 
-def fit_bench(stack: Stack, given: Given) -> Bench:
-    """Fit the most probable variances of a bench, with its tail and drift."""
+def fit_bench(stack: Stack, given: Given) -> tuple[Array, Shared]:
+    """Fit the most probable standard deviations of a bench, with its tail and drift."""
     priors, scale = Priors.of(stack), np.ones(stack.n_runs)
     # start from above: a variance that is too small has no gradient
     x = np.full(N_VARIANCES, 1.5)
@@ -396,7 +381,7 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
     # the walk affects the level most and is least visible
     sd = priors.sd(x)
     sd[WALK_PART] = _mean_size(stack, priors, sd, WALK_PART, scale, given, shared)
-    return Bench(sd, shared)
+    return sd, shared
 
 
 def _mean_size(
@@ -508,35 +493,33 @@ BATCH = 128
 """Number of runs whitened at a time, so that the memory does not grow with the bench."""
 
 
-def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel]]:
+def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, list[RunLevel]]:
     """Fit the common effects of a bench of one or more runs, and the level of every run."""
     centre = np.mean(log_settings(records), axis=0)
     shortest = 2.0 * min(r.step_m for r in records)
     longest = 3.0 * max(float(r.travel[-1]) for r in records)
     given = Given.by([r.rest for r in records], (shortest, longest))
-    bench = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
+    sd, shared = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
     # no run sees much of a turn: the ripple takes more runs to be visible
     many = Stack(_evenly_chosen(records, BATCH), centre)
-    scale = noise_scale(many, _whitened(many, bench), bench.shared.stretched_mean)
-    sd = bench.sd.copy()
-    sd[TURN_PART] = _mean_size(many, Priors.of(many), sd, TURN_PART, scale, given, bench.shared)
-    bench = Bench(sd, bench.shared)
+    scale = noise_scale(many, _whitened(many, sd, shared), shared.stretched_mean)
+    sd[TURN_PART] = _mean_size(many, Priors.of(many), sd, TURN_PART, scale, given, shared)
     # stack a small bench once, a large one batch by batch
     is_small = len(records) <= BATCH
     batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
     stacks = [many] if is_small else (Stack(x, centre) for x in batches)
     M, b, shift = np.zeros((SHARED, SHARED)), np.zeros(SHARED), np.zeros(SHARED)
     for stack in stacks:
-        w = _whitened(stack, bench)
-        weight = 1.0 / noise_scale(stack, w, bench.shared.stretched_mean)
+        w = _whitened(stack, sd, shared)
+        weight = 1.0 / noise_scale(stack, w, shared.stretched_mean)
         M += np.einsum("r,rkl->kl", weight, w.M)
         b += w.b.T @ weight
         shift += w.shift.sum(axis=0)
-    bench = Bench(bench.sd, posterior(M, b, given, bench.shared))
+    shared = posterior(M, b, given, shared)
     if not is_small:
         stacks = (Stack(x, centre) for x in batches)
-    levels = [level for stack in stacks for level in _levels(stack, bench, shift)]
-    return bench, levels
+    levels = [level for stack in stacks for level in _levels(stack, sd, shared, shift)]
+    return shared, levels
 
 
 def _evenly_chosen(records: Sequence[SlidingRecord], most: int) -> list[SlidingRecord]:
@@ -544,17 +527,16 @@ def _evenly_chosen(records: Sequence[SlidingRecord], most: int) -> list[SlidingR
     return [records[k] for k in chosen]
 
 
-def _whitened(stack: Stack, bench: Bench) -> Whitened:
+def _whitened(stack: Stack, sd: Array, shared: Shared) -> Whitened:
     """Apply tails and variances of the bench to some runs."""
-    stack.stretch(bench.shared.powers, bench.shared)
-    stack.deviate(bench.shared)
-    return whiten(stack, bench.sd)
+    stack.stretch(shared.powers, shared)
+    stack.deviate(shared)
+    return whiten(stack, sd)
 
 
-def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
+def _levels(stack: Stack, sd: Array, shared: Shared, shift: Array) -> list[RunLevel]:
     """Compute the levels of some runs; `shift` is the sum of `Whitened.shift` over all runs."""
-    shared = bench.shared
-    w = _whitened(stack, bench)
+    w = _whitened(stack, sd, shared)
     mean = shared.stretched_mean
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
@@ -566,8 +548,8 @@ def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
     residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)
-    wander *= (bench.sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
-    own = shared.deviations * bench.sd[OWN_PARTS]
+    wander *= (sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
+    own = shared.deviations * sd[OWN_PARTS]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own
