@@ -222,6 +222,21 @@ def test_the_posterior_of_a_tail_is_that_of_brute_force(noise):
     assert height == pytest.approx(of_height / total, rel=0.02)
 
 
+def one_run(shortest, longest):
+    """Limits of the lengths of a tail, and settings."""
+    return np.array([[shortest, longest]]), np.zeros((1, shared.SETTINGS))
+
+
+def test_lengths_of_tails_that_decay_over_time_are_limited_by_time():
+    """Two runs of equal duration at speeds v and 100 v show the same times, not lengths."""
+    limits_m = np.array([[1e-5, 4e-3], [1e-3, 0.4]])
+    settings = np.zeros((2, shared.SETTINGS))
+    settings[:, 0] = math.log(10.0) * np.array([-1.0, 1.0])
+    given = shared.Given(np.zeros((2, 2)), np.zeros(2), 200.0, limits_m, settings)
+    assert given.range_m(np.zeros(shared.SETTINGS)) == pytest.approx((1e-5, 0.4))
+    assert given.range_m(campaign.CLOCKS[1]) == pytest.approx((1e-4, 0.04))
+
+
 def posterior_of_tail(share, length):
     """Of 3 mm and a share of another length, in 60 mm of a very quiet record."""
     x, noise = np.linspace(0.0, 0.06, 200), 1e-4
@@ -230,7 +245,7 @@ def posterior_of_tail(share, length):
     design -= design.mean(axis=0)  # the level is free
     z = 0.05 * ((1.0 - share) * np.exp(-x / 3e-3) + share * np.exp(-x / length)) / noise
     # zeros of the cells that do not drift, by their rest
-    given = shared.Given(1e12 * np.eye(2), np.zeros(2), 200.0, (1e-3, 3.0 * 0.06))
+    given = shared.Given(1e12 * np.eye(2), np.zeros(2), 200.0, *one_run(1e-3, 3.0 * 0.06))
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
     return shared.posterior(design.T @ design, design.T @ z, given, before)
 
@@ -257,7 +272,7 @@ def test_a_part_of_the_tail_as_long_as_the_record_is_told(length):
 
 def test_rests_of_too_few_samples_for_a_slope_tell_nothing_of_a_drift():
     short = [replace(recorded(0)[0].rest, slope_ses_N_s=(np.inf, np.inf))] * 2
-    given = shared.Given.by(short, (1e-3, 0.2))
+    given = shared.Given.by(short, *one_run(1e-3, 0.2))
     assert not given.squares.any()
     assert not given.products.any()
 
@@ -266,7 +281,7 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     """A search with a wrong slope stops anywhere."""
     records = [recorded(seed)[0] for seed in (0, 1)]
     stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
-    given = shared.Given.by([record.rest for record in records], (1e-3, 0.2))
+    given = shared.Given.by([record.rest for record in records], *one_run(1e-3, 0.2))
     sd = np.array([0.05, 0.1, 0.2, 0.3, 2e-4, 0.15, 0.1, 3e-3])
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
     stack.stretch(before.powers)

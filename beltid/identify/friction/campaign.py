@@ -495,10 +495,10 @@ BATCH = 128
 
 def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, list[RunLevel]]:
     """Fit the common effects of a bench of one or more runs, and the level of every run."""
-    centre = np.mean(log_settings(records), axis=0)
-    shortest = 2.0 * min(r.step_m for r in records)
-    longest = 3.0 * max(float(r.travel[-1]) for r in records)
-    given = Given.by([r.rest for r in records], (shortest, longest))
+    settings = log_settings(records)
+    centre = np.mean(settings, axis=0)
+    limits_m = np.array([(2.0 * r.step_m, 3.0 * float(r.travel[-1])) for r in records])
+    given = Given.by([r.rest for r in records], limits_m, settings - centre)
     sd, shared = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
     # no run sees much of a turn: the ripple takes more runs to be visible
     many = Stack(_evenly_chosen(records, BATCH), centre)

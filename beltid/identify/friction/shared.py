@@ -387,17 +387,25 @@ class Given:
         Information of the rest phases on drifts of the tight and the slack cell.
     unit_N : float
         Median initial tension [N].
-    range_m : tuple of float
-        Shortest and longest length of a tail that is fitted [m].
+    limits_m : ndarray, shape (R, 2)
+        Shortest and longest length of a tail that is fitted to each run [m].
+    settings : ndarray, shape (R, SETTINGS)
+        ln of the settings of the runs, less their means.
     """
 
     squares: Array
     products: Array
     unit_N: float
-    range_m: tuple[float, float]
+    limits_m: Array
+    settings: Array
+
+    def range_m(self, powers: Array) -> tuple[float, float]:
+        """Return the shortest and longest length [m] at the mean of the settings."""
+        limits = self.limits_m * np.exp(-(self.settings @ powers))[:, None]
+        return float(np.min(limits[:, 0])), float(np.max(limits[:, 1]))
 
     @classmethod
-    def by(cls, rests: Sequence[Rest], range_m: tuple[float, float]) -> Given:
+    def by(cls, rests: Sequence[Rest], limits_m: Array, settings: Array) -> Given:
         """Evaluate the rest phases; slopes of the cells at rest indicate drifts of all runs."""
         tension = np.array([rest.tension_N for rest in rests])
         slopes = np.array([rest.slopes_N_s for rest in rests])
@@ -416,7 +424,7 @@ class Given:
             h = np.array([1.0, sign])
             squares += np.outer(h, h) / variance
             products += h * mean / variance
-        return cls(squares, products, float(np.median(tension)), range_m)
+        return cls(squares, products, float(np.median(tension)), limits_m, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -445,11 +453,13 @@ class Hypothesis:
         covariance[DECAYS, DECAYS] = decay * np.eye(SLOW_TAKE_UP.size)
         return cls(mean, covariance)
 
-    def spectra(self, M: Array, b: Array, given: Given, start: Spectra | None = None) -> Spectra:
+    def spectra(
+        self, M: Array, b: Array, range_m: tuple[float, float], start: Spectra | None = None
+    ) -> Spectra:
         """Sample the tails of the family under this hypothesis."""
         projection = _integrate_out(M, self.covariance)[0]
         products = (projection @ (b - M @ self.mean))[:RANK]
-        return spectra_of((projection @ M)[:RANK, :RANK], products, given.range_m, start)
+        return spectra_of((projection @ M)[:RANK, :RANK], products, range_m, start)
 
 
 def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: bool = True) -> Shared:
@@ -477,7 +487,8 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     unit = np.array([given.unit_N, given.unit_N, 1.0])
     drifts = DRIFTS_OF * np.outer(unit, unit)
     height = max(before.height, 1e-3)
-    deviation = height**2 * _deviations(given.range_m)
+    range_m = given.range_m(before.powers)
+    deviation = height**2 * _deviations(range_m)
 
     # a single Gaussian with the moments of all drifts and deviations locates the tails
     mean_drift = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
@@ -485,16 +496,16 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     rough = Hypothesis.of(before.powers, np.zeros(RANK), size * deviation, mean_drift, decay)
     spectra = before.spectra
     if every_drift or spectra is None:
-        spectra = rough.spectra(M, b, given)
+        spectra = rough.spectra(M, b, range_m)
     if every_drift:
         posteriors = []
         log_p = []
-        for p_slow, slow, scatter in _slow_parts(given.range_m[1], height):
+        for p_slow, slow, scatter in _slow_parts(range_m[1], height):
             for p_unlike, (size, decay) in zip(UNLIKE_BEFORE, UNLIKE**2, strict=True):
                 tail = size * deviation + np.outer(scatter, scatter)
                 common = before.powers, slow, tail
                 # with a slow part, the rest of the tail is different
-                points = Hypothesis.of(*common, mean_drift, decay).spectra(M, b, given, spectra)
+                points = Hypothesis.of(*common, mean_drift, decay).spectra(M, b, range_m, spectra)
                 for p_drift, drift in zip(BEFORE, drifts, strict=True):
                     hypothesis = Hypothesis.of(*common, drift, decay)
                     posteriors.append(_posterior_under(M, b, hypothesis, points))
