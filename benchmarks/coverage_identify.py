@@ -8,7 +8,6 @@ choose a part, which is printed; only the whole study writes the page.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -28,7 +27,7 @@ from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "identify"))
 
-from press_bench import Bench  # noqa: E402
+from press_bench import Bench, read  # noqa: E402
 from virtual_rig import CASES, RADIUS_M, Drawn, draw  # noqa: E402
 
 PAGE = ROOT / "docs" / "coverage_identify.md"
@@ -165,21 +164,12 @@ def _draw_rigdata(belt: str, factor: int, n: int, seed: int) -> Drawn:
 
 @cache
 def _recording(belt: str) -> Columns:
-    return _read(ROOT / "rigdata" / belt / "rig.csv")
+    return read(ROOT / "rigdata" / belt / "rig.csv")
 
 
 @cache
 def _truth(belt: str) -> Columns:
-    return _read(ROOT / "tests" / "truth" / belt / "truth.csv")
-
-
-def _read(path: Path) -> Columns:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array([r[name] if name == "run" else float(r[name] or "nan") for r in rows])
-        for name in rows[0]
-    }
+    return read(ROOT / "tests" / "truth" / belt / "truth.csv")
 
 
 def measure(task: tuple[str, int, int]) -> Measured:

@@ -17,14 +17,21 @@ TRUTH = {
 }
 
 
-def load(belt: str) -> dict[str, np.ndarray]:
-    """Columns of the press recording of a virtual belt."""
-    with (Path(__file__).parents[2] / "rigdata" / belt / "press.csv").open(newline="") as file:
+def read(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table; labels of runs and tests are texts, all else numbers."""
+    with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     return {
-        name: np.array([r[name] if name == "test" else float(r[name] or "nan") for r in rows])
+        name: np.array(
+            [r[name] if name in ("run", "test") else float(r[name] or "nan") for r in rows]
+        )
         for name in rows[0]
     }
+
+
+def load(belt: str) -> dict[str, np.ndarray]:
+    """Columns of the press recording of a virtual belt."""
+    return read(Path(__file__).parents[2] / "rigdata" / belt / "press.csv")
 
 
 HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {

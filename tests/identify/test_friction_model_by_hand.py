@@ -162,7 +162,7 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     record, _ = recorded()
     stack = campaign.Stack([record], campaign.log_settings([record])[0])
     stack.stretch(np.zeros(campaign.SETTINGS))
-    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 2e-4, 0.15, 0.1, 3e-3])
     w = campaign.whiten(stack, sd)
     c = record.sensitivity
     V = c**2 * np.diag(record.noise_N**2 / record.count)
@@ -171,14 +171,10 @@ def test_the_level_of_one_run_is_that_of_generalised_least_squares():
     for s, tau in zip(sd, short, strict=False):
         V += (c * s) ** 2 * block_covariance(*blocks, tau)
     V += (c * sd[3]) ** 2 * wander_since_rest(*blocks, record.rest, walk)
-    # a misfit that fades over a fifth of the record and is smooth over a tenth
-    x = (record.travel - record.travel[0]) / np.ptp(record.travel)
-    fading = np.exp(-5.0 * np.add.outer(x, x) - 10.0 * np.abs(np.subtract.outer(x, x)))
-    V += (c * sd[4]) ** 2 * fading
     # half of a ripple goes with the level, half with the middle one, here the same
-    V += (record.level * sd[5]) ** 2 * record.turn @ record.turn.T
+    V += (record.level * sd[4]) ** 2 * record.turn @ record.turn.T
     V += campaign.FREE**2 * record.take_up @ record.take_up.T
-    V += (record.level * sd[8]) ** 2 * record.slow_take_up @ record.slow_take_up.T
+    V += (record.level * sd[7]) ** 2 * record.slow_take_up @ record.slow_take_up.T
     root = np.linalg.cholesky(V)
     one, z = np.linalg.solve(root, np.ones(V.shape[0])), np.linalg.solve(root, record.z)
     (level,), squares = np.linalg.lstsq(one[:, None], z, rcond=None)[:2]
@@ -286,7 +282,7 @@ def test_the_slope_of_the_evidence_is_its_difference_quotient():
     records = [recorded(seed)[0] for seed in (0, 1)]
     stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
     given = shared.Given.by([record.rest for record in records], *one_run(1e-3, 0.2))
-    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
+    sd = np.array([0.05, 0.1, 0.2, 0.3, 2e-4, 0.15, 0.1, 3e-3])
     before = shared.Shared.before(np.zeros(shared.SETTINGS))
     stack.stretch(before.powers)
     w = campaign.whiten(stack, sd)
@@ -365,28 +361,6 @@ def test_intervals_of_the_cells_hold_over_benches_as_the_prior_has_them():
     # 400 benches, of which the runs hardly differ: 95 % less and more three standard deviations
     assert 0.917 <= np.mean(held) <= 0.983
     assert np.mean(with_zeros) >= 0.88
-
-
-# --- what all runs say of a ripple once per turn ---
-
-
-def test_the_likelihood_of_another_ripple_once_per_turn_is_that_of_other_variances():
-    records = [recorded(seed, n)[0] for seed, n in ((0, 400), (1, 300))]
-    stack = campaign.Stack(records, np.mean(campaign.log_settings(records), axis=0))
-    stack.stretch(np.zeros(campaign.SETTINGS))
-    sd = np.array([0.05, 0.1, 0.2, 0.3, 0.4, 2e-4, 0.15, 0.1, 3e-3])
-    scale = np.array([0.9, 1.1])
-    runs = campaign.Gathered.of(stack, campaign.whiten(stack, sd), scale)
-    for size in (0.0, 3e-3):
-        M, b, log_z = runs.with_turn(size**2 - sd[5] ** 2)
-        other = sd.copy()
-        other[5] = size
-        w = campaign.whiten(stack, other)
-        # with the noise of a run goes all that is random in it: its ripple, too
-        np.testing.assert_allclose(M, np.einsum("r,rkl->kl", 1 / scale, w.M), rtol=1e-8, atol=1e-6)
-        np.testing.assert_allclose(b, w.b.T @ (1 / scale), rtol=1e-7, atol=1e-6)
-        expected = -0.5 * np.sum(w.squares / scale + w.log_det)
-        assert log_z == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_difference_of_the_cells_of_each_run_by_itself():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from press_bench import read
 
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 
@@ -16,18 +16,6 @@ BELTS = ("4pk", "5pk", "6pk")
 QUICK_AND_LONG = [
     pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in BELTS
 ]
-
-
-def read(path: Path) -> dict[str, np.ndarray]:
-    with path.open(newline="") as file:
-        header, *rows = list(csv.reader(file))
-    columns = {}
-    for name, values in zip(header, zip(*rows, strict=True), strict=True):
-        if name == "run":
-            columns[name] = np.array(values, dtype=object)
-        else:
-            columns[name] = np.array([float(v) if v else np.nan for v in values])
-    return columns
 
 
 @lru_cache

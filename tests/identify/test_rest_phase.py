@@ -58,13 +58,6 @@ def test_the_first_rotation_counts_if_it_is_no_jerk(full, counts):
     assert (found.first, found.end) == (begin, end)
 
 
-def test_a_second_start_at_twice_the_speed_is_left_out():
-    speed = np.concatenate([speed_record(full=200), speed_record(top=0.4, rest=50, full=150)])
-    found = find_rotation(speed)
-    assert (found.first, found.end) == (100, 320)
-    assert found.speed_rad_s == pytest.approx(0.2, rel=1e-12)
-
-
 def test_change_of_the_speed_between_the_halves_of_full_speed():
     speed = speed_record(full=2000, after=0)
     speed[1120:] = 0.204

@@ -157,13 +157,16 @@ def test_a_spike_exceeds_noise_and_local_change():
     assert spike_mask(np.array([1.0, 1.0, 99.0, 1.0, 1.0]), 0.5).tolist() == [0, 0, 1, 0, 0]
 
 
-def test_blocks_hold_equally_many_samples_but_for_the_last():
-    x = np.random.default_rng(3).normal(size=(3001, 2))
-    thin = block_means(x, 3000)
-    assert thin.shape == (1501, 2)
-    np.testing.assert_allclose(thin[:-1], 0.5 * (x[0:-1:2] + x[1::2]), rtol=1e-12)
-    np.testing.assert_array_equal(thin[-1], x[-1])
-    assert block_means(x[:3000], 3000).shape == (3000, 2)
+def test_blocks_are_averaged_over_the_samples_that_they_have():
+    x = np.random.default_rng(3).normal(size=(7, 2))
+    starts = np.array([0, 2, 6])
+    expected = [x[:2].mean(axis=0), x[2:6].mean(axis=0), x[6]]
+    np.testing.assert_allclose(block_means(x, starts), expected, rtol=1e-12)
+    x[[0, 2], 1] = np.nan
+    found = block_means(x, starts)
+    assert np.isnan(found[0, 1])  # half of it is missing
+    assert found[1, 1] == pytest.approx(x[3:6, 1].mean(), rel=1e-12)
+    np.testing.assert_array_equal(found[:, 1], block_means(x[:, 1], starts))
 
 
 def lined(periods, amplitude, n=200, seed=0):

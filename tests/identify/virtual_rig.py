@@ -191,7 +191,6 @@ class Case:
     spoil: Spoil | None = None
     belt: Belt | None = None
     """None: all runs have the recipe's settings."""
-    group: Literal["plain", "hard", "robust", "campaign"] = "plain"
     visible: bool = True
     """Whether the recordings can show what is wrong; if not, no interval can allow for it."""
 
@@ -405,11 +404,11 @@ def wandering_tare(f: Frame, rng: np.random.Generator) -> None:
     f.tight += rng.choice((-1.0, 1.0)) + 0.5 * rng.normal(size=(f.tight.shape[0], 1))
 
 
-def drifting_zeros(tight: float, slack: float, either_way: bool = True) -> Spoil:
+def drifting_zeros(tight: float, slack: float) -> Spoil:
     """Zeros of the cells that move by so many N in 6 s; a bench draws up or down."""
 
     def spoil(f: Frame, rng: np.random.Generator) -> None:
-        sign = rng.choice((-1.0, 1.0)) if either_way else 1.0
+        sign = rng.choice((-1.0, 1.0))
         f.tight += sign * tight * f.time / 6.0
         f.slack += sign * slack * f.time / 6.0
 
@@ -613,7 +612,7 @@ def _cases() -> list[Case]:
         Case("second start at half the speed", base.but(idle=1.0, again=(0.5, 0.97))),
         Case("arcs differ by 3 %", base, belt=belt.but(arc_factors=(0.985, 1.0, 1.015))),
     ]
-    hard = [replace(case, belt=case.belt or belt, group="hard") for case in hard]
+    hard = [replace(case, belt=case.belt or belt) for case in hard]
     robust = [
         Case("hum, 50 Hz, 2 N", base.but(rate=200.0), hum),
         Case("spikes in 1 % of the samples, campaign", base, spikes, belt),
@@ -629,7 +628,6 @@ def _cases() -> list[Case]:
         Case("spans differ by 0.8 % at rest only", base, left_from_tightening, belt),
         Case("stick-slip at the slowest speed", base.but(stick_slip=0.08), belt=belt),
     ]
-    robust = [replace(case, group="robust") for case in robust]
     several = base.but(peak_spread=0.3, tail_spread=0.3)
     campaign = [Case(f"campaign {name}", base, belt=b) for name, b in BELTS.items()]
     for name, b in BELTS.items():
@@ -642,7 +640,6 @@ def _cases() -> list[Case]:
     campaign.append(
         Case("campaign 3pk: tails over time", base.but(clock="time", build_up=0.1), belt=belt)
     )
-    campaign = [replace(case, group="campaign") for case in campaign]
     return [*plain, *hard, *robust, *campaign]
 
 

@@ -172,17 +172,18 @@ def spike_sigma(x: Array) -> float:
     return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
 
 
-def block_means(columns: Array, limit: int) -> Array:
-    """Thin a record of finite samples (n, m) to at most `limit` block means.
+def block_means(x: Array, starts: NDArray[np.intp]) -> Array:
+    """Average a record (n,) or (n, m) over blocks that begin at `starts`.
 
-    All blocks have the same length; the last one may be shorter. Short records stay unchanged.
+    Only finite samples count; a block is nan if most of its samples are missing.
     """
-    n = columns.shape[0]
-    if n <= limit:
-        return columns
-    starts = np.arange(0, n, -(-n // limit))
-    counts = np.diff(np.append(starts, n))
-    return np.add.reduceat(columns, starts, axis=0) / counts[:, None]
+    size = np.diff(np.append(starts, len(x))).astype(float).reshape(-1, *[1] * (x.ndim - 1))
+    finite = np.isfinite(x)
+    if finite.all():
+        return np.asarray(np.add.reduceat(x, starts) / size)
+    total = np.add.reduceat(np.where(finite, x, 0.0), starts)
+    count = np.add.reduceat(finite.astype(float), starts)
+    return np.where(count > 0.5 * size, total / np.maximum(count, 1.0), np.nan)
 
 
 def line_columns(t: Array, frequency: float) -> Array:

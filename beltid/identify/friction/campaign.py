@@ -90,27 +90,12 @@ def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: 
     return covariance[1:, 1:] - with_rest[:, None] - with_rest[None, :] + covariance[0, 0]
 
 
-def early_misfit(travel: Array) -> Array:
-    """Return the covariance of the model error at the start of the sliding, shape (m, m).
-
-    It decays over a fifth of the record and is smooth over a tenth.
-
-    Parameters
-    ----------
-    travel : ndarray
-        Travel of the blocks [m], increasing, shape (m,).
-    """
-    x = (travel - travel[0]) / max(float(np.ptp(travel)), 1e-12)
-    size = np.exp(-x / 0.2)
-    return size[:, None] * size[None, :] * np.exp(-np.abs(x[:, None] - x[None, :]) / 0.1)
-
-
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Correlation times of the wandering zeros [s]; the last one is a walk over the time of a run,
 measured from the rest phase, where the zeros are visible."""
-N_VARIANCES = len(MEMORIES_S) + 5
+N_VARIANCES = len(MEMORIES_S) + 4
 """Number of variances of a bench."""
-WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S) + 1
+WALK_PART, TURN_PART = len(MEMORIES_S) - 1, len(MEMORIES_S)
 OWN_PARTS = slice(TURN_PART + 1, TURN_PART + 3)
 """Positions of the walk, of the ripple once per turn and of the tail of a run in the variances."""
 RUNS_FOR_VARIANCES = 32
@@ -167,14 +152,13 @@ class Stack:
         self.shared = np.zeros((n, m, SHARED))
         """Basis of the tails, drifts of 1 N/s of the tight and of the slack cell and of 100 % of
         mu, the changes of the tail with the powers, and slow decays of the build-up."""
-        self.turn = np.zeros((n, m, 2))
-        """Cosine and sine of the angle of the pulley. It is unknown whether a ripple once per turn
-        scales with the friction, thus the level, or with the tensions: half its variance each."""
         median_level = np.median(self.level)
         self.fixed = np.zeros((n, m, m))
         """Covariance of a run that does not depend on the variances (n, m, m)."""
         self.parts = np.zeros((N_VARIANCES, n, m, m))
-        """Covariance added per unit of each variance, as in :class:`Bench`."""
+        """Covariance added per unit of each variance: wandering zeros, by :data:`MEMORIES_S` [N];
+        ripple once per turn, height and length of the tail of a run, slow decays of the build-up
+        [-]."""
         for k, r in enumerate(records):
             b, c = r.z.size, r.sensitivity
             since_rest = 0.5 * (r.first_s + r.last_s) - 0.5 * (r.rest.first_s + r.rest.last_s)
@@ -193,9 +177,10 @@ class Stack:
             blocks = (r.first_s, r.last_s, r.count)
             self.parts[: short.size, k, :b, :b] = block_covariance(*blocks, short)
             self.parts[WALK_PART, k, :b, :b] = wander_since_rest(*blocks, r.rest, walk)
-            self.parts[WALK_PART + 1, k, :b, :b] = early_misfit(r.travel)
-            self.turn[k, :b] = r.turn * (np.sqrt(0.5 * (r.level**2 + median_level**2)) / c)
-            self.parts[TURN_PART, k] = self.turn[k] @ self.turn[k].T
+            # a ripple once per turn may scale with the friction, thus the level, or with the
+            # tensions: half its variance each
+            turning = 0.5 * (r.level**2 + median_level**2) / c**2
+            self.parts[TURN_PART, k, :b, :b] = turning * (r.turn @ r.turn.T)
             self.parts[-1, k, :b, :b] = (r.level / c) ** 2 * (r.slow_take_up @ r.slow_take_up.T)
         diagonal = np.arange(m)
         self.fixed[:, diagonal, diagonal] += self.noise_N[:, None] ** 2 / np.maximum(
@@ -219,23 +204,6 @@ class Stack:
     def typical_error_N(self) -> float:
         """Median over the runs of the error of the mean of a cell by white noise [N]."""
         return float(np.median(self.noise_N / np.sqrt(self.count.sum(axis=1))))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bench:
-    """Effects and variances common to the runs of a bench.
-
-    Attributes
-    ----------
-    sd : ndarray
-        Standard deviations: wandering zeros, by :data:`MEMORIES_S`, and early misfit [N]; ripple
-        once per turn, height and length of the tail of a run, slow decays of the build-up [-].
-    shared : Shared
-        Tail and drift.
-    """
-
-    sd: Array
-    shared: Shared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -309,13 +277,8 @@ CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Initial powers: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
 """Alternations between shared effects and variances."""
-WALK_STEPS = np.linspace(-2.4, 1.8, 8)
-"""Steps about the mode over which the variance of the walk is averaged, in widths of its prior."""
-LARGEST_TURN = 0.01
-"""Largest standard deviation of a ripple once per turn, over the level: with a larger one, a run
-over part of a turn could not determine the sliding friction."""
-TURN_SIZES = 33
-"""Number of ripple sizes tried."""
+STEPS = np.linspace(-2.4, 1.8, 15)
+"""Steps about the mode over which a variance is averaged, in widths of its prior."""
 
 
 def log_evidence(
@@ -328,7 +291,7 @@ def log_evidence(
     stack : Stack
         The runs.
     sd : ndarray
-        Standard deviations, as in :class:`Bench`.
+        Standard deviations, in the order of `Stack.parts`.
     scale : ndarray, shape (R,)
         Ratios of the noise variance of each run to that of the bench.
     given, before : Given, Shared
@@ -385,7 +348,6 @@ class Priors:
             [
                 *[(WANDER[0] * typical, WANDER[1])] * (n - 1),
                 (WALK[0] * typical, WALK[1]),
-                (WANDER[0] * typical, WANDER[1]),
                 (TURN[0] * typical_z, TURN[1]),
                 HEIGHT_SPREAD,
                 LENGTH_SPREAD,
@@ -398,12 +360,12 @@ class Priors:
         return cls(np.log(medians), widths, precision)
 
     def sd(self, x: Array) -> Array:
-        """Return standard deviations (:class:`Bench`) at steps x from the medians, in widths."""
+        """Return the standard deviations at steps x from the medians, in widths."""
         return np.asarray(np.exp(self.centre + self.width * x))
 
 
-def fit_bench(stack: Stack, given: Given) -> Bench:
-    """Fit the most probable variances of a bench, with its tail and drift."""
+def fit_bench(stack: Stack, given: Given) -> tuple[Array, Shared]:
+    """Fit the most probable standard deviations of a bench, with its tail and drift."""
     priors, scale = Priors.of(stack), np.ones(stack.n_runs)
     # start from above: a variance that is too small has no gradient
     x = np.full(N_VARIANCES, 1.5)
@@ -416,26 +378,27 @@ def fit_bench(stack: Stack, given: Given) -> Bench:
         stack.stretch(shared.powers, shared)
         stack.deviate(shared)
         x = _most_probable(stack, priors, x, scale, given, shared)
-    # walk and ripple once per turn affect the level most and are least visible: use the mean of
-    # their variances instead of the mode, with probability 1/2 for zero
-    sd, k = priors.sd(x), WALK_PART
-    along, precision = x[k] + WALK_STEPS, priors.precision[k]
-    tried = np.append(np.exp(priors.centre[k] + priors.width[k] * along), 0.0)
+    # the walk affects the level most and is least visible
+    sd = priors.sd(x)
+    sd[WALK_PART] = _mean_size(stack, priors, sd, WALK_PART, scale, given, shared)
+    return sd, shared
+
+
+def _mean_size(
+    stack: Stack, priors: Priors, sd: Array, part: int, scale: Array, given: Given, shared: Shared
+) -> float:
+    """Average one variance about its mode, with probability 1/2 for zero; return its root."""
+    x, precision = (np.log(sd) - priors.centre) / priors.width, priors.precision[part]
+    along = x[part] + STEPS
+    tried = np.append(np.exp(priors.centre[part] + priors.width[part] * along), 0.0)
     # density of the prior given the other variances
-    offset = along - x[k] + precision @ x / precision[k]
-    log_prior = -0.5 * precision[k] * offset**2 + 0.5 * np.log(precision[k] / (2.0 * np.pi))
-    log_p = np.empty(tried.size)
-    for i, size in enumerate(tried):
+    offset = along - x[part] + precision @ x / precision[part]
+    log_prior = -0.5 * precision[part] * offset**2 + 0.5 * np.log(precision[part] / (2.0 * np.pi))
+    log_p = np.append(log_prior + np.log(STEPS[1] - STEPS[0]), 0.0)
+    for k, size in enumerate(tried):
         trial = sd.copy()
-        trial[k] = size
-        log_p[i] = log_evidence(stack, trial, scale, given, shared)[0]
-    sd[k] = _mean_size(tried, log_p, log_prior + np.log(WALK_STEPS[1] - WALK_STEPS[0]))
-    return Bench(sd, shared)
-
-
-def _mean_size(tried: Array, log_p: Array, log_prior: Array) -> float:
-    """Return the root of the mean variance over the tried sizes; the last, zero, has even odds."""
-    log_p = log_p + np.append(log_prior, 0.0)
+        trial[part] = size
+        log_p[k] += log_evidence(stack, trial, scale, given, shared)[0]
     return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
@@ -472,78 +435,6 @@ def _most_probable(
     bounds = [(-4.0, 6.0)] * x.size
     mode = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
     return np.asarray(mode)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Gathered:
-    """Information of all runs on their common effects, for any size of the ripple once per turn.
-
-    A ripple that is hardly visible in a single run can only be determined from all runs. It adds
-    two columns F to a run; the likelihood for any ripple size follows from their squares F'PF.
-
-    Attributes
-    ----------
-    M, b, log_z : ndarray, shape (R, q, q), (R, q), (R,)
-        Squares and products of the shared columns, and twice the log likelihood of each run
-        without them, less a constant.
-    turn, across, along : ndarray, shape (R, 2, 2), (R, q, 2), (R, 2)
-        Squares of the ripple columns, and their products with the shared columns and with z.
-    share : ndarray, shape (R,)
-        Weight of each run.
-    """
-
-    M: Array
-    b: Array
-    log_z: Array
-    turn: Array
-    across: Array
-    along: Array
-    share: Array
-
-    @classmethod
-    def of(cls, stack: Stack, w: Whitened, scale: Array) -> Gathered:
-        """Collect the information of the whitened runs of a stack."""
-        PF = w.P @ stack.turn
-        return cls(
-            M=w.M,
-            b=w.b,
-            log_z=-w.squares / scale - w.log_det,
-            turn=stack.turn.transpose(0, 2, 1) @ PF,
-            across=stack.shared.transpose(0, 2, 1) @ PF,
-            along=np.einsum("ri,rik->rk", stack.z, PF),
-            share=1.0 / scale,
-        )
-
-    @classmethod
-    def all(cls, parts: Sequence[Gathered]) -> Gathered:
-        """Concatenate the information of several stacks."""
-        names = cls.__dataclass_fields__
-        return cls(**{x: np.concatenate([getattr(part, x) for part in parts]) for x in names})
-
-    def with_turn(self, variance: float) -> tuple[Array, Array, float]:
-        """Return the sums of M and b and the log likelihood with this added ripple variance."""
-        inner = np.eye(2) + variance * self.turn
-        of_shared = variance * np.linalg.solve(inner, np.swapaxes(self.across, 1, 2))
-        of_z = variance * np.linalg.solve(inner, self.along[:, :, None])[:, :, 0]
-        M = np.einsum("r,rkl->kl", self.share, self.M - self.across @ of_shared)
-        b = self.share @ (self.b - np.einsum("rkj,rj->rk", self.across, of_z))
-        squares = self.share @ np.einsum("rj,rj->r", self.along, of_z)
-        log_det = float(np.sum(np.linalg.slogdet(inner)[1]))
-        return M, b, 0.5 * (float(np.sum(self.log_z) + squares) - log_det)
-
-
-def turn_size(runs: Gathered, priors: Priors, before: float, given: Given, shared: Shared) -> float:
-    """Estimate the sd of the ripple once per turn from all runs, whitened with the sd `before`."""
-    centre, width = priors.centre[TURN_PART], priors.width[TURN_PART]
-    highest = max((np.log(LARGEST_TURN) - centre) / width, 0.0)
-    steps, spacing = np.linspace(-3.0, highest, TURN_SIZES, retstep=True)
-    tried = np.append(np.exp(centre + width * steps), 0.0)
-    log_p = np.empty(tried.size)
-    for k, size in enumerate(tried):
-        M, b, log_z = runs.with_turn(size**2 - before**2)
-        log_p[k] = log_z + posterior(M, b, given, shared, every_drift=False).log_evidence
-    log_prior = -0.5 * steps**2 + np.log(spacing / np.sqrt(2.0 * np.pi))
-    return _mean_size(tried, log_p, log_prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -602,44 +493,50 @@ BATCH = 128
 """Number of runs whitened at a time, so that the memory does not grow with the bench."""
 
 
-def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Bench, list[RunLevel]]:
+def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, list[RunLevel]]:
     """Fit the common effects of a bench of one or more runs, and the level of every run."""
     settings = log_settings(records)
     centre = np.mean(settings, axis=0)
-    chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS_FOR_VARIANCES)).astype(int)
     limits_m = np.array([(2.0 * r.step_m, 3.0 * float(r.travel[-1])) for r in records])
     given = Given.by([r.rest for r in records], limits_m, settings - centre)
-    sample = Stack([records[k] for k in chosen], centre)
-    bench = fit_bench(sample, given)
-    batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
+    sd, shared = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
+    # no run sees much of a turn: the ripple takes more runs to be visible
+    many = Stack(_evenly_chosen(records, BATCH), centre)
+    scale = noise_scale(many, _whitened(many, sd, shared), shared.stretched_mean)
+    sd[TURN_PART] = _mean_size(many, Priors.of(many), sd, TURN_PART, scale, given, shared)
     # stack a small bench once, a large one batch by batch
-    is_small = len(batches) == 1
-    stacks = [Stack(batches[0], centre)] if is_small else (Stack(x, centre) for x in batches)
-    gathered, shift = [], np.zeros(SHARED)
+    is_small = len(records) <= BATCH
+    batches = [records[k : k + BATCH] for k in range(0, len(records), BATCH)]
+    stacks = [many] if is_small else (Stack(x, centre) for x in batches)
+    M, b, shift = np.zeros((SHARED, SHARED)), np.zeros(SHARED), np.zeros(SHARED)
     for stack in stacks:
-        stack.stretch(bench.shared.powers, bench.shared)
-        stack.deviate(bench.shared)
-        w = whiten(stack, bench.sd)
-        scale = noise_scale(stack, w, bench.shared.stretched_mean)
-        gathered.append(Gathered.of(stack, w, scale))
+        w = _whitened(stack, sd, shared)
+        weight = 1.0 / noise_scale(stack, w, shared.stretched_mean)
+        M += np.einsum("r,rkl->kl", weight, w.M)
+        b += w.b.T @ weight
         shift += w.shift.sum(axis=0)
-    runs, before = Gathered.all(gathered), float(bench.sd[TURN_PART])
-    sd = bench.sd.copy()
-    sd[TURN_PART] = turn_size(runs, Priors.of(sample), before, given, bench.shared)
-    M, b, _ = runs.with_turn(sd[TURN_PART] ** 2 - before**2)
-    bench = Bench(sd, posterior(M, b, given, bench.shared))
+    shared = posterior(M, b, given, shared)
     if not is_small:
         stacks = (Stack(x, centre) for x in batches)
-    levels = [level for stack in stacks for level in _levels(stack, bench, shift)]
-    return bench, levels
+    levels = [level for stack in stacks for level in _levels(stack, sd, shared, shift)]
+    return shared, levels
 
 
-def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
-    """Compute the levels of some runs; `shift` is the sum of `Whitened.shift` over all runs."""
-    shared = bench.shared
+def _evenly_chosen(records: Sequence[SlidingRecord], most: int) -> list[SlidingRecord]:
+    chosen = np.linspace(0, len(records) - 1, min(len(records), most)).astype(int)
+    return [records[k] for k in chosen]
+
+
+def _whitened(stack: Stack, sd: Array, shared: Shared) -> Whitened:
+    """Apply tails and variances of the bench to some runs."""
     stack.stretch(shared.powers, shared)
     stack.deviate(shared)
-    w = whiten(stack, bench.sd)
+    return whiten(stack, sd)
+
+
+def _levels(stack: Stack, sd: Array, shared: Shared, shift: Array) -> list[RunLevel]:
+    """Compute the levels of some runs; `shift` is the sum of `Whitened.shift` over all runs."""
+    w = _whitened(stack, sd, shared)
     mean = shared.stretched_mean
     scale = noise_scale(stack, w, mean)
     tail, drift = (-(w.shift[:, part] @ shared.factor[part]) for part in (_TAIL, DRIFTS))
@@ -651,8 +548,8 @@ def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
     residual = stack.z - stack.shared @ mean
     Pe = np.einsum("rij,rj->ri", w.P, residual)
     wander = np.einsum("rij,rj->ri", stack.parts[WALK_PART], Pe)
-    wander *= (bench.sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
-    own = shared.deviations * bench.sd[OWN_PARTS]
+    wander *= (sd[WALK_PART] ** 2 * stack.sensitivity)[:, None]
+    own = shared.deviations * sd[OWN_PARTS]
     H = stack.shared[:, :, :RANK] @ own
     known = H.transpose(0, 2, 1) @ (w.P @ H)
     lean = w.shift[:, :RANK] @ own

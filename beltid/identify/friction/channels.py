@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import (
+    block_means,
     converter_steps,
     difference_sigma,
     running_median,
@@ -275,33 +276,22 @@ def condensed(channels: Channels) -> Channels:
         last = last[np.isfinite(last)]
         coarse = step > 0.0 and last.size >= 16 and float(np.std(last)) <= 0.5 * step
         steps.append(step if coarse else 0.0)
-        means = _means(values, starts)
+        means = block_means(values, starts)
         for extreme in () if coarse else (np.nanmax(values), np.nanmin(values)):
-            share = _means((values == extreme).astype(float), starts)
+            share = block_means((values == extreme).astype(float), starts)
             if np.count_nonzero(share) > STUCK * starts.size:
                 means[share > 0.5] = extreme
         tensions.append(means)
     temperature = channels.temperature
     return replace(
         channels,
-        time_s=_means(channels.time_s, starts),
+        time_s=block_means(channels.time_s, starts),
         tight=tensions[0],
         slack=tensions[1],
-        speed=_means(channels.speed, starts),
-        temperature=None if temperature is None else _means(temperature, starts),
+        speed=block_means(channels.speed, starts),
+        temperature=None if temperature is None else block_means(temperature, starts),
         steps=(steps[0], steps[1]),
     )
-
-
-def _means(x: Array, starts: NDArray[np.intp]) -> Array:
-    """Average every block over its finite samples; nan if most of them are missing."""
-    size = np.diff(np.append(starts, x.size)).astype(float)
-    finite = np.isfinite(x)
-    if finite.all():
-        return np.asarray(np.add.reduceat(x, starts) / size)
-    total = np.add.reduceat(np.where(finite, x, 0.0), starts)
-    count = np.add.reduceat(finite.astype(float), starts)
-    return np.where(count > 0.5 * size, total / np.maximum(count, 1.0), np.nan)
 
 
 def missing_rows(t: Array) -> int:

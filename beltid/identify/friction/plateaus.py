@@ -42,11 +42,6 @@ FALLS, RISES = 0.8, 1.25
 """Ratios of the final to the initial speed of a run below and above which it falls or rises."""
 
 
-def is_direct(columns: Columns) -> bool:
-    """Return whether a table of plateaus states coefficient and normal force directly."""
-    return all(name in columns and _has_values(columns, name) for name in STATED)
-
-
 def reduce_plateaus(
     columns: Columns,
     R: float,
@@ -87,7 +82,7 @@ def reduce_plateaus(
     is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
     rows = {name: values[~is_idle] for name, values in columns.items()}
     treatment, span = UNTREATED, None
-    if is_direct(columns):
+    if all(_has_values(columns, name) for name in STATED):
         values = _stated(rows)
     else:
         if not _has_values(columns, "arc_deg"):
@@ -121,6 +116,7 @@ def reduce_plateaus(
 
 
 STATED = ("mu", "normal_force_N_m")
+"""Columns of a table of plateaus that states coefficient and normal force directly."""
 DRAG = ("pulley_speed_rad_s", "torque_N_m")
 
 

@@ -406,23 +406,19 @@ def sliding_record(
     starts = block_starts(n)
     count = np.diff(np.append(starts, n)).astype(float)
 
-    def means(x: Array) -> Array:
-        total = np.add.reduceat(x, starts, axis=0)
-        return np.asarray(total / (count if x.ndim == 1 else count[:, None]))
-
     return SlidingRecord(
         first_s=t[starts],
         last_s=t[np.append(starts[1:], n) - 1],
         count=count,
-        travel=means(travel),
-        z=means(z),
-        log_mean=means(log_mean),
-        basis=means(tail_basis(travel)),
-        waves=means(wave),
-        take_up=means(np.exp(-relative_travel / TAKE_UP)),
-        slow_take_up=means(np.exp(-relative_travel / SLOW_TAKE_UP)),
-        turn=means(np.column_stack([np.cos(angle), np.sin(angle)])),
-        temperature=means(temperature),
+        travel=block_means(travel, starts),
+        z=block_means(z, starts),
+        log_mean=block_means(log_mean, starts),
+        basis=block_means(tail_basis(travel), starts),
+        waves=block_means(wave, starts),
+        take_up=block_means(np.exp(-relative_travel / TAKE_UP), starts),
+        slow_take_up=block_means(np.exp(-relative_travel / SLOW_TAKE_UP), starts),
+        turn=block_means(np.column_stack([np.cos(angle), np.sin(angle)]), starts),
+        temperature=block_means(temperature, starts),
         rest=rest,
         onset=onset,
         tensions_N=(float(level[0]), float(level[1])),
@@ -442,7 +438,9 @@ def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.log(tensions[:, 0] / tensions[:, 1])
     z[~np.all(tensions > 0.0, axis=1)] = np.nan
-    return Onset(*block_means(np.column_stack([t, travel, z])[-20 * ONSET :], ONSET).T)
+    record = np.column_stack([t, travel, z])[-20 * ONSET :]
+    starts = np.arange(0, len(record), max(-(-len(record) // ONSET), 1))
+    return Onset(*block_means(record, starts).T)
 
 
 def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:

@@ -169,7 +169,7 @@ def _reduce_together(
     records = [run.sliding for run in runs if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    bench, levels = reduce_bench(records)
+    common, levels = reduce_bench(records)
     cells = cell_errors(
         difference=np.array([rest.imbalance_N for rest in rests]),
         se=np.array([rest.imbalance_se_N for rest in rests]),
@@ -182,7 +182,7 @@ def _reduce_together(
     shared = np.column_stack([shared, cells.shared])
     rounding = np.array([record.rounding for record in records])
     independent = np.array([level.variance for level in levels]) + cells.variance + rounding**2
-    y_ses = _standard_errors(bench.shared, levels, cells, rounding)
+    y_ses = _standard_errors(common, levels, cells, rounding)
     # scale the shared parts so that all parts add up to the stated interval
     shared *= (y_ses / np.sqrt(independent + np.sum(shared**2, axis=1)))[:, None]
     results = []
@@ -206,7 +206,7 @@ def _reduce_together(
         result = _with_plateau(result, record, level, y, y_se, R)
         reason = _rejection_reason(result, record, level, len(runs))
         if not reason:
-            result = _with_peak(result, record, level, y, bench.shared)
+            result = _with_peak(result, record, level, y, common)
         results.append(replace(result, status=reason or "ok"))
     return results
 

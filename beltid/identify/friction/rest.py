@@ -30,15 +30,17 @@ from beltid.identify.estimators.signal import (
     noise_before_rounding,
 )
 from beltid.identify.estimators.statistics import (
-    MAD_TO_SIGMA,
     integrated_autocorrelation_time,
     median,
+    outlier_mask,
 )
 from beltid.identify.friction.run import RunRejected
 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 3
 """Fewest samples before the pulley turns."""
+NEAR = 1e-4 / 6.0
+"""Smallest spread of the samples at rest, relative to their median, for the search for outliers."""
 CLEAR, LARGE = 5.0, 0.1
 """Standard errors, and share of the lowest stated tension or of the factor 1, above which the
 readings contradict the stated tensions."""
@@ -107,7 +109,7 @@ def rest_state(
     """
     kept = _quiet_samples(tight, slack, first, min_samples)
     mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
-    near = _near_median(mean) & _near_median(difference)
+    near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
     mean, difference, time = mean[near], difference[near], t[kept][near]
     n = difference.size
     slope, slope_se, noise = _slope(time, difference)
@@ -162,13 +164,6 @@ def _slope(t: Array, x: Array) -> tuple[float, float, float]:
     # correlated noise disturbs a slope more than white noise does
     correlation_time = integrated_autocorrelation_time(residual)
     return slope, scatter * float(np.sqrt(max(correlation_time, 1.0) / squares)), scatter
-
-
-def _near_median(x: Array) -> NDArray[np.bool_]:
-    """Return the mask of samples that are not outliers of a steady signal."""
-    distance = np.abs(x - median(x))
-    spread = MAD_TO_SIGMA * median(distance)
-    return distance <= max(6.0 * spread, 1e-4 * abs(median(x)), 3.0 * float(np.mean(distance)))
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:

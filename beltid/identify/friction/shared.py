@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -304,11 +304,6 @@ class Hypotheses:
     away: Array
     covariance: Array
 
-    @classmethod
-    def alone(cls, covariance: Array) -> Hypotheses:
-        """Create a single, certain hypothesis."""
-        return cls(np.ones(1), np.zeros((1, SHARED)), covariance[None])
-
     @property
     def whole(self) -> Array:
         """Total covariance over all hypotheses, shape (SHARED, SHARED)."""
@@ -321,7 +316,7 @@ class Hypotheses:
         return shift @ self.away.T, np.maximum(variance, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Shared:
     """Posterior of the effects common to all runs, :data:`SHARED` columns.
 
@@ -329,8 +324,8 @@ class Shared:
     ----------
     mean : ndarray, shape (SHARED,)
         Posterior mean.
-    factor : ndarray, shape (SHARED, k)
-        Factor of the covariance, the largest direction first.
+    hypotheses : Hypotheses
+        Hypotheses that were averaged; a single one in an approximate fit.
     log_evidence : float
         Logarithm of the integral over all columns.
     height : float
@@ -339,58 +334,35 @@ class Shared:
         Powers of the settings in the length of the tail.
     weights : ndarray
         Probabilities of :data:`UNLIKE` with :data:`DRIFTS_OF` (4, 4).
-    hypotheses : Hypotheses
-        Hypotheses that were averaged; a single one in an approximate fit.
     spectra : Spectra, optional
         Tails over which the posterior was summed.
     """
 
     mean: Array
-    factor: Array
+    hypotheses: Hypotheses
     log_evidence: float
     height: float
     powers: Array
     weights: Array
-    hypotheses: Hypotheses
     spectra: Spectra | None = None
 
     @classmethod
     def before(cls, powers: Array) -> Shared:
         """Create the state before any run is evaluated, with given powers of the tail length."""
-        mean, factor, log_evidence = np.zeros(SHARED), np.zeros((SHARED, 0)), -np.inf
         return cls(
-            mean,
-            factor,
-            log_evidence,
+            mean=np.zeros(SHARED),
+            hypotheses=Hypotheses(np.ones(1), np.zeros((1, SHARED)), np.zeros((1, SHARED, SHARED))),
+            log_evidence=-np.inf,
             height=0.05,
             powers=powers,
             weights=np.outer(UNLIKE_BEFORE, BEFORE),
-            hypotheses=Hypotheses.alone(np.zeros((SHARED, SHARED))),
         )
 
-    @classmethod
-    def of(
-        cls,
-        mean: Array,
-        hypotheses: Hypotheses,
-        log_evidence: float,
-        height: float,
-        powers: Array,
-        weights: Array,
-        spectra: Spectra,
-    ) -> Shared:
-        """Combine all hypotheses; `powers` are those by which the tails were stretched."""
-        values, vectors = np.linalg.eigh(hypotheses.whole)
-        return cls(
-            mean=mean,
-            factor=(vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1],
-            log_evidence=log_evidence,
-            height=height,
-            powers=np.clip(powers + mean[POWERS], -1.5, 1.5),
-            weights=weights,
-            spectra=spectra,
-            hypotheses=hypotheses,
-        )
+    @cached_property
+    def factor(self) -> Array:
+        """Factor of the covariance, the largest direction first, shape (SHARED, SHARED)."""
+        values, vectors = np.linalg.eigh(self.hypotheses.whole)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0)))[:, ::-1])
 
     @property
     def stretched_mean(self) -> Array:
@@ -457,24 +429,19 @@ class Given:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """Gaussian prior of all shared columns except the tail of the family, and its probability.
+    """Gaussian prior of all shared columns except the tail of the family.
 
     Attributes
     ----------
-    probability : float
-        Prior probability.
     mean, covariance : ndarray, shape (SHARED,), (SHARED, SHARED)
         Mean and covariance of the columns; the tail columns describe the deviation from the family.
     """
 
-    probability: float
     mean: Array
     covariance: Array
 
     @classmethod
-    def of(
-        cls, probability: float, powers: Array, slow: Array, tail: Array, drift: Array, decay: float
-    ) -> Hypothesis:
+    def of(cls, powers: Array, slow: Array, tail: Array, drift: Array, decay: float) -> Hypothesis:
         """Build it from the mean of the slow part of the tail and the covariances."""
         mean, covariance = np.zeros(SHARED), np.zeros((SHARED, SHARED))
         mean[:RANK] = slow
@@ -484,7 +451,7 @@ class Hypothesis:
         covariance[DRIFTS, DRIFTS] = drift
         covariance[POWERS, POWERS] = TREND**2 * np.eye(SETTINGS)
         covariance[DECAYS, DECAYS] = decay * np.eye(SLOW_TAKE_UP.size)
-        return cls(probability, mean, covariance)
+        return cls(mean, covariance)
 
     def spectra(
         self, M: Array, b: Array, range_m: tuple[float, float], start: Spectra | None = None
@@ -526,34 +493,40 @@ def posterior(M: Array, b: Array, given: Given, before: Shared, every_drift: boo
     # a single Gaussian with the moments of all drifts and deviations locates the tails
     mean_drift = np.tensordot(before.weights.sum(axis=0), drifts, axes=1)
     size, decay = before.weights.sum(axis=1) @ UNLIKE**2
-    rough = Hypothesis.of(1.0, before.powers, np.zeros(RANK), size * deviation, mean_drift, decay)
+    rough = Hypothesis.of(before.powers, np.zeros(RANK), size * deviation, mean_drift, decay)
     spectra = before.spectra
     if every_drift or spectra is None:
         spectra = rough.spectra(M, b, range_m)
-    if not every_drift:
-        mean, C, log_evidence, height = _posterior_under(M, b, rough, spectra)
-        single = Hypotheses.alone(C)
-        return Shared.of(mean, single, log_evidence, height, before.powers, before.weights, spectra)
-
-    log_p, posteriors = [], []
-    for p_slow, slow, scatter in _slow_parts(range_m[1], height):
-        for p_unlike, (size, decay) in zip(UNLIKE_BEFORE, UNLIKE**2, strict=True):
-            tail = size * deviation + np.outer(scatter, scatter)
-            common = before.powers, slow, tail
-            # with a slow part, the rest of the tail is different
-            points = Hypothesis.of(1.0, *common, mean_drift, decay).spectra(M, b, range_m, spectra)
-            for p_drift, drift in zip(BEFORE, drifts, strict=True):
-                hypothesis = Hypothesis.of(p_slow * p_unlike * p_drift, *common, drift, decay)
-                posteriors.append(_posterior_under(M, b, hypothesis, points))
-                log_p.append(np.log(hypothesis.probability) + posteriors[-1][2])
+    if every_drift:
+        posteriors = []
+        log_p = []
+        for p_slow, slow, scatter in _slow_parts(range_m[1], height):
+            for p_unlike, (size, decay) in zip(UNLIKE_BEFORE, UNLIKE**2, strict=True):
+                tail = size * deviation + np.outer(scatter, scatter)
+                common = before.powers, slow, tail
+                # with a slow part, the rest of the tail is different
+                points = Hypothesis.of(*common, mean_drift, decay).spectra(M, b, range_m, spectra)
+                for p_drift, drift in zip(BEFORE, drifts, strict=True):
+                    hypothesis = Hypothesis.of(*common, drift, decay)
+                    posteriors.append(_posterior_under(M, b, hypothesis, points))
+                    log_p.append(np.log(p_slow * p_unlike * p_drift) + posteriors[-1][2])
+    else:
+        posteriors = [_posterior_under(M, b, rough, spectra)]
+        log_p = [posteriors[0][2]]
     log_evidence = float(np.logaddexp.reduce(log_p))
     p = np.exp(np.array(log_p) - log_evidence)
     means = np.array([mean for mean, *_ in posteriors])
     mean = p @ means
-    hypotheses = Hypotheses(p, means - mean, np.array([C for _, C, *_ in posteriors]))
-    weights = p.reshape(-1, *before.weights.shape).sum(axis=0)
-    height = posteriors[int(np.argmax(p))][-1]
-    return Shared.of(mean, hypotheses, log_evidence, height, before.powers, weights, spectra)
+    weights = p.reshape(-1, *before.weights.shape).sum(axis=0) if every_drift else before.weights
+    return Shared(
+        mean=mean,
+        hypotheses=Hypotheses(p, means - mean, np.array([C for _, C, *_ in posteriors])),
+        log_evidence=log_evidence,
+        height=posteriors[int(np.argmax(p))][-1],
+        powers=np.clip(before.powers + mean[POWERS], -1.5, 1.5),
+        weights=weights,
+        spectra=spectra,
+    )
 
 
 @lru_cache(maxsize=4)

@@ -95,6 +95,10 @@ class Case:
         position = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
         return np.array([position[c.test] for c in self.curves])
 
+    def change_by(self, force: Array) -> Array:
+        """Return the change of k by a change of the scaled force at every node."""
+        return np.asarray(self.law.sensitivity[:, : force.size] @ force * self.law.units)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
@@ -274,10 +278,7 @@ def _loading_only(case: Case) -> list[Finding]:
     law, y = case.law, case.law.y
     s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(law.data.f))
     shapes = law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3
-    by_force = law.sensitivity[:, : y.size]
-    loops = tuple(
-        by_force @ (z * shape) * law.units for z, shape in zip(LOOPS, shapes, strict=True)
-    )
+    loops = tuple(case.change_by(z * shape) for z, shape in zip(LOOPS, shapes, strict=True))
     text = (
         "never unloaded: the law is that of the loading branch alone, which lies above the "
         "middle of the branches by 5 to 30 % of the force; included in the standard errors"
@@ -332,9 +333,8 @@ def _drift(case: Case) -> list[Finding]:
     drift = np.array([curve.drift_N_m for curve in case.curves])
     if not drift.any():
         return []
-    law, data = case.law, case.law.data
-    n = data.x.size
-    change = law.sensitivity[:, :n] @ (drift[data.part] / data.F_N_m) * law.units
+    data = case.law.data
+    change = case.change_by(drift[data.part] / data.F_N_m)
     worst = int(np.argmax(np.abs(drift)))
     share = abs(float(drift[worst])) / (LEAST_FORCE * case.curves[worst].top_force_N_m)
     tests = dict.fromkeys(c.test for c in case.curves if c.drift_N_m)
@@ -351,8 +351,7 @@ def _turn(case: Case) -> list[Finding]:
     turn = np.concatenate([curve.turn_N_m for curve in case.curves])
     if not turn.any():
         return []
-    law, data = case.law, case.law.data
-    change = law.sensitivity[:, : turn.size] @ (turn / data.F_N_m) * law.units
+    turn = turn / case.law.data.F_N_m
     reach = max(
         np.count_nonzero(c.turn_N_m) * float(c.position_m[1] - c.position_m[0]) for c in case.curves
     )
@@ -360,14 +359,8 @@ def _turn(case: Case) -> list[Finding]:
         f"the branches separate gradually where the crosshead reverses: over {reach * 1e6:.2g} µm "
         "their middle relies on the loop width farther away; included in the standard errors"
     )
-    return [
-        Finding(
-            "turn",
-            float(np.max(np.abs(turn))) / float(np.max(data.f)) / data.F_N_m,
-            text,
-            (change,),
-        )
-    ]
+    share = float(np.max(np.abs(turn))) / float(np.max(case.law.data.f))
+    return [Finding("turn", share, text, (case.change_by(turn),))]
 
 
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
