@@ -20,13 +20,12 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.contact.points import SLIDE, Points, new_points
 from beltid.rigsim.model import LARGEST_STRAIN, RigModel, Workspace
 from beltid.rigsim.step import (
-    STEP,
     Drive,
     Kinematics,
-    Schedule,
     Steps,
     march,
     new_kinematics,
+    schedule,
 )
 
 Array = NDArray[np.float64]
@@ -34,7 +33,6 @@ Array = NDArray[np.float64]
 # sequences of tensions over T_0 for the lay-on; the next one is tried if one fails
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
 STAGES = (1, 4, 16, 64)  # stages that raise the friction; the next number is tried if one fails
-WITHOUT_END = np.array([math.inf])
 DEEPEST = 0.1  # largest plausible penetration over the radius
 
 
@@ -89,9 +87,8 @@ def _equilibrium(
     model: RigModel, points: Points, work: Workspace, state: Kinematics, drive: Drive
 ) -> tuple[bool, Steps]:
     """Find an equilibrium starting from ``state``, which it overwrites; return success, record."""
-    record = np.zeros(1, dtype=STEP)
-    schedule = Schedule(WITHOUT_END, np.array([model.point.omega]))
-    done = march(model.system, points, state, schedule, drive, work, record, 0, 1)
+    record = schedule(math.inf, model.point.omega)
+    done = march(model.system, points, state, drive, work, record, 0, 1)
     return done == 1, record
 
 

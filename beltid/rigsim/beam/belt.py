@@ -34,7 +34,7 @@ _AT_GAUSS_POINTS, _GAUSS_WEIGHTS = unit_shapes(0.5 * (_x + 1.0)), 0.5 * _w  # on
 
 @functools.cache
 def _at_middles(parts: int) -> Array:
-    """Evaluate the shape functions of a unit element at the midpoints of equal parts."""
+    """Tabulate the shape functions at the midpoints of equal parts of an element."""
     return unit_shapes((np.arange(parts) + 0.5) / parts)
 
 
@@ -88,7 +88,7 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
         w_g=h[:, None] * _GAUSS_WEIGHTS,
         N_c=shapes(at_middles, powers, 0),
         D_c=shapes(at_middles, powers, 1),
-        w_c=np.repeat(h / points_per_element, points_per_element).reshape(h.size, -1),
+        w_c=(h / points_per_element)[:, None].repeat(points_per_element, axis=1),
         M=mass_matrix(powers, belt.rhoA),
         EA=float(belt.EA),
         EI=float(belt.EI),
