@@ -186,21 +186,21 @@ def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
 
 
 @leaf
-def linearize(
+def assemble(
     system: System,
     motion: Motion,
     points: Points,
-    q: Array,
-    moved: Array,
+    state: Kinematics,
     stretch: float,
     work: Workspace,
 ) -> int:
-    """Assemble residual and tangent with constraints; return the look-ups out of range.
+    """Assemble residual and tangent of a step at ``state.trial`` with constraints.
 
-    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is the difference
-    between the coordinates and those reached with constant velocities.
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``state.dq`` becomes the
+    difference between the coordinates and those reached with constant velocities. Returns the
+    number of look-ups outside the measured range.
     """
-    A = work.A
+    A, q = work.A, state.trial
     for i in range(A.shape[0]):
         for j in range(WIDTH):
             A[i, j] = 0.0
@@ -209,8 +209,10 @@ def linearize(
     residual, by_stretch = work.vectors[0], work.vectors[1]
     add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
     if motion.rate > 0.0:
+        for i in range(q.size):
+            state.dq[i] = q[i] - state.q[i] - state.q_dot[i] / motion.rate
         # the mass of an element is that of its stress-free length
-        add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
+        add_inertia(system.belt, state.dq, motion.rate**2 * stretch, A, residual)
     outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
     hold(system.supports, A, work.vectors, work.reactions)
     return outside
@@ -229,25 +231,6 @@ def move(q: Array, step: Array) -> float:
     for i in range(q.size):
         q[i] += factor * step[i]
     return factor
-
-
-@part
-def assemble(
-    system: System,
-    motion: Motion,
-    points: Points,
-    state: Kinematics,
-    stretch: float,
-    work: Workspace,
-) -> int:
-    """Assemble residual and tangent of a step at ``state.trial`` with constraints.
-
-    Returns the number of look-ups outside the measured range.
-    """
-    if motion.rate > 0.0:
-        for i in range(state.dq.size):
-            state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
-    return linearize(system, motion, points, state.trial, state.dq, stretch, work)
 
 
 @part

@@ -26,8 +26,9 @@ from beltid.rigsim.contact.points import (
     touching_share,
 )
 from beltid.rigsim.model import RigModel
-from beltid.rigsim.reference.step import linearize
+from beltid.rigsim.reference.step import assemble
 from beltid.rigsim.steady import lay_on
+from beltid.rigsim.step import Kinematics
 
 Array = NDArray[np.float64]
 
@@ -175,7 +176,8 @@ def assembled(
     belt = model.system.belt
     limp = belt._replace(EA=0.0, EI=0.0, M=np.zeros_like(belt.M))  # the contact alone is left
     work = model.workspace(2)
-    linearize(model.system._replace(belt=limp), motion, points, q, q, stretch, work)
+    trial = Kinematics(q, np.zeros_like(q), q, np.zeros_like(q))
+    assemble(model.system._replace(belt=limp), motion, points, trial, stretch, work)
     K = dense(work.A)
     K[HELD, HELD] = 0.0
     return work.vectors[0], K, work.vectors[row]

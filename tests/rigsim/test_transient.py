@@ -337,13 +337,13 @@ def test_half_of_what_slips_behind_a_front_is_caught(
     begin: int, end: int, caught: tuple[int, int], half: bool
 ) -> None:
     patches = chain_of_patches(20)
-    patches.status[4:17] = SLIDE
+    patches["status"][4:17] = SLIDE
     first, last = caught if half else (begin, end)
     assert catch(patches, begin, end, half) == last - first
     sliding = np.zeros(20, dtype=bool)
     sliding[4:17] = True
     sliding[first:last] = False
-    np.testing.assert_array_equal(patches.status == SLIDE, sliding)
+    np.testing.assert_array_equal(patches["status"] == SLIDE, sliding)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -354,20 +354,20 @@ def test_a_front_sweeps_the_patches_that_take_its_force(sign: float, mirrored: b
     The first keeps one limit, each of the next takes 0.4 more: 1.8 need four whole ones.
     """
     patches = chain_of_patches(20)
-    patches.la_T[:] = 1.2 * sign
-    patches.status[:3] = SLIDE
-    patches.la_T[3] = 2.0 * (1.0 + 1.8) * sign
+    patches["la_T"][:] = 1.2 * sign
+    patches["status"][:3] = SLIDE
+    patches["la_T"][3] = 2.0 * (1.0 + 1.8) * sign
     if mirrored:
-        patches.status[:], patches.la_T[:] = (
-            patches.status[::-1].copy(),
-            patches.la_T[::-1].copy(),
+        patches["status"][:], patches["la_T"][:] = (
+            patches["status"][::-1].copy(),
+            patches["la_T"][::-1].copy(),
         )
     place = 16 if mirrored else 3
     assert let_go(patches, place, place + 1, True) == 1 + 4
     swept = slice(12, 17) if mirrored else slice(3, 8)
-    assert np.all(patches.status[swept] == SLIDE)
-    assert np.all(patches.sign[swept] == sign)
-    assert np.count_nonzero(patches.status == SLIDE) == 3 + 5
+    assert np.all(patches["status"][swept] == SLIDE)
+    assert np.all(patches["sign"][swept] == sign)
+    assert np.count_nonzero(patches["status"] == SLIDE) == 3 + 5
 
 
 def chain_of_patches(n: int) -> Patches:

@@ -98,6 +98,18 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
 
 
 @leaf
+def derivatives(belt: BeltArrays, q: Array, e: int, i: int) -> tuple[float, float, float, float]:
+    """Return x and y of ``r'`` [-] and of ``r''`` [1/m] at a Gauss point."""
+    ax = ay = bx = by = 0.0
+    for j in range(4):
+        ax += belt.B_s[e, i, j] * q[4 * e + 2 * j]
+        ay += belt.B_s[e, i, j] * q[4 * e + 2 * j + 1]
+        bx += belt.B_ss[e, i, j] * q[4 * e + 2 * j]
+        by += belt.B_ss[e, i, j] * q[4 * e + 2 * j + 1]
+    return ax, ay, bx, by
+
+
+@leaf
 def add_internal(
     belt: BeltArrays,
     q: Array,
@@ -136,12 +148,7 @@ def add_internal(
         for i in range(belt.w_g.shape[1]):
             N_s = belt.B_s[e, i]
             N_ss = belt.B_ss[e, i]
-            ax = ay = bx = by = 0.0
-            for j in range(4):
-                ax += N_s[j] * q[d + 2 * j]
-                ay += N_s[j] * q[d + 2 * j + 1]
-                bx += N_ss[j] * q[d + 2 * j]
-                by += N_ss[j] * q[d + 2 * j + 1]
+            ax, ay, bx, by = derivatives(belt, q, e, i)
             eps, kappa = strains(ax, ay, bx, by, stretch)
             N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
             N -= belt.momentum * (1.0 + eps)
@@ -186,12 +193,6 @@ def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: A
 def store_strains(belt: BeltArrays, q: Array, stretch: float, out: Array) -> None:
     """Write axial strain and curvature at the Gauss points into ``out`` (n_e, n_g, 2)."""
     for e in range(belt.h.size):
-        d = 4 * e
         for i in range(belt.w_g.shape[1]):
-            ax = ay = bx = by = 0.0
-            for j in range(4):
-                ax += belt.B_s[e, i, j] * q[d + 2 * j]
-                ay += belt.B_s[e, i, j] * q[d + 2 * j + 1]
-                bx += belt.B_ss[e, i, j] * q[d + 2 * j]
-                by += belt.B_ss[e, i, j] * q[d + 2 * j + 1]
+            ax, ay, bx, by = derivatives(belt, q, e, i)
             out[e, i, 0], out[e, i, 1] = strains(ax, ay, bx, by, stretch)

@@ -420,15 +420,22 @@ def touching_share(delta: float, sigma: float, a: float) -> Touching:
     )
 
 
+@leaf
+def position(belt: BeltArrays, q: Array, e: int, c: int) -> tuple[float, float]:
+    """Return the coordinates ``r = N_c q`` of a contact point [m]."""
+    x = y = 0.0
+    for j in range(4):
+        x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
+        y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+    return x, y
+
+
 @shared_leaf
 def remember(belt: BeltArrays, points: Points, q: Array) -> None:
     """Store the polar coordinates of all points, touching or not, for the next step."""
     for e in range(belt.h.size):
         for c in range(belt.w_c.shape[1]):
-            x = y = 0.0
-            for j in range(4):
-                x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
-                y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+            x, y = position(belt, q, e, c)
             before = points.last[e, c]
             before.theta = math.atan2(x, y)
             before.rho = math.sqrt(x * x + y * y)

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 # stand-alone versions, compiled in the first run of this solver
 factorize, solve = kernel(banded.factorize), kernel(banded.solve)
-linearize = kernel(step.linearize)
+assemble = kernel(step.assemble)
 
 MOST_ITERATIONS = 60
 
@@ -47,20 +47,6 @@ def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
     for i, e in enumerate(touching):
         W[4 * e : 4 * e + 8, i] = points.patches[e].pull
     return W
-
-
-def assemble(
-    system: System,
-    motion: Motion,
-    points: Points,
-    state: Kinematics,
-    stretch: float,
-    work: Workspace,
-) -> int:
-    """Assemble residual and tangent of a step at ``state.trial``, as ``step.assemble``."""
-    state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
-    outside: int = linearize(system, motion, points, state.trial, state.dq, stretch, work)
-    return outside
 
 
 def lemke_step(
