@@ -46,11 +46,10 @@ from beltid.rigsim.step import Drive as Given
 from beltid.rigsim.step import (
     Flow,
     Kinematics,
-    Recorder,
-    Schedule,
+    Steps,
     march,
     new_kinematics,
-    new_recorder,
+    schedule,
 )
 
 Array = NDArray[np.float64]
@@ -307,7 +306,7 @@ class _Running:
     stretch: float
     omega: float
     switches: NDArray[np.int64]  # changes of every patch
-    record: Recorder = field(default_factory=lambda: new_recorder(1))
+    record: Steps = field(default_factory=lambda: schedule(math.inf, 0.0))
     patches: Any = field(init=False)  # fields of the patches of ``points``
     outcome: Any = field(init=False)  # fields of ``record``: last iteration, number of iterations
 
@@ -330,7 +329,7 @@ class _Running:
         work = model.workspace(borders=2 + MOST_ZONES if shears else 2)
         if start is not None:
             _overwrite(points.patches, start.points.patches)
-            points.last.limit[:] = start.points.last.limit
+            points.last["limit"][:] = start.points.last["limit"]
             state = start.contact.q, start.contact.stretch, start.W * v0
         else:
             T, EA, laid = pulley.tension, pulley.belt.EA, lay_on(model)
@@ -340,8 +339,8 @@ class _Running:
             state = laid.q, stretch, rate * v0
             opened = ~np.any(laid.points.F_N > 0.0, axis=1)
             ends = opened | preceding(opened) | following(opened)
-            points.patches.status[ends] = SLIDE
-        switches = np.zeros(points.patches.status.size, dtype=np.int64)
+            points.patches["status"][ends] = SLIDE
+        switches = np.zeros(points.patches["status"].size, dtype=np.int64)
         q, stretch, omega = state
         kinematics = new_kinematics(q)
         return cls(pulley, v0, P_in, system, points, work, kinematics, stretch, omega, switches)
@@ -424,8 +423,8 @@ class _Running:
 
     def _newton(self, target: Flow, augmentation: float, friction: float = 1.0) -> bool:
         given = Given(self.stretch, self.P_in, augmentation, 1.0, friction, False, target)
-        schedule = Schedule(np.array([math.inf]), np.array([self.omega]))
-        run = self.system, self.points, self.kinematics, schedule, given, self.work, self.record
+        self.outcome.omega[0] = self.omega
+        run = self.system, self.points, self.kinematics, given, self.work, self.record
         converged = march(*run, 0, 1) == 1
         self.stretch, self.omega = float(self.outcome.stretch[0]), float(self.outcome.omega[0])
         return converged
@@ -542,7 +541,7 @@ class _Running:
             sticks = points.ribs.zone != SLIDES
             certificate = certify(self.system.belt, points)
         else:
-            sticks = (points.patches.status == STICK)[:, None] & (points.f_N > 0.0)
+            sticks = (points.patches["status"] == STICK)[:, None] & (points.f_N > 0.0)
             values = record.slip, record.cone, record.sticking, record.touching
             certificate = Certificate(*map(float, values))
         contact = ContactState(

@@ -219,14 +219,14 @@ def _transient_result(model: RigModel, run: TransientRun) -> RunResult:
     record = SolverRecord(
         elements=model.nodes.size - 1,
         steps=run.time.size - 1,
-        newton_iterations=int(run.record.iterations.sum()),
-        status_changes=int(run.record.changes.sum()),
-        halvings=int(run.record.halvings.sum()),
-        residual=float(run.record.residual.max()),
-        slip_m=float(run.record.slip.max()),
-        cone=float(run.record.cone.max()),
-        clamped_lookups=int(run.record.outside[-1]),
-        lookups=int(run.record.lookups[-1]),
+        newton_iterations=int(run.record["iterations"].sum()),
+        status_changes=int(run.record["changes"].sum()),
+        halvings=int(run.record["halvings"].sum()),
+        residual=float(run.record["residual"].max()),
+        slip_m=float(run.record["slip"].max()),
+        cone=float(run.record["cone"].max()),
+        clamped_lookups=int(run.record["outside"][-1]),
+        lookups=int(run.record["lookups"][-1]),
     )
     recording = {
         "time_s": run.time,

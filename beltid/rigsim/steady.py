@@ -10,6 +10,7 @@ are fixed, or move until the given force acts.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,21 +21,17 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.contact.points import SLIDE, Points, new_points
 from beltid.rigsim.model import LARGEST_STRAIN, RigModel, Workspace
 from beltid.rigsim.step import (
-    STEP,
     Drive,
-    Kinematics,
-    Schedule,
-    Steps,
     march,
     new_kinematics,
+    schedule,
 )
 
 Array = NDArray[np.float64]
 
-# sequences of tensions over T_0 for the lay-on; the next one is tried if one fails
+# sequences of tensions over T_0, and of shares of the friction; if one fails, the next is tried
 DETOURS = ((1.0,), (2.0, 1.0), (8.0, 4.0, 2.0, 1.4, 1.0))
-STAGES = (1, 4, 16, 64)  # stages that raise the friction; the next number is tried if one fails
-WITHOUT_END = np.array([math.inf])
+STAGES = tuple(tuple(k / n for k in range(1, n + 1)) for n in (1, 4, 16, 64))
 DEEPEST = 0.1  # largest plausible penetration over the radius
 
 
@@ -85,31 +82,50 @@ class StaticState:
         return math.hypot(self.force[2], self.force[3])
 
 
-def _equilibrium(
-    model: RigModel, points: Points, work: Workspace, state: Kinematics, drive: Drive
-) -> tuple[bool, Steps]:
-    """Find an equilibrium starting from ``state``, which it overwrites; return success, record."""
-    record = np.zeros(1, dtype=STEP)
-    schedule = Schedule(WITHOUT_END, np.array([model.point.omega]))
-    done = march(model.system, points, state, schedule, drive, work, record, 0, 1)
-    return done == 1, record
-
-
-def _state(
-    model: RigModel, points: Points, work: Workspace, q: Array, record: Steps, spent: int
+def _approach(
+    model: RigModel,
+    start: Array,
+    stretch: float,
+    work: Workspace | None,
+    sequences: tuple[tuple[float, ...], ...],
+    drive: Callable[[float, float], Drive],
+    aim: str,
 ) -> StaticState:
-    force: Array = record["force"][0]
-    _check_plausible(model, record["innermost"].item(), force)
-    return StaticState(
-        q=q,
-        stretch=record["stretch"].item(),
-        force=force,
-        points=points,
+    """Find the equilibrium at factor 1 through those at the factors of one of the ``sequences``.
+
+    Each sequence begins at the coordinates ``start`` and ``stretch``; ``drive`` takes the last
+    stretch and the factor. ``aim`` names the equilibrium in messages.
+    """
+    points, work = new_points(model.system.belt, SLIDE), work or model.workspace()
+    spent, residual = 0, math.inf
+    for factors in sequences:
+        state, now = new_kinematics(start), stretch
+        for factor in factors:
+            record = schedule(math.inf, model.point.omega)
+            done = march(model.system, points, state, drive(now, factor), work, record, 0, 1)
+            now, residual = record["stretch"].item(), record["residual"].item()
+            spent += record["iterations"].item()
+            if not done:
+                break
+        else:
+            force: Array = record["force"][0]
+            _check_plausible(model, record["innermost"].item(), force)
+            return StaticState(
+                q=state.q,
+                stretch=now,
+                force=force,
+                points=points,
+                iterations=spent,
+                residual=residual,
+                outside=record["outside"].item(),
+                lookups=record["lookups"].item(),
+                work=work,
+            )
+    raise ConvergenceError(
+        f"{describe(model.point)}: {aim} found no equilibrium in {spent} Newton iterations "
+        f"(residual {residual:.2g} of T0)",
         iterations=spent,
-        residual=record["residual"].item(),
-        outside=record["outside"].item(),
-        lookups=record["lookups"].item(),
-        work=work,
+        residual=residual,
     )
 
 
@@ -131,22 +147,14 @@ def lay_on(model: RigModel, work: Workspace | None = None) -> StaticState:
     ConvergenceError
         If Newton's method fails, also when T_0 is approached from higher tensions.
     """
-    system, point = model.system, model.point
-    points, work = new_points(system.belt, SLIDE), work or model.workspace()
-    spent, residual = 0, math.inf
-    for detour in DETOURS:
-        state = new_kinematics(model.path_coordinates())
-        stretch = 1.0 / (1.0 + point.T_0 / system.belt.EA)
-        for factor in detour:
-            drive = Drive(stretch, factor * point.T_0, 0.0, 1.0, 0.0, True)
-            found, record = _equilibrium(model, points, work, state, drive)
-            stretch, residual = record["stretch"].item(), record["residual"].item()
-            spent += record["iterations"].item()
-            if not found:
-                break
-            if factor == 1.0:
-                return _state(model, points, work, state.q, record, spent)
-    raise _failure("laying the belt on", point, spent, residual)
+    T_0 = model.point.T_0
+    stretch = 1.0 / (1.0 + T_0 / model.system.belt.EA)
+
+    def drive(stretch: float, factor: float) -> Drive:
+        return Drive(stretch, factor * T_0, 0.0, 1.0, 0.0, True)
+
+    start = model.path_coordinates()
+    return _approach(model, start, stretch, work, DETOURS, drive, "laying the belt on")
 
 
 def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> StaticState:
@@ -168,21 +176,12 @@ def slide(model: RigModel, laid: StaticState, work: Workspace | None = None) -> 
     ConvergenceError
         If Newton's method fails, also when the friction is raised in steps.
     """
-    system, point = model.system, model.point
-    points, work = new_points(system.belt, SLIDE), work or model.workspace()
-    spent, residual = 0, math.inf
-    for stages in STAGES:
-        state = new_kinematics(laid.q)
-        for k in range(1, stages + 1):
-            drive = Drive(laid.stretch, point.T_0, 0.0, 1.0, k / stages)
-            found, record = _equilibrium(model, points, work, state, drive)
-            residual = record["residual"].item()
-            spent += record["iterations"].item()
-            if not found:
-                break
-            if k == stages:
-                return _state(model, points, work, state.q, record, spent)
-    raise _failure("the sliding belt", point, spent, residual)
+    T_0 = model.point.T_0
+
+    def drive(stretch: float, share: float) -> Drive:
+        return Drive(stretch, T_0, 0.0, 1.0, share)
+
+    return _approach(model, laid.q, laid.stretch, work, STAGES, drive, "the sliding belt")
 
 
 def _check_plausible(model: RigModel, innermost: float, force: Array) -> None:
@@ -207,14 +206,3 @@ def _check_plausible(model: RigModel, innermost: float, force: Array) -> None:
 def describe(point: OperatingPoint) -> str:
     """Describe the settings of a run for messages."""
     return f"arc {math.degrees(point.beta):g} deg, T0 {point.T_0:g} N, omega {point.omega:g} rad/s"
-
-
-def _failure(
-    stage: str, point: OperatingPoint, iterations: int, residual: float
-) -> ConvergenceError:
-    return ConvergenceError(
-        f"{describe(point)}: {stage} found no equilibrium in {iterations} Newton iterations "
-        f"(residual {residual:.2g} of T0)",
-        iterations=iterations,
-        residual=residual,
-    )

@@ -15,7 +15,7 @@ a steady shape: one kernel, compiled once, solves all of them.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,15 +80,7 @@ class Kinematics(NamedTuple):
 
 def new_kinematics(q: Array) -> Kinematics:
     """Create the state of a belt at rest with the coordinates ``q`` (n,)."""
-    q_dot, trial, dq = np.zeros((3, q.size))
-    return Kinematics(q.copy(), q_dot, trial, dq)
-
-
-class Schedule(NamedTuple):
-    """Time step [s] and speed of the pulley [rad/s] of each step, arrays (n,)."""
-
-    dt: Array
-    omega: Array
+    return Kinematics(q.copy(), np.zeros(q.size), np.zeros(q.size), np.zeros(q.size))
 
 
 class Flow(NamedTuple):
@@ -194,21 +186,21 @@ def force_tolerance(system: System, motion: Motion, T_0: float) -> float:
 
 
 @leaf
-def linearize(
+def assemble(
     system: System,
     motion: Motion,
     points: Points,
-    q: Array,
-    moved: Array,
+    state: Kinematics,
     stretch: float,
     work: Workspace,
 ) -> int:
-    """Assemble residual and tangent with constraints; return the look-ups out of range.
+    """Assemble residual and tangent of a step at ``state.trial`` with constraints.
 
-    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``moved`` (n,) is the difference
-    between the coordinates and those reached with constant velocities.
+    In an implicit step (``motion.rate`` > 0) the belt has inertia: ``state.dq`` becomes the
+    difference between the coordinates and those reached with constant velocities. Returns the
+    number of look-ups outside the measured range.
     """
-    A = work.A
+    A, q = work.A, state.trial
     for i in range(A.shape[0]):
         for j in range(WIDTH):
             A[i, j] = 0.0
@@ -217,8 +209,10 @@ def linearize(
     residual, by_stretch = work.vectors[0], work.vectors[1]
     add_internal(system.belt, q, stretch, work.strain_old, motion.rate, A, residual, by_stretch)
     if motion.rate > 0.0:
+        for i in range(q.size):
+            state.dq[i] = q[i] - state.q[i] - state.q_dot[i] / motion.rate
         # the mass of an element is that of its stress-free length
-        add_inertia(system.belt, moved, motion.rate**2 * stretch, A, residual)
+        add_inertia(system.belt, state.dq, motion.rate**2 * stretch, A, residual)
     outside = add_contact(system.belt, system.pulley, motion, points, q, stretch, A, work.vectors)
     hold(system.supports, A, work.vectors, work.reactions)
     return outside
@@ -237,25 +231,6 @@ def move(q: Array, step: Array) -> float:
     for i in range(q.size):
         q[i] += factor * step[i]
     return factor
-
-
-@part
-def assemble(
-    system: System,
-    motion: Motion,
-    points: Points,
-    state: Kinematics,
-    stretch: float,
-    work: Workspace,
-) -> int:
-    """Assemble residual and tangent of a step at ``state.trial`` with constraints.
-
-    Returns the number of look-ups outside the measured range.
-    """
-    if motion.rate > 0.0:
-        for i in range(state.dq.size):
-            state.dq[i] = state.trial[i] - state.q[i] - state.q_dot[i] / motion.rate
-    return linearize(system, motion, points, state.trial, state.dq, stretch, work)
 
 
 @part
@@ -472,6 +447,8 @@ STEP = np.dtype(
     (
         np.record,
         [
+            ("dt", np.float64),
+            ("omega", np.float64),
             ("force", np.float64, (4,)),
             ("iterations", np.int64),
             ("changes", np.int64),
@@ -485,27 +462,40 @@ STEP = np.dtype(
             ("slip", np.float64),
             ("cone", np.float64),
             ("stretch", np.float64),
-            ("omega", np.float64),
         ],
     )
 )
-"""Record of one step.
+"""One step: its settings and its record.
 
-``force`` of the supports on the belt, the fixed rows [N]; numbers of Newton ``iterations``, of
-``changes`` between stick and slide, of ``halvings`` of the step, of ``lookups`` (touching points)
-and of those ``outside`` the measured range; radius of the ``innermost`` touching point [m]; length
-of belt ``sticking`` and ``touching`` [m]; ``residual``, ``slip`` and ``cone``, the certificate of
-the step, see :class:`StepOutcome`; ``stretch``, stress-free length over path length [-]; ``omega``,
-speed of the pulley [rad/s].
+Settings: length ``dt`` [s], infinite in statics; ``omega``, speed of the pulley [rad/s], of a
+running belt the initial guess, which the solution overwrites.
+
+Record: ``force`` of the supports on the belt, the fixed rows [N]; numbers of Newton ``iterations``,
+of ``changes`` between stick and slide, of ``halvings`` of the step, of ``lookups`` (touching
+points) and of those ``outside`` the measured range; radius of the ``innermost`` touching point [m];
+length of belt ``sticking`` and ``touching`` [m]; ``residual``, ``slip`` and ``cone``, the
+certificate of the step, see :class:`StepOutcome`; ``stretch``, stress-free length over path
+length [-].
 """
 
 Steps = NDArray[Any]  # records of STEP
-Recorder: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
 
 
-def new_recorder(n: int) -> Recorder:
-    """Allocate the records of ``n`` steps."""
-    return np.zeros(n, dtype=STEP).view(np.recarray)
+def schedule(dt: Array | float, omega: Array | float, n: int = 1) -> Steps:
+    """Create the records of ``n`` steps to take, with their lengths [s] and pulley speeds [rad/s].
+
+    Parameters
+    ----------
+    dt : ndarray, shape (n,), or float
+        Lengths of the steps [s].
+    omega : ndarray, shape (n,), or float
+        Speeds of the pulley [rad/s].
+    n : int
+        Number of steps.
+    """
+    record = np.zeros(n, dtype=STEP)
+    record["dt"], record["omega"] = dt, omega
+    return record
 
 
 @part
@@ -568,7 +558,6 @@ def march(
     system: System,
     points: Points,
     state: Kinematics,
-    schedule: Schedule,
     drive: Drive,
     work: Workspace,
     record: Steps,
@@ -580,16 +569,16 @@ def march(
     The first step starts from the present ``state`` and the stored values of belt and contact.
     """
     patches = points.patches
-    if begin == 0 and math.isfinite(schedule.dt[0]):
+    if begin == 0 and math.isfinite(record[0].dt):
         remember(system.belt, points, state.q)
         store_strains(system.belt, state.q, drive.stretch, work.strain_old)
     for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
-            rate = parts / schedule.dt[k]
+            rate = parts / record[k].dt
             # a sticking patch must be stiff compared with the belt, including its damping
             hold_by = drive.augmentation * (1.0 + system.belt.damping_time * rate)
-            motion = Motion(schedule.omega[k], rate, drive.friction, hold_by, drive.flow.v0)
+            motion = Motion(record[k].omega, rate, drive.friction, hold_by, drive.flow.v0)
             for e in range(patches.size):
                 patch = patches[e]
                 patch.status_before = patch.status

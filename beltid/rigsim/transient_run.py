@@ -25,11 +25,10 @@ from beltid.rigsim.steady import StaticState, describe
 from beltid.rigsim.step import (
     Drive,
     Kinematics,
-    Recorder,
-    Schedule,
+    Steps,
     march,
     new_kinematics,
-    new_recorder,
+    schedule,
 )
 
 Array = NDArray[np.float64]
@@ -44,9 +43,7 @@ MEMORY = 0.5  # slip over which falling friction follows the speed, over the tra
 SETTLED = 5.0e-3  # largest relative difference between the last and the steady tensions [-]
 AUGMENTATION = 1.0e2  # over the axial stiffness EA per shortest element [-]
 
-Marcher = Callable[
-    [System, Points, Kinematics, Schedule, Drive, Workspace, Recorder, int, int], int
-]
+Marcher = Callable[[System, Points, Kinematics, Drive, Workspace, Steps, int, int], int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +60,8 @@ class TransientRun:
         Forces on the supports of the tight and the slack side [N].
     laid, sliding : StaticState
         Static states before the pulley turns and in the limit of full sliding.
-    record : Recorder
-        Certificates and counts of the steps.
+    record : Steps
+        Settings, certificates and counts of the steps.
     points : Points
         Contact at the end.
     snapshots : tuple of (float, ContactState)
@@ -77,7 +74,7 @@ class TransientRun:
     T_B: Array
     laid: StaticState
     sliding: StaticState
-    record: Recorder
+    record: Steps
     points: Points
     snapshots: tuple[tuple[float, ContactState], ...]
 
@@ -108,7 +105,7 @@ def settling_time(model: RigModel, sliding: StaticState) -> float:
     return float(pulley.C_P * f_N.size / np.sum(w * slope))
 
 
-def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Schedule:
+def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, steps: int) -> Steps:
     """Schedule rest, build-up in small steps of travel, and a plateau in larger steps.
 
     The build-up covers 1.25 times the static travel. The steps of the plateau are at least a tenth
@@ -123,10 +120,10 @@ def make_schedule(model: RigModel, laid: StaticState, sliding: StaticState, step
     period = 2.0 * model.path.span * math.sqrt(model.rhoA / sliding.T_B)
     settling = SETTLING * settling_time(model, sliding)
     dt_plateau = max(PLATEAU_FACTOR * dt, period / STEPS_PER_SWING, settling / plateau)
-    return Schedule(
-        dt=np.concatenate([np.full(rest + build_up, dt), np.full(plateau, dt_plateau)]),
-        omega=np.concatenate([np.zeros(rest), np.full(build_up + plateau, model.point.omega)]),
-    )
+    record = schedule(dt, model.point.omega, steps)
+    record["omega"][:rest] = 0.0
+    record["dt"][rest + build_up :] = dt_plateau
+    return record
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,45 +170,44 @@ def run_transient(
     ConvergenceError
         If a step fails after all halvings, or the plateau does not settle.
     """
-    schedule = make_schedule(model, laid, sliding, plan.steps)
-    time = np.concatenate([[0.0], np.cumsum(schedule.dt)])
-    start = time[np.count_nonzero(schedule.omega == 0.0)]
+    record = make_schedule(model, laid, sliding, plan.steps)
+    time = np.concatenate([[0.0], np.cumsum(record["dt"])])
+    start = time[np.count_nonzero(record["omega"] == 0.0)]
     at = np.searchsorted(time[1:], start + np.asarray(plan.profile_times, dtype=float))
     wanted = [*np.minimum(at, plan.steps - 1).tolist(), plan.steps - 1]
     belt = model.system.belt
     points = new_points(belt, STICK)
-    points.patches.ratio[:] = plan.sticking_ratio
+    points.patches["ratio"][:] = plan.sticking_ratio
     if model.friction_falls:
         points.memory[0] = MEMORY * build_up_travel(model, laid, sliding)
     work = model.workspace()
     state = new_kinematics(laid.q)
-    record = new_recorder(plan.steps)
     augmentation = AUGMENTATION * belt.EA / float(belt.h.min())
     drive = Drive(laid.stretch, model.point.T_0, augmentation, plan.sticking_ratio)
     contacts: dict[int, ContactState] = {}
     done = 0
     for k in sorted(set(wanted)):
-        done = marcher(model.system, points, state, schedule, drive, work, record, done, k + 1)
+        done = marcher(model.system, points, state, drive, work, record, done, k + 1)
         if done <= k:
             break
-        rate = 2.0 ** record.halvings[k] / schedule.dt[k]
-        contacts[k] = contact_now(model, laid.stretch, record.force[k], state.q, points, rate)
+        rate = 2.0 ** record["halvings"][k] / record["dt"][k]
+        contacts[k] = contact_now(model, laid.stretch, record["force"][k], state.q, points, rate)
     if done < plan.steps:
-        spent = int(record.iterations[done])
+        spent = int(record["iterations"][done])
         raise ConvergenceError(
             f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in {spent} "
-            f"iterations, halved {record.halvings[done]} times "
-            f"(residual {record.residual[done]:.2g} of T0)",
+            f"iterations, halved {record['halvings'][done]} times "
+            f"(residual {record['residual'][done]:.2g} of T0)",
             iterations=spent,
-            residual=float(record.residual[done]),
+            residual=float(record["residual"][done]),
         )
-    force = record.force
+    force = record["force"]
     _check_settled(model, force, sliding)
     T_A = np.concatenate([[laid.T_A], np.hypot(force[:, 0], force[:, 1])])
     T_B = np.concatenate([[laid.T_B], np.hypot(force[:, 2], force[:, 3])])
     return TransientRun(
         time=time,
-        omega=np.concatenate([[0.0], schedule.omega]),
+        omega=np.concatenate([[0.0], record["omega"]]),
         T_A=T_A,
         T_B=T_B,
         laid=laid,
@@ -239,7 +235,7 @@ def contact_now(
     model: RigModel, stretch: float, support_force: Array, q: Array, points: Points, rate: float
 ) -> ContactState:
     """Return the contact along the arc at the end of a step of duration 1/``rate`` [s]."""
-    sticks = (points.patches.status == STICK)[:, None]
+    sticks = (points.patches["status"] == STICK)[:, None]
     at_R = np.divide(model.path.R, points.rho, out=np.zeros_like(points.rho), where=points.rho > 0)
     return ContactState(
         model=model,

@@ -14,7 +14,7 @@ from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rigsim.contact.points import STICK
+from beltid.rigsim.contact.points import STICK, fields_of
 from beltid.rigsim.model import Bench
 from beltid.rigsim.steady import lay_on, slide
 
@@ -138,7 +138,7 @@ def test_an_idler_dissipates_because_the_ribs_have_to_seat() -> None:
     assert state.friction_power > 0.0
     # no shaft drives it: the leaving span pulls harder
     assert state.friction_power == pytest.approx(1.1 * (state.P_out - state.P_in), rel=0.01)
-    patches = state.points.patches
+    patches = fields_of(state.points.patches)
     first = np.flatnonzero(patches.limit > 0.0)[:3]
     assert np.all(patches.status[first] != STICK)
     assert np.all(patches.sign[first] > 0.0)  # both pulleys slip forward where the belt comes on

@@ -22,7 +22,7 @@ from beltid.rigsim import step
 from beltid.rigsim.beam import belt
 from beltid.rigsim.beam.supports import release
 from beltid.rigsim.compiled import kernel
-from beltid.rigsim.contact.points import SLIDE, STICK, Motion, new_points, remember
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, fields_of, new_points, remember
 from beltid.rigsim.model import Bench, OperatingPoint
 from beltid.rigsim.reference.step import assemble, factorize, solve
 from beltid.rigsim.rig import simulate
@@ -88,7 +88,7 @@ class ShearRig:
         remember(system.belt, points, laid.q)
         store_strains(system.belt, laid.q, laid.stretch, work.strain_old)
         state = new_kinematics(laid.q)
-        patches, length = points.patches, laid.stretch * system.belt.w_c
+        patches, length = fields_of(points.patches), laid.stretch * system.belt.w_c
         stiffest = self.k_s * float(length.sum(axis=1).max())
         motion = Motion(SLOWLY, self.R * SLOWLY / float(travel[1]), 1.0, stiffest)
         tolerance = max(force_tolerance(system, motion, T), 1e-9 * T)

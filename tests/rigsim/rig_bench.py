@@ -19,11 +19,10 @@ from beltid.rigsim.steady import StaticState, lay_on
 from beltid.rigsim.step import (
     Drive,
     Kinematics,
-    Recorder,
-    Schedule,
+    Steps,
     march,
     new_kinematics,
-    new_recorder,
+    schedule,
 )
 from beltid.rigsim.transient_run import contact_now
 
@@ -89,33 +88,37 @@ class March:
     state: Kinematics
     points: Points
     drive: Drive
-    record: Recorder
+    record: Steps
     profiles: list[ContactState] = field(default_factory=list)
 
     def go(self, dt: float, omega: float, steps: int, profiles: bool = False) -> int:
         """March ``steps`` steps; ``record``, ``profiles`` are replaced. Returns the steps done."""
-        self.record = new_recorder(steps)
+        self.record = schedule(dt, omega, steps)
         work = self.model.workspace()
-        schedule = Schedule(np.full(steps, dt), np.full(steps, omega))
-        run = self.model.system, self.points, self.state, schedule, self.drive, work, self.record
+        run = self.model.system, self.points, self.state, self.drive, work, self.record
         self.profiles = []
         done = 0
         for end in range(1, steps + 1) if profiles else [steps]:
             done = march(*run, done, end)
             if profiles and done == end:
                 contact = contact_now(
-                    self.model, 1.0, self.record.force[end - 1], self.state.q, self.points, 1 / dt
+                    self.model,
+                    1.0,
+                    self.record["force"][end - 1],
+                    self.state.q,
+                    self.points,
+                    1 / dt,
                 )
                 self.profiles.append(contact)
         return done
 
     @property
     def T_A(self) -> Array:
-        return np.hypot(self.record.force[:, 0], self.record.force[:, 1])
+        return np.hypot(self.record["force"][:, 0], self.record["force"][:, 1])
 
     @property
     def T_B(self) -> Array:
-        return np.hypot(self.record.force[:, 2], self.record.force[:, 3])
+        return np.hypot(self.record["force"][:, 2], self.record["force"][:, 3])
 
 
 def start(
@@ -130,8 +133,8 @@ def start(
     belt = model.system.belt
     ratio = rig.contact.sticking_ratio
     points = new_points(belt, STICK)
-    points.patches.ratio[:] = ratio
+    points.patches["ratio"][:] = ratio
     state = new_kinematics(laid.q)
     drive = Drive(laid.stretch, point.T_0, augmentation * belt.EA / float(belt.h.min()), ratio)
-    record = new_recorder(0)
+    record = schedule(0.0, 0.0, 0)
     return March(model, laid, state, points, drive, record)

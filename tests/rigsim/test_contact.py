@@ -26,8 +26,9 @@ from beltid.rigsim.contact.points import (
     touching_share,
 )
 from beltid.rigsim.model import RigModel
-from beltid.rigsim.reference.step import linearize
+from beltid.rigsim.reference.step import assemble
 from beltid.rigsim.steady import lay_on
+from beltid.rigsim.step import Kinematics
 
 Array = NDArray[np.float64]
 
@@ -175,7 +176,8 @@ def assembled(
     belt = model.system.belt
     limp = belt._replace(EA=0.0, EI=0.0, M=np.zeros_like(belt.M))  # the contact alone is left
     work = model.workspace(2)
-    linearize(model.system._replace(belt=limp), motion, points, q, q, stretch, work)
+    trial = Kinematics(q, np.zeros_like(q), q, np.zeros_like(q))
+    assemble(model.system._replace(belt=limp), motion, points, trial, stretch, work)
     K = dense(work.A)
     K[HELD, HELD] = 0.0
     return work.vectors[0], K, work.vectors[row]
@@ -188,9 +190,9 @@ def fresh(model: RigModel, status: int, q: Array, stretch: float) -> Points:
     rng = np.random.default_rng(12)
     earlier = q + rng.normal(size=q.size) * np.tile([2e-6, 2e-6, 0, 0], q.size // 4)
     assembled(model, still, points, earlier, stretch)
-    points.last.theta[:] = points.theta
-    points.last.rho[:] = points.rho
-    points.last.limit[:] = points.F_max
+    points.last["theta"][:] = points.theta
+    points.last["rho"][:] = points.rho
+    points.last["limit"][:] = points.F_max
     return points
 
 
@@ -239,7 +241,7 @@ def test_frictionless_contact_has_a_symmetric_exact_tangent() -> None:
 def test_sliding_on_a_surface_has_an_exact_tangent(rate: float, C_P: float, sign: float) -> None:
     model, q, stretch = pressed(surface=True, C_P=C_P)
     points = fresh(model, SLIDE, q, stretch)
-    points.patches.sign[:] = sign
+    points.patches["sign"][:] = sign
     motion = Motion(0.2, rate, 1.0, 0.0)
     check_tangent(model, motion, points, q, stretch, 2e-6)
 
@@ -251,7 +253,7 @@ def test_sticking_patches_have_an_exact_tangent(C_P: float) -> None:
     points = fresh(model, STICK, q, stretch)
     motion = Motion(0.2, 2.0e3, 1.0, 1.0e3)
     assembled(model, motion, points, q, stretch)
-    points.patches.la_T[:] = 0.4 * points.patches.limit
+    points.patches["la_T"][:] = 0.4 * points.patches["limit"]
     check_tangent(model, motion, points, q, stretch, 2e-6)
 
 
@@ -263,8 +265,8 @@ def test_a_running_belt_has_an_exact_tangent(status: int, omega: float) -> None:
     points = fresh(model, status, q, stretch)
     motion = Motion(omega, 0.0, 1.0, 50.0, 0.0111)  # the belt turns with 0.22 rad/s
     assembled(model, motion, points, q, stretch)
-    points.patches.sign[:] = np.where(points.patches.slip < 0.0, -1.0, 1.0)
-    slips = points.patches.slip[points.patches.limit > 0.0]
+    points.patches["sign"][:] = np.where(points.patches["slip"] < 0.0, -1.0, 1.0)
+    slips = points.patches["slip"][points.patches["limit"] > 0.0]
     assert np.all(slips > 0.0) if omega > 0.22 else np.all(slips < 0.0)
     check_tangent(model, motion, points, q, stretch, 2e-6)
     by_omega = assembled(model, motion, points, q, stretch, row=2)[2]
@@ -343,7 +345,7 @@ def test_what_touches_dissipates_while_approaching_only(towards: float, dissipat
     assembled(model, Motion(0.0, 0.0, 0.0, 0.0), points, q, stretch)
     elastic = points.F_N.copy()
     rate, moved = 1.0e3, 1.0e-6
-    points.last.rho[:] = points.rho - towards * moved
+    points.last["rho"][:] = points.rho - towards * moved
     assembled(model, Motion(0.0, rate, 0.0, 0.0), points, q, stretch)
     share = share_in_contact(model, q)
     assert 0 < np.count_nonzero((share > 0) & (share < 1)) < 10

@@ -103,13 +103,13 @@ def test_a_step_that_does_not_converge_is_cut_and_the_run_goes_on() -> None:
     rig, point = bench(law=NormalLaw(1e11)), at(150, 270, 1.0)
     march = start(rig, point)
     assert march.go(3e-4 / (0.05 * point.omega), point.omega, 10) == 10
-    assert march.record.halvings.sum() >= 1
-    assert march.record.slip.max() <= 1e-13
-    assert march.record.cone.max() <= 1e-9
+    assert march.record["halvings"].sum() >= 1
+    assert march.record["slip"].max() <= 1e-13
+    assert march.record["cone"].max() <= 1e-9
     # rounding: 1e-13 EA R/h and the slips of 2e-16 R held by the augmentation, over T_0
     belt = march.model.system.belt
     floor = 0.05 * belt.EA / belt.h.min() * (1e-13 + 300 * 2e-16)
-    assert march.record.residual.max() <= max(1e-9, 2 * floor / 270)
+    assert march.record["residual"].max() <= max(1e-9, 2 * floor / 270)
     assert march.go(1e-2, point.omega, 100) == 100
     still = simulate(rig, point, SimulationSettings("steady"))
     assert march.T_A[-1] == pytest.approx(still.tension_tight_N, rel=1e-5)
@@ -122,8 +122,8 @@ def test_a_run_that_fails_in_time_names_the_moment() -> None:
 
     def fails_in_the_21st_step(*arguments: object) -> int:
         record = arguments[-3]
-        assert isinstance(record, np.recarray)
-        record.iterations[20], record.residual[20] = 555, 3.2e-4
+        assert isinstance(record, np.ndarray)
+        record["iterations"][20], record["residual"][20] = 555, 3.2e-4
         return 20
 
     with pytest.raises(ConvergenceError) as caught:

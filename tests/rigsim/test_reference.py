@@ -85,7 +85,7 @@ def build_up() -> dict[float, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         steps = 200
         travel = 2e-4 / steps
         assert march.go(travel / (0.05 * omega), omega, steps) == steps
-        share = march.record.sticking / march.record.touching
+        share = march.record["sticking"] / march.record["touching"]
         curves[omega] = (march.T_A.copy(), march.T_B.copy(), share)
     return curves
 

@@ -50,24 +50,26 @@ def test_every_step_ends_with_its_certificate(
     )
     assert march.go(2e-6 / (0.05 * omega), omega, 60) == 60
     record = march.record
-    assert record.slip.max() <= SLIP_ALLOWED
-    assert record.cone.max() <= 1e-9
+    assert record["slip"].max() <= SLIP_ALLOWED
+    assert record["cone"].max() <= 1e-9
     # 1e-9 of T_0, or the rounding: of forces 1e-13 EA R/h, of a slip held by the augmentation
     belt = march.model.system.belt
     h, EA = belt.h.min(), belt.EA * (1 + belt.damping_time * 0.05 * omega / 2e-6)
-    assert record.residual.max() <= max(1e-9, 0.05 * EA / h * (1e-13 + 300 * 2e-16) / T_0)
+    assert record["residual"].max() <= max(1e-9, 0.05 * EA / h * (1e-13 + 300 * 2e-16) / T_0)
     # the state itself, not the record: sticking within the cone, sliding on its edge, both ways
     points = march.points
-    touching = points.patches.limit > 0
-    stuck = touching & (points.patches.status == STICK)
+    touching = points.patches["limit"] > 0
+    stuck = touching & (points.patches["status"] == STICK)
     slides = touching & ~stuck
-    assert np.all(np.abs(points.patches.force[stuck]) <= points.patches.limit[stuck] * (1 + 1e-9))
-    np.testing.assert_allclose(
-        np.abs(points.patches.force[slides]), points.patches.limit[slides], rtol=1e-12
+    assert np.all(
+        np.abs(points.patches["force"][stuck]) <= points.patches["limit"][stuck] * (1 + 1e-9)
     )
-    assert np.all(points.patches.sign[slides] * points.patches.slip[slides] >= -SLIP_ALLOWED)
     np.testing.assert_allclose(
-        points.F_T.sum(axis=1)[touching], points.patches.force[touching], rtol=1e-9
+        np.abs(points.patches["force"][slides]), points.patches["limit"][slides], rtol=1e-12
+    )
+    assert np.all(points.patches["sign"][slides] * points.patches["slip"][slides] >= -SLIP_ALLOWED)
+    np.testing.assert_allclose(
+        points.F_T.sum(axis=1)[touching], points.patches["force"][touching], rtol=1e-9
     )
 
 
@@ -77,7 +79,7 @@ def test_a_belt_below_its_friction_limit_does_not_creep(on_surface: bool) -> Non
     mu = true_surface_5pk() if on_surface else 0.5
     march = start(bench(law=LAW_5PK, mu=mu), at())
     turned(march, 40e-6)
-    assert march.record.sticking[-1] > 0.3 * march.record.touching[-1]
+    assert march.record["sticking"][-1] > 0.3 * march.record["touching"][-1]
     turned_tension = march.T_A[-1]
     for dt, steps in ((1e-4, 100), (1e-3, 200)):  # 0.2 s of rest
         assert march.go(dt, 0.0, steps) == steps
@@ -88,7 +90,7 @@ def test_a_belt_below_its_friction_limit_does_not_creep(on_surface: bool) -> Non
     assert np.abs(march.state.q - q).reshape(-1, 4)[:, :2].max() < 1e-9
     # and the belt holds a difference of tensions by friction alone
     assert march.T_A[-1] - march.T_B[-1] > 0.3 * (turned_tension - 270)
-    assert march.record.slip.max() <= SLIP_ALLOWED
+    assert march.record["slip"].max() <= SLIP_ALLOWED
 
 
 def test_turning_back_and_forth_ends_where_it_slid_before() -> None:
@@ -128,9 +130,9 @@ def test_slip_front_moves_inward_from_both_ends() -> None:
     march = start(bench(mu=0.5), at(82, 270, 0.02), elements=80)
     steps = 160
     assert march.go(TRAVEL / (0.05 * 0.02), 0.02, steps, profiles=True) == steps
-    assert np.all(np.diff(march.record.sticking) <= 1e-12)
-    assert march.record.sticking[0] > 0.8 * march.record.touching[0]
-    assert march.record.sticking[-1] == 0.0
+    assert np.all(np.diff(march.record["sticking"]) <= 1e-12)
+    assert march.record["sticking"][0] > 0.8 * march.record["touching"][0]
+    assert march.record["sticking"][-1] == 0.0
     entry, leave = -np.inf, np.inf
     for contact in march.profiles:
         touches, sticks = contact.line_force > 0, contact.sticks == 1.0
@@ -154,7 +156,7 @@ def test_sticking_points_are_carried_by_the_pulley() -> None:
     march = start(bench(), at(82, 270, 0.21))
     first = march.laid.points.theta.copy()
     turned(march, 30e-6)
-    carried = (march.points.patches.status == STICK) & (march.points.patches.limit > 0)
+    carried = (march.points.patches["status"] == STICK) & (march.points.patches["limit"] > 0)
     angle = np.mean((march.points.theta - first)[carried], axis=1)
     np.testing.assert_allclose(angle * 0.05, 30e-6, rtol=2e-3)
 
@@ -335,13 +337,13 @@ def test_half_of_what_slips_behind_a_front_is_caught(
     begin: int, end: int, caught: tuple[int, int], half: bool
 ) -> None:
     patches = chain_of_patches(20)
-    patches.status[4:17] = SLIDE
+    patches["status"][4:17] = SLIDE
     first, last = caught if half else (begin, end)
     assert catch(patches, begin, end, half) == last - first
     sliding = np.zeros(20, dtype=bool)
     sliding[4:17] = True
     sliding[first:last] = False
-    np.testing.assert_array_equal(patches.status == SLIDE, sliding)
+    np.testing.assert_array_equal(patches["status"] == SLIDE, sliding)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -352,27 +354,27 @@ def test_a_front_sweeps_the_patches_that_take_its_force(sign: float, mirrored: b
     The first keeps one limit, each of the next takes 0.4 more: 1.8 need four whole ones.
     """
     patches = chain_of_patches(20)
-    patches.la_T[:] = 1.2 * sign
-    patches.status[:3] = SLIDE
-    patches.la_T[3] = 2.0 * (1.0 + 1.8) * sign
+    patches["la_T"][:] = 1.2 * sign
+    patches["status"][:3] = SLIDE
+    patches["la_T"][3] = 2.0 * (1.0 + 1.8) * sign
     if mirrored:
-        patches.status[:], patches.la_T[:] = (
-            patches.status[::-1].copy(),
-            patches.la_T[::-1].copy(),
+        patches["status"][:], patches["la_T"][:] = (
+            patches["status"][::-1].copy(),
+            patches["la_T"][::-1].copy(),
         )
     place = 16 if mirrored else 3
     assert let_go(patches, place, place + 1, True) == 1 + 4
     swept = slice(12, 17) if mirrored else slice(3, 8)
-    assert np.all(patches.status[swept] == SLIDE)
-    assert np.all(patches.sign[swept] == sign)
-    assert np.count_nonzero(patches.status == SLIDE) == 3 + 5
+    assert np.all(patches["status"][swept] == SLIDE)
+    assert np.all(patches["sign"][swept] == sign)
+    assert np.count_nonzero(patches["status"] == SLIDE) == 3 + 5
 
 
 def chain_of_patches(n: int) -> Patches:
     """Patches that touch and stick, each with a limit of 2 N."""
     march = start(bench(), at(), elements=n)
-    march.points.patches.limit[:] = 2.0
-    march.points.patches.status[:] = STICK
+    march.points.patches["limit"][:] = 2.0
+    march.points.patches["status"][:] = STICK
     return march.points.patches
 
 

@@ -34,7 +34,7 @@ _AT_GAUSS_POINTS, _GAUSS_WEIGHTS = unit_shapes(0.5 * (_x + 1.0)), 0.5 * _w  # on
 
 @functools.cache
 def _at_middles(parts: int) -> Array:
-    """Evaluate the shape functions of a unit element at the midpoints of equal parts."""
+    """Tabulate the shape functions at the midpoints of equal parts of an element."""
     return unit_shapes((np.arange(parts) + 0.5) / parts)
 
 
@@ -88,13 +88,25 @@ def belt_arrays(belt: Belt, nodes: Array, points_per_element: int) -> BeltArrays
         w_g=h[:, None] * _GAUSS_WEIGHTS,
         N_c=shapes(at_middles, powers, 0),
         D_c=shapes(at_middles, powers, 1),
-        w_c=np.repeat(h / points_per_element, points_per_element).reshape(h.size, -1),
+        w_c=(h / points_per_element)[:, None].repeat(points_per_element, axis=1),
         M=mass_matrix(powers, belt.rhoA),
         EA=float(belt.EA),
         EI=float(belt.EI),
         damping_time=float(belt.damping_time),
         momentum=0.0,
     )
+
+
+@leaf
+def derivatives(belt: BeltArrays, q: Array, e: int, i: int) -> tuple[float, float, float, float]:
+    """Return x and y of ``r'`` [-] and of ``r''`` [1/m] at a Gauss point."""
+    ax = ay = bx = by = 0.0
+    for j in range(4):
+        ax += belt.B_s[e, i, j] * q[4 * e + 2 * j]
+        ay += belt.B_s[e, i, j] * q[4 * e + 2 * j + 1]
+        bx += belt.B_ss[e, i, j] * q[4 * e + 2 * j]
+        by += belt.B_ss[e, i, j] * q[4 * e + 2 * j + 1]
+    return ax, ay, bx, by
 
 
 @leaf
@@ -136,12 +148,7 @@ def add_internal(
         for i in range(belt.w_g.shape[1]):
             N_s = belt.B_s[e, i]
             N_ss = belt.B_ss[e, i]
-            ax = ay = bx = by = 0.0
-            for j in range(4):
-                ax += N_s[j] * q[d + 2 * j]
-                ay += N_s[j] * q[d + 2 * j + 1]
-                bx += N_ss[j] * q[d + 2 * j]
-                by += N_ss[j] * q[d + 2 * j + 1]
+            ax, ay, bx, by = derivatives(belt, q, e, i)
             eps, kappa = strains(ax, ay, bx, by, stretch)
             N = section_force(belt.EA, eps, eps - strain_old[e, i, 0], tau)
             N -= belt.momentum * (1.0 + eps)
@@ -186,12 +193,6 @@ def add_inertia(belt: BeltArrays, dq: Array, rate2: float, A: Array, residual: A
 def store_strains(belt: BeltArrays, q: Array, stretch: float, out: Array) -> None:
     """Write axial strain and curvature at the Gauss points into ``out`` (n_e, n_g, 2)."""
     for e in range(belt.h.size):
-        d = 4 * e
         for i in range(belt.w_g.shape[1]):
-            ax = ay = bx = by = 0.0
-            for j in range(4):
-                ax += belt.B_s[e, i, j] * q[d + 2 * j]
-                ay += belt.B_s[e, i, j] * q[d + 2 * j + 1]
-                bx += belt.B_ss[e, i, j] * q[d + 2 * j]
-                by += belt.B_ss[e, i, j] * q[d + 2 * j + 1]
+            ax, ay, bx, by = derivatives(belt, q, e, i)
             out[e, i, 0], out[e, i, 1] = strains(ax, ay, bx, by, stretch)

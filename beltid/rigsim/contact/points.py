@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,9 +185,8 @@ Angle from the top [rad], radius [m], friction limit [N], and the filtered slidi
 with memory [m/s].
 """
 
-Patches: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
-Before: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
-
+Patches = NDArray[Any]  # records of PATCH, shape (n_e,)
+Before = NDArray[Any]  # records of BEFORE, shape (n_e, n_c)
 
 MOST_ZONES = 6
 """Number of zones with an exact tangent; the forces of further zones are exact, too."""
@@ -211,16 +210,12 @@ derivatives of ``a_z`` with respect to the coordinates of that element [-], the 
 speed of the pulley [m s].
 """
 
-Zones: TypeAlias = "np.recarray[Any, np.dtype[Any]]"
+Zones = NDArray[Any]  # records of ZONE, shape (MOST_ZONES,)
 
 
-def fields_of(records: np.recarray[Any, np.dtype[Any]]) -> SimpleNamespace:
-    """Return the fields of records as arrays that share their memory.
-
-    A record array rebuilds a field on every access, which takes longer than using it.
-    """
-    plain = records.view(np.ndarray)
-    return SimpleNamespace(**{name: plain[name] for name in records.dtype.names or ()})
+def fields_of(records: NDArray[Any]) -> SimpleNamespace:
+    """Return the fields of records as arrays that share their memory."""
+    return SimpleNamespace(**{name: records[name] for name in records.dtype.names or ()})
 
 
 class Ribs(NamedTuple):
@@ -250,7 +245,7 @@ def new_ribs(n_e: int, n_c: int, stiffness: float) -> Ribs:
     return Ribs(
         stiffness=float(stiffness),
         zone=np.full((n_e, n_c), SLIDES),
-        zones=np.zeros(MOST_ZONES, dtype=ZONE).view(np.recarray),
+        zones=np.zeros(MOST_ZONES, dtype=ZONE),
         number=np.zeros(1, dtype=np.int64),
     )
 
@@ -315,8 +310,8 @@ def new_points(belt: BeltArrays, status: int, shear_stiffness: float = math.inf)
     patches["status"] = status
     patches["sign"] = patches["ratio"] = 1.0
     return Points(
-        patches=patches.view(np.recarray),
-        last=np.zeros((n_e, n_c), dtype=BEFORE).view(np.recarray),
+        patches=patches,
+        last=np.zeros((n_e, n_c), dtype=BEFORE),
         memory=np.zeros(1),
         theta=np.zeros((n_e, n_c)),
         rho=np.zeros((n_e, n_c)),
@@ -425,15 +420,22 @@ def touching_share(delta: float, sigma: float, a: float) -> Touching:
     )
 
 
+@leaf
+def position(belt: BeltArrays, q: Array, e: int, c: int) -> tuple[float, float]:
+    """Return the coordinates ``r = N_c q`` of a contact point [m]."""
+    x = y = 0.0
+    for j in range(4):
+        x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
+        y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+    return x, y
+
+
 @shared_leaf
 def remember(belt: BeltArrays, points: Points, q: Array) -> None:
     """Store the polar coordinates of all points, touching or not, for the next step."""
     for e in range(belt.h.size):
         for c in range(belt.w_c.shape[1]):
-            x = y = 0.0
-            for j in range(4):
-                x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
-                y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+            x, y = position(belt, q, e, c)
             before = points.last[e, c]
             before.theta = math.atan2(x, y)
             before.rho = math.sqrt(x * x + y * y)

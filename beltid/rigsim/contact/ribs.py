@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from beltid.rigsim.beam.belt import BeltArrays
 from beltid.rigsim.compiled import leaf
 from beltid.rigsim.contact.friction import Certificate
-from beltid.rigsim.contact.points import MOST_ZONES, SLIDES, ContactArrays, Motion, Points
+from beltid.rigsim.contact.points import MOST_ZONES, SLIDES, ContactArrays, Motion, Points, position
 
 Array = NDArray[np.float64]
 
@@ -66,10 +66,7 @@ def shear(
         for c in range(belt.w_c.shape[1]):
             at = end + 0.5 * belt.w_c[e, c]
             end += belt.w_c[e, c]
-            x = y = 0.0
-            for j in range(4):
-                x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
-                y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+            x, y = position(belt, q, e, c)
             place = R * (W * stretch * at - math.atan2(x, y))
             length = belt.w_c[e, c] * stretch
             limit = points.F_max[e, c] / length
@@ -124,10 +121,7 @@ def _begin_zone(
 
     At that point ``k_s u`` is the friction limit, or zero if the point does not touch.
     """
-    x = y = 0.0
-    for j in range(4):
-        x += belt.N_c[e, c, j] * q[4 * e + 2 * j]
-        y += belt.N_c[e, c, j] * q[4 * e + 2 * j + 1]
+    x, y = position(belt, q, e, c)
     rho = math.sqrt(x * x + y * y)
     n_x, n_y = x / rho, y / rho
     # with respect to r n, r t, r' n and r' t

@@ -15,16 +15,15 @@ from beltid.rigsim.beam.belt import store_strains
 from beltid.rigsim.beam.supports import give_way, missing_force, release, restrain, unit_movement
 from beltid.rigsim.compiled import kernel
 from beltid.rigsim.contact.friction import CONE_TOLERANCE, SLIP_TOLERANCE, Certificate, violations
-from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points, remember
+from beltid.rigsim.contact.points import SLIDE, STICK, Motion, Points, fields_of, remember
 from beltid.rigsim.model import System, Workspace
 from beltid.rigsim.reference.lcp import friction_lcp
 from beltid.rigsim.step import (
     MOST_HALVINGS,
     Drive,
     Kinematics,
-    Recorder,
-    Schedule,
     StepOutcome,
+    Steps,
     accept,
     force_tolerance,
     largest_force,
@@ -37,7 +36,7 @@ Array = NDArray[np.float64]
 
 # stand-alone versions, compiled in the first run of this solver
 factorize, solve = kernel(banded.factorize), kernel(banded.solve)
-linearize = kernel(step.linearize)
+assemble = kernel(step.assemble)
 
 MOST_ITERATIONS = 60
 
@@ -46,22 +45,8 @@ def directions(points: Points, touching: NDArray[np.intp], n: int) -> Array:
     """Return the generalised force directions W_T of the touching patches, shape (n, m)."""
     W = np.zeros((n, touching.size))
     for i, e in enumerate(touching):
-        W[4 * e : 4 * e + 8, i] = points.patches.pull[e]
+        W[4 * e : 4 * e + 8, i] = points.patches[e].pull
     return W
-
-
-def assemble(
-    system: System,
-    motion: Motion,
-    points: Points,
-    state: Kinematics,
-    stretch: float,
-    work: Workspace,
-) -> int:
-    """Assemble residual and tangent of a step at ``state.trial``, as ``step.assemble``."""
-    state.dq[:] = state.trial - state.q - state.q_dot / motion.rate
-    outside: int = linearize(system, motion, points, state.trial, state.dq, stretch, work)
-    return outside
 
 
 def lemke_step(
@@ -118,7 +103,7 @@ def _complementarity_iteration(
     work: Workspace,
 ) -> int:
     """Solve the linearised step with friction and move the trial; return the number of pivots."""
-    patches = points.patches
+    patches = fields_of(points.patches)
     # S of Eq. (12): sliding patches follow their limit, sticking ones carry a given force
     patches.la_T[:] = patches.force
     assemble(system, motion, points, state, stretch, work)
@@ -165,22 +150,21 @@ def march_by_lemke(
     system: System,
     points: Points,
     state: Kinematics,
-    schedule: Schedule,
     drive: Drive,
     work: Workspace,
-    record: Recorder,
+    record: Steps,
     begin: int,
     end: int,
 ) -> int:
     """Take steps with the reference solver; same interface as :func:`beltid.rigsim.step.march`."""
-    patches = points.patches
+    patches = fields_of(points.patches)
     if begin == 0:
         remember(system.belt, points, state.q)
         store_strains(system.belt, state.q, drive.stretch, work.strain_old)
     for k in range(begin, end):
         parts, done, halvings = 1, 0, 0
         while done < parts:
-            motion = Motion(float(schedule.omega[k]), parts / float(schedule.dt[k]), 1.0, 0.0)
+            motion = Motion(float(record[k].omega), parts / float(record[k].dt), 1.0, 0.0)
             kept = [a.copy() for a in (patches.status, patches.sign, patches.la_T)]
             out = lemke_step(system, motion, points, state, drive.stretch, drive.T_0, work)
             note_attempt(record, k, out)
@@ -196,6 +180,6 @@ def march_by_lemke(
                 return k
             parts *= 2
             done *= 2
-        record.halvings[k] = halvings
+        record[k].halvings = halvings
         note_step(points, work, record, k, out)
     return end
