@@ -201,6 +201,7 @@ def _zip(*names: str) -> bytes:
         (b"<html><table>", "is an XML or HTML page, export the samples as CSV"),
         (b'<?xml version="1.0"?>\n<a>', "is an XML or HTML page"),
         (b'{"time_s": [0, 1]}', "is a JSON file, save the samples as CSV or Parquet"),
+        ("\n".join([HEADER, *ROWS, "\0" * 99]).encode(), "P22.csv:42: contains a zero byte"),
         (
             HEADER.encode("utf-16-le"),
             "without a byte order mark: set dialect: {encoding: utf-16-le}",

@@ -244,6 +244,26 @@ def test_six_specimens_side_by_side(tmp_path, ending):
     assert len(set(one.columns["test"])) == 1
 
 
+@pytest.mark.parametrize("ending", ["csv", "xlsx"])
+def test_repeated_columns_that_no_run_needs_are_no_second_recording(tmp_path, ending):
+    from openpyxl import Workbook
+
+    press = ["Zeit [s]", "Weg [mm]", "Kraft [N]"]
+    points = ["arc_deg", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"]
+    for kind, names in (("press", press), ("points", points)):
+        header = [*names, "Mittel", "Std", "Mittel", "Std"]
+        table = [header, *([float(i + k + 1) for k in range(len(header))] for i in range(20))]
+        path = tmp_path / f"{kind}.{ending}"
+        book = Workbook()
+        for row in table:
+            book.active.append(row)
+        book.save(path)
+        if ending == "csv":
+            text(tmp_path, path.name, *(";".join(map(str, row)) for row in table))
+        recording = read_recording(path, kind)
+        assert {len(values) for values in recording.columns.values()} == {20}
+
+
 def test_equal_names_are_told_apart_by_position(tmp_path):
     rows = [f"{i};{i};{i};{i}" for i in range(20)]
     path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft [N];Kraft [N]", *rows)

@@ -96,7 +96,10 @@ def _parts(group: Group, context: MappingContext) -> list[Group]:
         )
         name = f"{group.name or PurePath(context.place).stem}-{number}"
         parts.append(Group(name, shorter, group.fields, group.first_row))
-    return parts if parts and all(_is_whole(part, context) for part in parts) else [group]
+    once = tuple(c for c in group.channels if c.name == without_position(c.name))
+    whole = [_is_whole(part, context) for part in parts]
+    is_one = _is_whole(replace(group, channels=once), context)  # the repeated ones are not needed
+    return parts if whole and all(whole) and not is_one else [group]
 
 
 def _raw(

@@ -32,6 +32,7 @@ from beltid.bench.formats.dialect import (
     blank_asides,
     layout,
     side_by_side,
+    unit_in_name,
 )
 from beltid.bench.formats.numbers import first_no_number
 from beltid.bench.read_options import ReadOptions
@@ -75,7 +76,8 @@ def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
     by_column = {c.key: replace(c, name=c.base) for c in candidates}
     parts = [[by_column[i] for i in part] for part in side_by_side(file_layout.header)]
     labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
-    if not parts or not all(is_whole(part, context) for part in parts):
+    once = [c for c in candidates if c.name == c.base]
+    if is_whole(once, context) or not all(is_whole(part, context) for part in parts) or not parts:
         parts, labels = [candidates], [stem]
     read = [
         raw
@@ -242,8 +244,8 @@ def check_header(
 def _unknown_unit(ours: str, names: Sequence[str], table: Table) -> str:
     """Return advice on a channel that could be our column but for its unit; "" if there is none."""
     for name in names:
-        bracket = IN_NAME.search(name)
-        if bracket and ours in roles_meant(IN_NAME.sub("", name), table.kind):
+        bare = IN_NAME.sub("", name).strip()
+        if bare != name and not unit_in_name(bare) and ours in roles_meant(bare, table.kind):
             units = ", ".join(allowed_units(table.column(ours).unit))
             return (
                 f': the unit of "{name}" must be one of {units}, or state columns: '

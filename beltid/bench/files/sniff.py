@@ -161,7 +161,7 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
                     f"dialect: {{encoding: {order}}}",
                     code="encoding",
                 )
-        raise InputError(f"{name}: is neither a text file nor in any other known format")
+        raise _zero_byte(name, data.decode("latin-1"))
     used = encoding or "utf-8"
     notes: tuple[str, ...] = ()
     if used.lower().replace("_", "-") in ("utf-8", "utf8"):
@@ -179,11 +179,20 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
         text, used = data.decode("latin-1"), "latin-1"
         notes = ("not UTF-8, read as latin-1",)
     if "\0" in text:
-        raise InputError(f"{name}: is neither a text file nor in any other known format")
+        raise _zero_byte(name, text)
     if text and text[-1] not in "\r\n":
         notes += (CUT_OFF,)
     text = text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
     return Decoded(text, used.removesuffix("-sig"), notes)
+
+
+def _zero_byte(name: str, text: str) -> InputError:
+    """Return the error of a zero byte; a recorder that loses power leaves them at its end."""
+    lines = text.count("\n", 0, text.index("\0"))
+    if not lines:
+        return InputError(f"{name}: is neither a text file nor in any other known format")
+    place = f"{name}:{lines + 1}"
+    return InputError(f"{place}: contains a zero byte: damaged, or not a text file", code="damaged")
 
 
 def _ambiguous(data: bytes) -> bool:

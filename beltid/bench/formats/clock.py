@@ -27,7 +27,7 @@ _DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})(?P=mark)(?P<c
 _TIME: Final = (
     r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:(?:[.,]|:(?=(?:\d{3}){1,2}(?!\d)))(?P<f>\d{1,30}))?"
 )
-_HALF: Final = r"(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
+_HALF: Final = r"(?:\s*(?P<half>[AaPp])\.?\s?[Mm]\.?)?"
 _OFFSET: Final = r"(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?(?:\[[\w+/-]+\])?"
 _PLACE: Final = r"(?P<place>[A-Z][A-Za-z]+(?:/[A-Z][A-Za-z_]+){1,2})"
 _ZONE: Final = rf"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|{_OFFSET}|{_PLACE}))?"
