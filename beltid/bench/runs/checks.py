@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from beltid.bench.channels.channel_mapping import sensors_of
 from beltid.bench.runs.run_split import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problem, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
@@ -116,9 +115,11 @@ class Checker:
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
             if guess and not self._marks(column, values):
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
-                self._doubt(self.name, column, finite, f"if it is in {guess}, say so: {setting}")
+                self._report_unit(
+                    self.name, column, finite, f"if it is in {guess}, say so: {setting}"
+                )
 
-    def _doubt(self, place: str, column: Column, finite: np.ndarray, advice: str) -> None:
+    def _report_unit(self, place: str, column: Column, finite: np.ndarray, advice: str) -> None:
         """Report numbers that are not plausible in the unit of their column."""
         self.suspects.add(column.name)
         span = f"lies between {finite.min():g} and {finite.max():g}"
@@ -126,21 +127,21 @@ class Checker:
             f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}"
         )
 
-    def compare_runs(self, units_stated: Collection[str]) -> None:
-        """Report runs that are copies of another run, and runs in another unit than the rest."""
+    def compare_runs(self, units_stated: Collection[str]) -> list[str]:
+        """Report runs in another unit than the others; return a note on copies of runs."""
         codes = self.codes
         if codes is None or "time_s" not in self.columns or self.problems.count:
-            return
+            return []
         label = self.columns[self.table.label]
         order = np.argsort(codes, kind="stable")
         runs = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-        sensors = [self.table.column(name) for name in sensors_of(self.table)]
         seen: dict[int, str] = {}
+        copies = []
         for rows in runs:
-            samples = [self.columns[column.name][rows] for column in sensors]
-            refuse_copy(
-                samples, label[rows[0]], seen, self.table, self.place(int(rows[0])), self.problems
-            )
+            columns = {name: values[rows] for name, values in self.columns.items()}
+            first = copied_from(columns, self.table, label[rows[0]], seen)
+            if first is not None:
+                copies.append((label[rows[0]], first))
         for column in self.table.columns:
             believed = {*NOMINAL, *units_stated, *self.suspects}
             if column.unit not in ("N", "mm") or column.name in believed:
@@ -149,11 +150,14 @@ class Checker:
             shift = 0.5 if column.unit == "mm" else 0.0  # a travel may begin anywhere
             sizes = [np.abs(v - shift * (v.min() + v.max())).max() if v.size else 0 for v in values]
             for rows, finite, size in zip(runs, values, sizes, strict=True):
-                doubted = 0.0 < OTHER_RUN * size < max(sizes)
-                guess = _other_unit(column, self.table.kind, finite) if doubted else ""
+                is_small = 0.0 < OTHER_RUN * size < max(sizes)
+                guess = _other_unit(column, self.table.kind, finite) if is_small else ""
                 if guess and "true" not in self.columns.get("idle", label)[rows]:
                     where = f"{self.name}, {self.table.label} {label[rows[0]]}"
-                    self._doubt(where, column, finite, f"is this run alone in {guess}?")
+                    setting = f"units: {{{self.table.kind}: {{{column.name}: {column.unit}}}}}"
+                    advice = f"is this run alone in {guess}? If it is not, say so: {setting}"
+                    self._report_unit(where, column, finite, advice)
+        return note_of_copies(copies, self.table)
 
     def _marks(self, column: Column, values: np.ndarray) -> bool:
         """Report overflow marks; return whether they explain all implausible numbers."""
@@ -276,36 +280,38 @@ class Checker:
         )
 
 
-def refuse_copy(
-    samples: Sequence[np.ndarray],
-    label: str,
-    seen: dict[int, str],
-    table: Table,
-    place: tuple[str, int],
-    problems: Problems,
-) -> None:
-    """Report a run whose sensors recorded the samples of another: a file or columns copied.
+def copied_from(columns: Columns, table: Table, label: str, seen: dict[int, str]) -> str | None:
+    """Return the label of an earlier run with the same samples, or None.
 
     Parameters
     ----------
-    samples : sequence of ndarray
-        Samples of each sensor, shape (n,).
+    columns : dict of str to ndarray
+        Columns of the run; its label, its time and its texts do not count.
+    table : Table
+        The schema.
     label : str
         Label of the run.
     seen : dict
         Hash of the samples -> label of the runs so far; receives that of this one.
-    table : Table
-        The schema.
-    place : tuple
-        Place of the run for messages, and its line.
-    problems : Problems
-        Receives the problem.
     """
-    first = seen.setdefault(hash(tuple(values.tobytes() for values in samples)), label)
-    if first != label and len(samples[0]) >= MIN_SAMPLES:
-        where, line = place
-        text = f"{table.label} {label} holds the same samples as {first}: keep only one of them"
-        problems.add(f"{where}: {text}", line)
+    numbers = [c.name for c in table.columns if c.dtype == "float64" and c.name != "time_s"]
+    samples = tuple(columns[name].tobytes() for name in numbers if name in columns)
+    first = seen.setdefault(hash(samples), label)
+    is_copy = first != label and len(columns[numbers[0]]) >= MIN_SAMPLES
+    return first if is_copy else None
+
+
+def note_of_copies(copies: Sequence[tuple[str, str]], table: Table) -> list[str]:
+    """Note runs that hold the same samples as another, pairs of labels: both count."""
+    if not copies:
+        return []
+    (label, first), kind = copies[0], table.label
+    if len(copies) == 1:
+        return [f"{kind} {label} holds the same samples as {first}: both count, remove a copy"]
+    return [
+        f"{len(copies)} {kind}s hold the same samples as another ({label} as {first}): all count, "
+        "remove copies"
+    ]
 
 
 def no_number(name: str, column: Column) -> Problem:

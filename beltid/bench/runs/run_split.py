@@ -16,6 +16,8 @@ RESTART: Final = 0.05
 MIN_SAMPLES: Final = 10
 LEAST_PERIOD: Final = 100
 """Fewest samples between two overflows of a clock."""
+AT_WORK: Final = 0.02
+"""Least speed or travel of a bench that moves, over the largest of the recording."""
 PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
@@ -60,7 +62,7 @@ def run_labels(
     if not starts:
         _refuse_second_rotation(columns, place, problems)
         return labels, []
-    _refuse_overflow(time, starts, place, problems)
+    _refuse_overflow(columns, starts, place, problems)
     if lengths.min() < MIN_SAMPLES:
         row = bounds[int(lengths.argmin())] + 1
         problems.add(
@@ -99,24 +101,36 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
 
 
 def _refuse_overflow(
-    time: np.ndarray, starts: Sequence[int], place: str, problems: Problems
+    columns: Mapping[str, np.ndarray], starts: Sequence[int], place: str, problems: Problems
 ) -> None:
     """Refuse a time that falls as a counter of 15, 16, 31 or 32 bits does when it overflows.
 
-    Its ticks are the steps of the time, or a power of ten of a second.
+    Its ticks are the steps of the time, or a power of ten of a second. Where the bench is at rest,
+    a run begins: records of 2^15 samples are usual.
     """
+    time = columns["time_s"]
     step = float(np.median(np.abs(np.diff(time))))
     ticks = np.array([step, *(10.0**n for n in range(-9, 1))])
     spans = np.outer(2.0 ** np.array([15, 16, 31, 32]), ticks)
     for row in starts:
         period = time[row - 1] - time[row] + step
-        if period > LEAST_PERIOD * step and np.any(np.abs(spans - period) <= 1.01 * step):
+        is_long = period > LEAST_PERIOD * step
+        if is_long and np.any(np.abs(spans - period) <= 1.01 * step) and _at_work(columns, row):
             problems.add(
                 f"{place}: time_s falls from {time[row - 1]:g} to {time[row]:g} at row {row + 1}, "
                 "as a counter does when it overflows: if it does, add its period to the times "
                 "that follow; if a run begins there, add a column of labels"
             )
             return
+
+
+def _at_work(columns: Mapping[str, np.ndarray], row: int) -> bool:
+    """Return whether the bench moves at a row and before: pulleys turn, a press is down."""
+    for name in ("pulley_speed_rad_s", "driver_speed_rad_s", "displacement_mm"):
+        if name in columns:
+            values = np.abs(columns[name] - (np.nanmin(columns[name]) if "mm" in name else 0.0))
+            return bool(values[row - 1 : row + 1].min() > AT_WORK * np.nanmax(values))
+    return True
 
 
 def _refuse_second_rotation(
