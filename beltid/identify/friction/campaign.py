@@ -388,7 +388,8 @@ def _mean_size(
     stack: Stack, priors: Priors, sd: Array, part: int, scale: Array, given: Given, shared: Shared
 ) -> float:
     """Average one variance about its mode, with probability 1/2 for zero; return its root."""
-    x, precision = (np.log(sd) - priors.centre) / priors.width, priors.precision[part]
+    precision = priors.precision[part]
+    x = (np.log(np.maximum(sd, 1e-300)) - priors.centre) / priors.width
     along = x[part] + STEPS
     tried = np.append(np.exp(priors.centre[part] + priors.width[part] * along), 0.0)
     # density of the prior given the other variances
