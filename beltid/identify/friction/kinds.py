@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
+from beltid.identify.estimators.statistics import median
 from beltid.laws.capstan import (
     STRAIGHT,
     Spans,
@@ -120,15 +120,14 @@ class Drag:
 
     Attributes
     ----------
-    speed_rad_s, torque_N_m, torque_se_N_m : ndarray, shape (k,)
-        Speed, torque and standard error of the torque of the idle runs, sorted by speed.
+    speed_rad_s, torque_N_m : ndarray, shape (k,)
+        Speed and torque of the idle runs, sorted by speed.
     at_rest_N_m : float
         Reading of the sensor before the pulley turns [N m].
     """
 
     speed_rad_s: Array
     torque_N_m: Array
-    torque_se_N_m: Array
     at_rest_N_m: float
 
     def at(self, speed_rad_s: Array) -> Array:
@@ -449,7 +448,7 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     idle : sequence of mapping
         Columns pulley_speed_rad_s [rad/s] and torque_N_m [N m] of each run.
     """
-    speeds, torques, errors, torques_at_rest = [], [], [], []
+    speeds, torques, torques_at_rest = [], [], []
     for columns in idle:
         speed, torque = (
             np.atleast_1d(np.asarray(columns[name], dtype=float))
@@ -460,11 +459,8 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
         if not turns.any():
             continue
         sign = -1.0 if median(speed[turns]) < 0.0 else 1.0
-        drag = sign * torque[turns]
-        correlation_time = integrated_autocorrelation_time(drag) if drag.size > 8 else 1.0
         speeds.append(median(magnitude[turns]))
-        torques.append(float(np.mean(drag)))
-        errors.append(float(np.std(drag)) * np.sqrt(max(correlation_time, 1.0) / drag.size))
+        torques.append(sign * float(np.mean(torque[turns])))
         still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
             torques_at_rest.append(sign * float(np.mean(torque[still])))
@@ -474,6 +470,5 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     return Drag(
         speed_rad_s=np.array(speeds)[order],
         torque_N_m=np.array(torques)[order],
-        torque_se_N_m=np.array(errors)[order],
         at_rest_N_m=float(np.mean(torques_at_rest)) if torques_at_rest else 0.0,
     )
