@@ -287,7 +287,7 @@ CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Initial powers of a fit: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
 """Alternations between shared effects and variances."""
-STEPS = np.linspace(-2.4, 1.8, 15)
+STEPS = np.linspace(-2.4, 1.8, 10)
 """Steps about the mode over which a variance is averaged, in widths of its prior."""
 
 
