@@ -71,16 +71,6 @@ def test_mu_and_its_error_are_those_of_white_noise() -> None:
         assert ideal < result.mu_sliding_se < 1e-3 * MU
 
 
-def test_spikes_are_taken_out_of_the_samples() -> None:
-    columns = long_run()
-    at = np.arange(7_000, 59_000, 1_300)
-    columns["tension_tight_N"][at] += 40.0
-    columns["tension_slack_N"][at[::2] + 11] -= 15.0
-    result, clean = reduced(columns), reduced(long_run())
-    assert result.n_spikes - clean.n_spikes == at.size + at[::2].size
-    assert abs(result.mu_sliding - clean.mu_sliding) < 0.1 * clean.mu_sliding_se
-
-
 def test_spikes_in_long_blocks_of_correlated_noise_are_taken_out() -> None:
     """Blocks of 146 samples, in which the noise alone spreads over the limit of a spike."""
     columns = long_run(n=600_000)

@@ -90,6 +90,15 @@ def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: 
     return covariance[1:, 1:] - with_rest[:, None] - with_rest[None, :] + covariance[0, 0]
 
 
+def error_by_rest(rest: Rest, n_samples: float) -> float:
+    """Estimate the error of the mean of a cell over some samples by the noise seen at rest [N].
+
+    The variance of a mean falls with the number of samples; it is at most that of one sample.
+    """
+    of_mean = 0.5 * rest.imbalance_se_N**2 * rest.n_samples / n_samples
+    return float(min(np.sqrt(of_mean), rest.noise_N))
+
+
 MEMORIES_S = (0.04, 0.16, 0.64, 20.0)
 """Correlation times of the wandering zeros [s]; the last one is a walk over the time of a run,
 measured from the rest phase, where the zeros are visible."""
@@ -144,6 +153,7 @@ class Stack:
         self.sensitivity = np.array([r.sensitivity for r in records])
         self.noise_N = np.array([r.noise_N for r in records])
         self.freedom = np.array([r.z.size - 2.0 for r in records])
+        self.least_N = np.array([error_by_rest(r.rest, float(r.count.sum())) for r in records])
         self.count = np.zeros((n, m))
         self.z = np.zeros((n, m))
         self.one = np.zeros((n, m))
@@ -274,10 +284,10 @@ def fit_shared(
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
-"""Initial powers: a tail that decays over the travel, or over the time."""
+"""Initial powers of a fit: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
 """Alternations between shared effects and variances."""
-STEPS = np.linspace(-2.4, 1.8, 15)
+STEPS = np.linspace(-2.4, 1.8, 10)
 """Steps about the mode over which a variance is averaged, in widths of its prior."""
 
 
@@ -366,18 +376,11 @@ class Priors:
 
 def fit_bench(stack: Stack, given: Given) -> tuple[Array, Shared]:
     """Fit the most probable standard deviations of a bench, with its tail and drift."""
-    priors, scale = Priors.of(stack), np.ones(stack.n_runs)
-    # start from above: a variance that is too small has no gradient
-    x = np.full(N_VARIANCES, 1.5)
-    x[OWN_PARTS] = 0.0
-    shared = _likelier_clock(stack, priors.sd(x), scale, given)
-    for _ in range(SWEEPS):
-        w = whiten(stack, priors.sd(x))
-        shared = fit_shared(w, scale, given, shared, every_drift=True)
-        scale = noise_scale(stack, w, shared.mean)
-        stack.stretch(shared.powers, shared)
-        stack.deviate(shared)
-        x = _most_probable(stack, priors, x, scale, given, shared)
+    priors = Priors.of(stack)
+    fits = [_fit_from(stack, priors, given, powers) for powers in CLOCKS]
+    _, x, shared, scale = max(fits, key=lambda fit: fit[0])
+    stack.stretch(shared.powers, shared)
+    stack.deviate(shared)
     # the walk affects the level most and is least visible
     sd = priors.sd(x)
     sd[WALK_PART] = _mean_size(stack, priors, sd, WALK_PART, scale, given, shared)
@@ -388,7 +391,8 @@ def _mean_size(
     stack: Stack, priors: Priors, sd: Array, part: int, scale: Array, given: Given, shared: Shared
 ) -> float:
     """Average one variance about its mode, with probability 1/2 for zero; return its root."""
-    x, precision = (np.log(sd) - priors.centre) / priors.width, priors.precision[part]
+    precision = priors.precision[part]
+    x = (np.log(np.maximum(sd, 1e-300)) - priors.centre) / priors.width
     along = x[part] + STEPS
     tried = np.append(np.exp(priors.centre[part] + priors.width[part] * along), 0.0)
     # density of the prior given the other variances
@@ -402,16 +406,35 @@ def _mean_size(
     return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
-def _likelier_clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
-    """Decide whether tails decay over travel or time, and stretch the runs accordingly."""
-    fits = []
-    for powers in CLOCKS:
-        stack.stretch(powers)
-        fits.append(fit_shared(whiten(stack, sd), scale, given, Shared.before(powers)))
-    likely = int(np.argmax([fit.log_evidence for fit in fits]))
+def _fit_from(
+    stack: Stack, priors: Priors, given: Given, powers: Array
+) -> tuple[float, Array, Shared, Array]:
+    """Fit a bench from initial powers of the tail length.
+
+    Returns
+    -------
+    log_p : float
+        Logarithm of the posterior density of the variances, up to a constant.
+    x, shared, scale : ndarray, Shared, ndarray
+        Variances in steps from their medians, common effects, and noise of the runs.
+    """
+    scale = np.ones(stack.n_runs)
+    # start from above: a variance that is too small has no gradient
+    x = np.full(N_VARIANCES, 1.5)
+    x[OWN_PARTS] = 0.0
+    stack.stretch(powers)
+    shared = fit_shared(whiten(stack, priors.sd(x)), scale, given, Shared.before(powers))
     # an approximate tail is enough for its derivatives with respect to the powers
-    stack.stretch(CLOCKS[likely], fits[likely])
-    return Shared.before(CLOCKS[likely])
+    stack.stretch(powers, shared)
+    shared, log_p = Shared.before(powers), -np.inf
+    for _ in range(SWEEPS):
+        w = whiten(stack, priors.sd(x))
+        shared = fit_shared(w, scale, given, shared, every_drift=True)
+        scale = noise_scale(stack, w, shared.mean)
+        stack.stretch(shared.powers, shared)
+        stack.deviate(shared)
+        x, log_p = _most_probable(stack, priors, x, scale, given, shared)
+    return log_p, x, shared, scale
 
 
 def _most_probable(
@@ -421,8 +444,8 @@ def _most_probable(
     scale: Array,
     given: Given,
     before: Shared,
-) -> Array:
-    """Find the mode of the variances, in steps from their medians."""
+) -> tuple[Array, float]:
+    """Find the mode of the variances, in steps from their medians, and the log density there."""
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = priors.sd(x)
@@ -433,8 +456,8 @@ def _most_probable(
 
     options = {"maxiter": 30, "ftol": 1e-7}
     bounds = [(-4.0, 6.0)] * x.size
-    mode = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    return np.asarray(mode)
+    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return np.asarray(found.x), -float(found.fun)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -556,7 +579,8 @@ def _levels(stack: Stack, sd: Array, shared: Shared, shift: Array) -> list[RunLe
     deviation = np.einsum("rik,ri->rk", H, Pe)
     y = w.level - w.shift @ mean
     last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
-    variance = w.variance * scale
+    # a short sliding does not show noise that is correlated over longer than itself; the rest does
+    variance = np.maximum(w.variance * scale, np.square(stack.sensitivity * stack.least_N))
     away, by_hypothesis = shared.hypotheses.along(-w.shift)
     spread = np.sqrt(variance[:, None] + by_hypothesis)
     return [
