@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import binom
 from virtual_rig import BELTS, RADIUS_M, Case, Recipe, draw
 
@@ -154,6 +155,34 @@ def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
     assert found.kept.all()
     # 16 runs: 0.95 less two standard deviations
     assert np.mean(np.abs(found.error) < 1.96 * found.se) > 0.85
+
+
+def test_noise_that_is_slower_than_the_sliding_is_seen_at_rest() -> None:
+    """Correlated over 0.1 s, it is a constant in a sliding of 0.06 s, a different one in each."""
+    rng = np.random.default_rng(11)
+    n, rate, rest, slide = 36, 1000.0, 2000, 60
+    t = np.tile(np.arange(rest + slide) / rate, (n, 1))
+    tension, arc = rng.uniform(80.0, 300.0, n), rng.choice([60.0, 90.0, 140.0], n)
+    travel_mm = 400.0 * np.maximum(t - rest / rate, 0.0)
+    ratio = 0.3 * np.radians(arc)[:, None] * (1.0 - np.exp(-travel_mm / 0.1))
+    slack = 2.0 * tension[:, None] / (1.0 + np.exp(ratio))
+    memory = np.exp(-1.0 / (0.1 * rate))
+    steps = rng.normal(0.0, 0.3 * np.sqrt(1.0 - memory**2), (2, n, t.shape[1] + 1000))
+    noise = lfilter([1.0], [1.0, -memory], steps)[..., 1000:]
+    columns = {
+        "run": np.repeat([f"R{k:02d}" for k in range(n)], t.shape[1]),
+        "time_s": t.ravel(),
+        "tension_tight_N": (2.0 * tension[:, None] - slack + noise[0]).ravel(),
+        "tension_slack_N": (slack + noise[1]).ravel(),
+        "pulley_speed_rad_s": np.where(travel_mm > 0.0, 8.0, 0.0).ravel(),
+        "arc_deg": np.repeat(arc, t.shape[1]),
+        "initial_tension_N": np.repeat(tension, t.shape[1]),
+    }
+    runs = reduce_runs(columns, 0.05)
+    z = np.array([(run.mu_sliding - 0.3) / run.mu_sliding_se for run in runs])
+    assert all(run.ok for run in runs)
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+    assert 0.6 <= rms(z) <= 1.25
 
 
 @pytest.mark.long

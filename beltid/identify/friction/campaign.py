@@ -90,6 +90,15 @@ def wander_since_rest(first: Array, last: Array, count: Array, rest: Rest, tau: 
     return covariance[1:, 1:] - with_rest[:, None] - with_rest[None, :] + covariance[0, 0]
 
 
+def error_by_rest(rest: Rest, n_samples: float) -> float:
+    """Estimate the error of the mean of a cell over some samples by the noise seen at rest [N].
+
+    The variance of a mean falls with the number of samples; it is at most that of one sample.
+    """
+    of_mean = 0.5 * rest.imbalance_se_N**2 * rest.n_samples / n_samples
+    return float(min(np.sqrt(of_mean), rest.noise_N))
+
+
 def early_misfit(travel: Array) -> Array:
     """Return the covariance of the model error at the start of the sliding, shape (m, m).
 
@@ -159,6 +168,7 @@ class Stack:
         self.sensitivity = np.array([r.sensitivity for r in records])
         self.noise_N = np.array([r.noise_N for r in records])
         self.freedom = np.array([r.z.size - 2.0 for r in records])
+        self.least_N = np.array([error_by_rest(r.rest, float(r.count.sum())) for r in records])
         self.count = np.zeros((n, m))
         self.z = np.zeros((n, m))
         self.one = np.zeros((n, m))
@@ -659,7 +669,8 @@ def _levels(stack: Stack, bench: Bench, shift: Array) -> list[RunLevel]:
     deviation = np.einsum("rik,ri->rk", H, Pe)
     y = w.level - w.shift @ mean
     last = np.array([np.flatnonzero(c)[-1] for c in stack.count])
-    variance = w.variance * scale
+    # a short sliding does not show noise that is correlated over longer than itself; the rest does
+    variance = np.maximum(w.variance * scale, np.square(stack.sensitivity * stack.least_N))
     away, by_hypothesis = shared.hypotheses.along(-w.shift)
     spread = np.sqrt(variance[:, None] + by_hypothesis)
     return [
