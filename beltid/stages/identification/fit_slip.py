@@ -13,7 +13,6 @@ from beltid.artifacts.metadata_models import SlipMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.slip.points import (
     GROSS_SLIP,
     OK,
@@ -23,6 +22,7 @@ from beltid.identify.slip.points import (
     required_pulley_speeds,
 )
 from beltid.identify.slip.slip import fit_slip as identify
+from beltid.report.conditions import series_of
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.outcome import Outcome, rows_of, table_columns_of
@@ -179,31 +179,25 @@ def summarise(built: Built) -> Summary:
 def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return a row per driver speed and initial tension: largest sliding speed and its torque."""
     rows = []
-    drivers, tensions = (
-        snap_to_settings(columns["driver_speed_rad_s"]),
-        snap_to_settings(columns["initial_tension_N"]),
-    )
-    good = columns["status"] == OK
-    for driver in np.unique(drivers):
-        for tension in np.unique(tensions[drivers == driver]):
-            in_series = (drivers == driver) & (tensions == tension)
-            usable = np.flatnonzero(in_series & good)
-            fastest = (
-                usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))]
-                if usable.size
-                else None
-            )
-            rows.append(
-                {
-                    "driver_speed_rad_s": float(driver),
-                    "initial_tension_N": float(tension),
-                    "runs": int(in_series.sum()),
-                    "runs_ok": int(usable.size),
-                    "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
-                    "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),
-                    "at_torque_N_m": _at(columns["torque_N_m"], fastest),
-                }
-            )
+    series = series_of(columns["driver_speed_rad_s"], columns["initial_tension_N"])
+    known = [setting for setting in series if np.isfinite(setting[0])]
+    for speed, tension in sorted(known):
+        runs = series[speed, tension]
+        usable = runs[columns["status"][runs] == OK]
+        fastest = (
+            usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))] if usable.size else None
+        )
+        rows.append(
+            {
+                "driver_speed_rad_s": speed,
+                "initial_tension_N": tension,
+                "runs": runs.size,
+                "runs_ok": usable.size,
+                "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
+                "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),
+                "at_torque_N_m": _at(columns["torque_N_m"], fastest),
+            }
+        )
     return rows
 
 
