@@ -157,32 +157,58 @@ def test_zeros_that_drift_and_slow_ripples_are_allowed_for(name: str) -> None:
     assert np.mean(np.abs(found.error) < 1.96 * found.se) > 0.85
 
 
+def columns_of(
+    t: Array, ratio: Array, noise: Array, tension: Array, arc: Array, speed: Array
+) -> dict[str, Array]:
+    """Recording of runs (n,) at times (m,) with ln(T_tight/T_slack) (n, m), whose sum stays."""
+    n, m = ratio.shape
+    slack = 2.0 * tension[:, None] / (1.0 + np.exp(ratio))
+    return {
+        "run": np.repeat([f"R{k:02d}" for k in range(n)], m),
+        "time_s": np.tile(t, n),
+        "tension_tight_N": (2.0 * tension[:, None] - slack + noise[0]).ravel(),
+        "tension_slack_N": (slack + noise[1]).ravel(),
+        "pulley_speed_rad_s": np.where(ratio > 0.0, speed[:, None] / RADIUS_M, 0.0).ravel(),
+        "arc_deg": np.repeat(arc, m),
+        "initial_tension_N": np.repeat(tension, m),
+    }
+
+
 def test_noise_that_is_slower_than_the_sliding_is_seen_at_rest() -> None:
     """Correlated over 0.1 s, it is a constant in a sliding of 0.06 s, a different one in each."""
     rng = np.random.default_rng(11)
-    n, rate, rest, slide = 36, 1000.0, 2000, 60
-    t = np.tile(np.arange(rest + slide) / rate, (n, 1))
+    n, t = 36, np.arange(2060) / 1000.0
     tension, arc = rng.uniform(80.0, 300.0, n), rng.choice([60.0, 90.0, 140.0], n)
-    travel_mm = 400.0 * np.maximum(t - rest / rate, 0.0)
-    ratio = 0.3 * np.radians(arc)[:, None] * (1.0 - np.exp(-travel_mm / 0.1))
-    slack = 2.0 * tension[:, None] / (1.0 + np.exp(ratio))
-    memory = np.exp(-1.0 / (0.1 * rate))
-    steps = rng.normal(0.0, 0.3 * np.sqrt(1.0 - memory**2), (2, n, t.shape[1] + 1000))
+    build_up = 1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / 2.5e-4)
+    memory = np.exp(-1.0 / 100.0)
+    steps = rng.normal(0.0, 0.3 * np.sqrt(1.0 - memory**2), (2, n, t.size + 1000))
     noise = lfilter([1.0], [1.0, -memory], steps)[..., 1000:]
-    columns = {
-        "run": np.repeat([f"R{k:02d}" for k in range(n)], t.shape[1]),
-        "time_s": t.ravel(),
-        "tension_tight_N": (2.0 * tension[:, None] - slack + noise[0]).ravel(),
-        "tension_slack_N": (slack + noise[1]).ravel(),
-        "pulley_speed_rad_s": np.where(travel_mm > 0.0, 8.0, 0.0).ravel(),
-        "arc_deg": np.repeat(arc, t.shape[1]),
-        "initial_tension_N": np.repeat(tension, t.shape[1]),
-    }
-    runs = reduce_runs(columns, 0.05)
+    ratio = 0.3 * np.radians(arc)[:, None] * build_up
+    runs = reduce_runs(columns_of(t, ratio, noise, tension, arc, np.full(n, 0.4)), RADIUS_M)
     z = np.array([(run.mu_sliding - 0.3) / run.mu_sliding_se for run in runs])
     assert all(run.ok for run in runs)
     assert np.mean(np.abs(z) < 1.96) > 0.85
     assert 0.6 <= rms(z) <= 1.25
+
+
+def test_a_tail_over_time_is_told_from_a_build_up_over_travel() -> None:
+    """In the slow runs the build-up of 0.18 mm takes half as long as the tail of 0.05 s."""
+    rng = np.random.default_rng(0)
+    n, t = 12, np.arange(200) / 100.0
+    tension, arc = rng.uniform(100.0, 450.0, n), rng.choice([115.0, 140.0], n)
+    speed = rng.choice([0.0074, 0.017, 0.039, 0.09], n)
+    mu = 1.13 * (tension / 200.0) ** -0.05
+    since = np.maximum(t - 1.0, 0.0)
+    tail = 0.042 * np.exp(-since / 0.054) + 0.018 * np.exp(-since / 0.325)
+    build_up = 1.0 - np.exp(-since * speed[:, None] / 0.18e-3)
+    ratio = (mu * np.radians(arc))[:, None] * build_up * (1.0 + tail)
+    noise = rng.normal(0.0, 0.13, (2, n, t.size))
+    # a pulley of twice the radius turns half as fast
+    runs = reduce_runs(columns_of(t, ratio, noise, tension, arc, 0.5 * speed), 2.0 * RADIUS_M)
+    error = np.array([run.mu_sliding for run in runs]) - mu
+    z = error / [run.mu_sliding_se for run in runs]
+    assert rms(error / mu) < 0.01
+    assert rms(z) < 1.8  # the runs share their error
 
 
 @pytest.mark.long

@@ -316,7 +316,7 @@ def fit_shared(
 
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
-"""Initial powers: a tail that decays over the travel, or over the time."""
+"""Initial powers of a fit: a tail that decays over the travel, or over the time."""
 SWEEPS = 2
 """Alternations between shared effects and variances."""
 WALK_STEPS = np.linspace(-2.4, 1.8, 8)
@@ -414,18 +414,11 @@ class Priors:
 
 def fit_bench(stack: Stack, given: Given) -> Bench:
     """Fit the most probable variances of a bench, with its tail and drift."""
-    priors, scale = Priors.of(stack), np.ones(stack.n_runs)
-    # start from above: a variance that is too small has no gradient
-    x = np.full(N_VARIANCES, 1.5)
-    x[OWN_PARTS] = 0.0
-    shared = _likelier_clock(stack, priors.sd(x), scale, given)
-    for _ in range(SWEEPS):
-        w = whiten(stack, priors.sd(x))
-        shared = fit_shared(w, scale, given, shared, every_drift=True)
-        scale = noise_scale(stack, w, shared.mean)
-        stack.stretch(shared.powers, shared)
-        stack.deviate(shared)
-        x = _most_probable(stack, priors, x, scale, given, shared)
+    priors = Priors.of(stack)
+    fits = [_fit_from(stack, priors, given, powers) for powers in CLOCKS]
+    _, x, shared, scale = max(fits, key=lambda fit: fit[0])
+    stack.stretch(shared.powers, shared)
+    stack.deviate(shared)
     # walk and ripple once per turn affect the level most and are least visible: use the mean of
     # their variances instead of the mode, with probability 1/2 for zero
     sd, k = priors.sd(x), WALK_PART
@@ -449,16 +442,35 @@ def _mean_size(tried: Array, log_p: Array, log_prior: Array) -> float:
     return float(np.sqrt(np.exp(log_p - np.logaddexp.reduce(log_p)) @ tried**2))
 
 
-def _likelier_clock(stack: Stack, sd: Array, scale: Array, given: Given) -> Shared:
-    """Decide whether tails decay over travel or time, and stretch the runs accordingly."""
-    fits = []
-    for powers in CLOCKS:
-        stack.stretch(powers)
-        fits.append(fit_shared(whiten(stack, sd), scale, given, Shared.before(powers)))
-    likely = int(np.argmax([fit.log_evidence for fit in fits]))
+def _fit_from(
+    stack: Stack, priors: Priors, given: Given, powers: Array
+) -> tuple[float, Array, Shared, Array]:
+    """Fit a bench from initial powers of the tail length.
+
+    Returns
+    -------
+    log_p : float
+        Logarithm of the posterior density of the variances, up to a constant.
+    x, shared, scale : ndarray, Shared, ndarray
+        Variances in steps from their medians, common effects, and noise of the runs.
+    """
+    scale = np.ones(stack.n_runs)
+    # start from above: a variance that is too small has no gradient
+    x = np.full(N_VARIANCES, 1.5)
+    x[OWN_PARTS] = 0.0
+    stack.stretch(powers)
+    shared = fit_shared(whiten(stack, priors.sd(x)), scale, given, Shared.before(powers))
     # an approximate tail is enough for its derivatives with respect to the powers
-    stack.stretch(CLOCKS[likely], fits[likely])
-    return Shared.before(CLOCKS[likely])
+    stack.stretch(powers, shared)
+    shared, log_p = Shared.before(powers), -np.inf
+    for _ in range(SWEEPS):
+        w = whiten(stack, priors.sd(x))
+        shared = fit_shared(w, scale, given, shared, every_drift=True)
+        scale = noise_scale(stack, w, shared.mean)
+        stack.stretch(shared.powers, shared)
+        stack.deviate(shared)
+        x, log_p = _most_probable(stack, priors, x, scale, given, shared)
+    return log_p, x, shared, scale
 
 
 def _most_probable(
@@ -468,8 +480,8 @@ def _most_probable(
     scale: Array,
     given: Given,
     before: Shared,
-) -> Array:
-    """Find the mode of the variances, in steps from their medians."""
+) -> tuple[Array, float]:
+    """Find the mode of the variances, in steps from their medians, and the log density there."""
 
     def cost(x: Array) -> tuple[float, Array]:
         sd = priors.sd(x)
@@ -480,8 +492,8 @@ def _most_probable(
 
     options = {"maxiter": 30, "ftol": 1e-7}
     bounds = [(-4.0, 6.0)] * x.size
-    mode = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    return np.asarray(mode)
+    found = minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return np.asarray(found.x), -float(found.fun)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
