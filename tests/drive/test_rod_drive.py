@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import BELTS, true_surface, two_pulleys
+from drives import BELTS, simulate, true_surface, two_pulleys
 
 from beltid.config import load_config
 from beltid.drive.bending import extra_at_end
 from beltid.drive.model import DrivePoint, Pulley
-from beltid.drive.results import Simulator, simulate
+from beltid.drive.results import Simulator
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

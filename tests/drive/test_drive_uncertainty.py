@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import simulate
 
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import Simulator, simulate
+from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
