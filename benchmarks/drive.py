@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import Simulator, simulate
+from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -38,14 +38,17 @@ def main() -> None:
         for omega, tension, largest in SERIES
         for torque in np.linspace(0.0, largest, POINTS_OF_SERIES)
     ]
-    simulate(drive, points)  # compiles
+    Simulator(drive).solve(points[0])  # compiles
     start = time.process_time()
-    best = simulate(drive, points)
+    string = Simulator(drive)
+    best = [string.solve(point) for point in points]
     spent = time.process_time() - start
     print(f"{1e3 * spent / len(points):.2f} ms of processor time a point (aim: 1 ms)")
-    simulate(drive, points[:2], "rod")  # compiles
+    Simulator(drive, "rod").solve(points[1])  # compiles
     start = time.process_time()
-    simulate(drive, points, "rod")
+    rods = Simulator(drive, "rod")
+    for point in points:
+        rods.solve(point)
     spent = time.process_time() - start
     of_pulley = 1e3 * spent / (len(points) * len(pulleys))
     print(

@@ -8,7 +8,6 @@ the penetrations and the sliding of whole pulleys (D10); the loss is divided in 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal
@@ -294,31 +293,3 @@ class Simulator:
 def _rest_key(point: DrivePoint) -> float | None:
     """Return the cache key of the belt at rest: its tension, or None if a tensioner sets it."""
     return None if math.isnan(point.T_0) else point.T_0
-
-
-def simulate(
-    drive: Drive, points: Sequence[DrivePoint], method: Method = "string"
-) -> list[DriveResult]:
-    """Predict operating points of a drive.
-
-    Parameters
-    ----------
-    drive : Drive
-        Belt, laws, pulleys, installation.
-    points : sequence of DrivePoint
-        Operating points.
-    method : {"string", "rod"}
-        Whether the belt has its bending stiffness.
-
-    Returns
-    -------
-    list of DriveResult
-        In the order of the points.
-
-    Raises
-    ------
-    InputError, ConvergenceError
-        As :meth:`Simulator.solve`.
-    """
-    simulator = Simulator(drive, method)
-    return [simulator.solve(point) for point in points]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -244,7 +244,6 @@ def campaign(
     points: Sequence[OperatingPoint],
     settings: SimulationSettings | None = None,
     jobs: int | None = None,
-    stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Simulate many runs in threads; the compiled kernels release the interpreter lock.
 
@@ -260,8 +259,6 @@ def campaign(
         Method and resolution.
     jobs : int, optional
         Threads; by default one per core.
-    stop : callable, optional
-        Called between runs; True ends the campaign early.
 
     Yields
     ------
@@ -270,19 +267,17 @@ def campaign(
         failed run yields its error, and the others continue.
     """
     settings = settings or SimulationSettings()
-    groups: dict[tuple[float, float], list[int]] = {}
-    for index, point in enumerate(points):
-        groups.setdefault((point.beta, point.T_0), []).append(index)
+    groups = runs_of_one_belt(points)
 
     def simulate_group(indices: list[int]) -> list[tuple[int, RunResult | BeltidError]]:
-        return list(_simulate_together(bench, points, indices, settings, stop))
+        return list(_simulate_together(bench, points, indices, settings))
 
     workers = jobs or os.cpu_count() or 1
     if workers == 1:
-        for indices in groups.values():
-            yield from _simulate_together(bench, points, indices, settings, stop)
+        for indices in groups:
+            yield from _simulate_together(bench, points, indices, settings)
         return
-    waiting = iter(groups.values())
+    waiting = iter(groups)
     with ThreadPoolExecutor(max_workers=workers) as pool:
         running = {pool.submit(simulate_group, indices) for indices in islice(waiting, 2 * workers)}
         while running:
@@ -290,9 +285,16 @@ def campaign(
             ended, running = wait(running, LOOK_UP_S, FIRST_COMPLETED)
             for future in ended:
                 yield from future.result()
-            if not stop():
-                following = islice(waiting, len(ended))
-                running |= {pool.submit(simulate_group, indices) for indices in following}
+            following = islice(waiting, len(ended))
+            running |= {pool.submit(simulate_group, indices) for indices in following}
+
+
+def runs_of_one_belt(points: Sequence[OperatingPoint]) -> list[list[int]]:
+    """Group the indices of runs that differ in speed only, and share the tightened belt."""
+    groups: dict[tuple[float, float], list[int]] = {}
+    for index, point in enumerate(points):
+        groups.setdefault((point.beta, point.T_0), []).append(index)
+    return list(groups.values())
 
 
 def _simulate_together(
@@ -300,7 +302,6 @@ def _simulate_together(
     points: Sequence[OperatingPoint],
     indices: Sequence[int],
     settings: SimulationSettings,
-    stop: Callable[[], bool],
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Simulate runs with the same contact arc and initial tension."""
     try:
@@ -311,8 +312,6 @@ def _simulate_together(
         yield from ((index, error) for index in indices)
         return
     for index in indices:
-        if stop():
-            return
         try:
             run_model = replace(model, point=points[index])
             yield index, _simulate_laid(bench, run_model, laid, work, settings)

@@ -139,7 +139,7 @@ def change_by_slower_friction(
 
     Two limits bound a uniform distribution, (D14): friction stays as at the slowest measured speed,
     or continues with its whole trend. The losses at the farther limit give their slope over the
-    share of the trend. Without full slip the string model has no such uncertainty.
+    share of the trend. A string that slips fully with neither friction has no such uncertainty.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def change_by_slower_friction(
     slips = np.array([FULL_SLIP in result.status for result in results], dtype=bool)
     for method in METHODS:
         unknown = ~np.isfinite(change).all(axis=1)
-        which = with_rods if method == METHODS[0] else (slips & ~with_rods) | unknown
+        which = with_rods if method == METHODS[0] else ~with_rods | unknown
         at = np.flatnonzero(which).tolist()
         if not at:
             continue
@@ -171,6 +171,9 @@ def change_by_slower_friction(
         here = near if method == METHODS[0] else _solved(drive, chosen_points, method, near)
         there = _solved(limit, chosen_points, method, near)
         slope = (_losses(drive, here) - _losses(limit, there)) / (drive.slow_trend - farther)
+        if method != METHODS[0]:
+            begins = [result is not None and FULL_SLIP in result.status for result in there]
+            slope[~(slips | unknown)[at] & ~np.array(begins)] = 0.0
         change[at] = slope * u_over_slope
     return change
 

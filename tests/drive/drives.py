@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from beltid.drive.model import Drive, Pulley
+from beltid.drive.model import Drive, DrivePoint, Pulley
+from beltid.drive.results import DriveResult, Method, Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -38,6 +40,14 @@ def two_pulleys(**changes: Any) -> Drive:
         "pulleys": (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05)),
     }
     return Drive(**(parts | changes))
+
+
+def simulate(
+    drive: Drive, points: Sequence[DrivePoint], method: Method = "string"
+) -> list[DriveResult]:
+    """The steady states of several points of a drive."""
+    simulator = Simulator(drive, method)
+    return [simulator.solve(point) for point in points]
 
 
 BELTS = {

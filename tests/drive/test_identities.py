@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import BELT_5PK, LAW_5PK, mu_5pk, two_pulleys
+from drives import BELT_5PK, LAW_5PK, mu_5pk, simulate, two_pulleys
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.results import DriveResult, Simulator, simulate
+from beltid.drive.results import DriveResult, Simulator
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from capstan_chain import Chain, Wheel
-from drives import BELT_5PK, LAW_5PK
+from drives import BELT_5PK, LAW_5PK, simulate
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import simulate
 from beltid.laws.friction_surface import FrictionSurface
 
 FOUR = (

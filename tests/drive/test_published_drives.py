@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from drives import two_pulleys
+from drives import simulate, two_pulleys
 from scipy.optimize import brentq
 
 from beltid.drive.geometry import layout
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.results import Simulator, simulate
+from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import BELT_5PK, LAW_5PK, two_pulleys
+from drives import BELT_5PK, LAW_5PK, simulate, two_pulleys
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from beltid.drive import rod
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import Simulator, simulate
+from beltid.drive.results import Simulator
 from beltid.drive.rod import RodPulley, RodState, pulley_map
 from beltid.drive.string import StringLevel
 from beltid.laws.friction_surface import FrictionSurface

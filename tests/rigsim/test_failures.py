@@ -88,16 +88,6 @@ def test_results_do_not_depend_on_the_number_of_threads(method: Method) -> None:
                     assert np.array_equal(values, other.recording[column])
 
 
-def test_a_stopped_campaign_starts_nothing_more() -> None:
-    done: list[int] = []
-    points = [at(82, T_0) for T_0 in (100, 200, 300, 400)]
-    for index, _ in campaign(
-        bench(), points, SimulationSettings("steady"), 1, stop=lambda: len(done) >= 2
-    ):
-        done.append(index)
-    assert 2 <= len(done) < len(points)
-
-
 def test_a_step_that_does_not_converge_is_cut_and_the_run_goes_on() -> None:
     """Steps of 0.3 mm, three times the travel of the build-up, on a very hard pulley."""
     rig, point = bench(law=NormalLaw(1e11)), at(150, 270, 1.0)

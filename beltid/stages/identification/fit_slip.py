@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -178,16 +177,18 @@ def _series(columns: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     """Return a row per driver speed and initial tension: largest sliding speed and its torque."""
     rows = []
     series = series_of(columns["driver_speed_rad_s"], columns["initial_tension_N"])
-    for (driver, tension), points in sorted(series.items(), key=itemgetter(0)):
-        usable = points[columns["status"][points] == OK]
+    known = [setting for setting in series if np.isfinite(setting[0])]
+    for speed, tension in sorted(known):
+        runs = series[speed, tension]
+        usable = runs[columns["status"][runs] == OK]
         fastest = (
             usable[np.argmax(np.abs(columns["slip_speed_m_s"][usable]))] if usable.size else None
         )
         rows.append(
             {
-                "driver_speed_rad_s": driver,
+                "driver_speed_rad_s": speed,
                 "initial_tension_N": None if tension == UNKNOWN_TENSION else tension,
-                "runs": points.size,
+                "runs": runs.size,
                 "runs_ok": usable.size,
                 "largest_slip_speed_m_s": _at(columns["slip_speed_m_s"], fastest),
                 "slip_speed_se_m_s": _at(columns["slip_speed_se_m_s"], fastest),

@@ -15,7 +15,13 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
 from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import DEFAULT_STEPS, Method, RunResult, SimulationSettings
+from beltid.rigsim.rig import (
+    DEFAULT_STEPS,
+    Method,
+    RunResult,
+    SimulationSettings,
+    runs_of_one_belt,
+)
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.planned_runs import PlannedRun, as_resting, belt_speed, momentum_N
@@ -193,18 +199,10 @@ def simulated_results(
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs)
         return
-    groups = _group_by_tension(points)
+    groups = runs_of_one_belt(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]
     for number, results in jobs.as_ended(simulated_group, calls):
         yield from zip(groups[number], results, strict=True)
-
-
-def _group_by_tension(points: Sequence[OperatingPoint]) -> list[list[int]]:
-    """Group the indices of runs that differ in speed only, and share the tightened belt."""
-    groups: dict[tuple[float, float], list[int]] = {}
-    for index, point in enumerate(points):
-        groups.setdefault((point.beta, point.T_0), []).append(index)
-    return list(groups.values())
 
 
 def simulated_group(

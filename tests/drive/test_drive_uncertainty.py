@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drives import simulate
 
+from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import simulate
+from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
@@ -84,3 +86,22 @@ def test_friction_slower_than_measured_is_covered() -> None:
     # one limit is solved: the losses bend over the share of the trend
     assert u_half == pytest.approx(spread / math.sqrt(12.0), rel=0.15)
     assert abs(true.loss.total[1] - middle.loss.total[1]) < 2.0 * abs(u_half)
+
+
+def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> None:
+    """Between the torques that use up the arcs with the whole and with half of the trend."""
+    v = np.geomspace(2.5e-3, 0.05, 30)
+    mu = [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2
+    half = replace(drive_on(FrictionSurface([10.0, 30000.0], v, mu)), slow_trend=0.5)
+    whole = replace(half, slow_trend=1.0)
+    ends = [
+        slip_limit(Simulator(drive), DrivePoint(22.0, 155.0, (0.0, 10.0))).adhesion
+        for drive in (whole, half)
+    ]
+    point = DrivePoint(22.0, 155.0, (0.0, 5.0 * sum(ends)))
+    (here,), (there,) = (simulate(drive, [point]) for drive in (half, whole))
+    assert here.status == ("adhesion", "adhesion")
+    assert "full slip" in there.status
+    off = there.loss.total[1] - here.loss.total[1]
+    u = change_by_slower_friction(half, [point], [here])[0, 1]
+    assert abs(u) == pytest.approx(2.0 * off / math.sqrt(12.0), rel=1e-6)
