@@ -269,6 +269,39 @@ def test_a_part_of_the_tail_as_long_as_the_record_is_told(length):
     assert sd < 0.5 * true
 
 
+def test_a_level_is_averaged_over_tails_that_both_explain_the_runs():
+    """Three runs often leave open whether tails decay over travel or over time."""
+    rng = np.random.default_rng(7)
+    none = np.zeros(shared.RANK)
+    one, other = (
+        campaign.RunLevel(
+            y=y,
+            variance=1e-4,
+            shared_tail=-0.01,
+            shared_drift=0.02,
+            away=np.array([-0.03, 0.01]),
+            spread=np.array([0.01, 0.02]),
+            misfit=1.0,
+            drift=0.0,
+            tail=none,
+            own=none,
+            known=none,
+            lean=none,
+        )
+        for y in (1.0, 1.1)
+    )
+    mixed = campaign._averaged([one, other], np.array([0.75, 0.25]))
+    # draws of the mixture: a fit, then one of its hypotheses, of probability 1/4 and 3/4
+    fit, hypothesis = rng.random(400_000) < 0.25, (rng.random(400_000) < 0.75).astype(int)
+    drawn = np.where(fit, 1.1, 1.0) + one.away[hypothesis]
+    probability = np.kron([0.75, 0.25], [0.25, 0.75])
+    assert mixed.y + probability @ mixed.away == pytest.approx(np.mean(drawn), abs=2e-4)
+    assert probability @ mixed.away**2 == pytest.approx(np.var(drawn), rel=0.02)
+    assert np.all(mixed.spread == [0.01, 0.02, 0.01, 0.02])
+    assert mixed.y == pytest.approx(1.025, rel=1e-12)
+    assert mixed.shared_tail == pytest.approx(-math.sqrt(1e-4 + 0.75 * 0.25 * 0.1**2), rel=1e-12)
+
+
 def test_rests_of_too_few_samples_for_a_slope_tell_nothing_of_a_drift():
     short = [replace(recorded(0)[0].rest, slope_ses_N_s=(np.inf, np.inf))] * 2
     given = shared.Given.by(short, *one_run(1e-3, 0.2))

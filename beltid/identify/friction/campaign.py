@@ -19,7 +19,7 @@ samples have a covariance in closed form (geometric sums).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,6 +285,10 @@ def fit_shared(
 
 CLOCKS = (np.zeros(SETTINGS), np.eye(SETTINGS)[0])
 """Initial powers of a fit: a tail that decays over the travel, or over the time."""
+SAME_END = 0.5
+"""Difference of the final powers of the speed below which both fits have found the same end."""
+NEGLIGIBLE = 1e-3
+"""Odds of a fit below which it changes no interval."""
 SWEEPS = 2
 """Alternations between shared effects and variances."""
 STEPS = np.linspace(-2.4, 1.8, 10)
@@ -374,17 +378,32 @@ class Priors:
         return np.asarray(np.exp(self.centre + self.width * x))
 
 
-def fit_bench(stack: Stack, given: Given) -> tuple[Array, Shared]:
-    """Fit the most probable standard deviations of a bench, with its tail and drift."""
+def fit_bench(stack: Stack, given: Given) -> list[tuple[float, Array, Shared]]:
+    """Fit standard deviations, tail and drift of a bench with tails over travel and over time.
+
+    Returns
+    -------
+    list of tuple
+        Probability over that of the first, most probable standard deviations and common effects.
+    """
     priors = Priors.of(stack)
-    fits = [_fit_from(stack, priors, given, powers) for powers in CLOCKS]
-    _, x, shared, scale = max(fits, key=lambda fit: fit[0])
-    stack.stretch(shared.powers, shared)
-    stack.deviate(shared)
-    # the walk affects the level most and is least visible
-    sd = priors.sd(x)
-    sd[WALK_PART] = _mean_size(stack, priors, sd, WALK_PART, scale, given, shared)
-    return sd, shared
+    clocks = CLOCKS if np.any(given.settings[:, 0]) else CLOCKS[:1]  # alike at a single speed
+    fits = [_fit_from(stack, priors, given, powers) for powers in clocks]
+    fits.sort(key=lambda fit: -fit[0])
+    likeliest, _, nearest, _ = fits[0]
+    found: list[tuple[float, Array, Shared]] = []
+    for log_p, x, shared, scale in fits:
+        odds = float(np.exp(log_p - likeliest))
+        is_same = found and abs(shared.powers[0] - nearest.powers[0]) < SAME_END
+        if is_same or odds < NEGLIGIBLE:
+            continue
+        stack.stretch(shared.powers, shared)
+        stack.deviate(shared)
+        # the walk affects the level most and is least visible
+        sd = priors.sd(x)
+        sd[WALK_PART] = _mean_size(stack, priors, sd, WALK_PART, scale, given, shared)
+        found.append((odds, sd, shared))
+    return found
 
 
 def _mean_size(
@@ -516,13 +535,38 @@ BATCH = 128
 """Number of runs whitened at a time, so that the memory does not grow with the bench."""
 
 
-def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, list[RunLevel]]:
-    """Fit the common effects of a bench of one or more runs, and the level of every run."""
+def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, Array, list[RunLevel]]:
+    """Fit the common effects of a bench of one or more runs, and the level of every run.
+
+    Returns
+    -------
+    shared : Shared
+        Common effects, for the more probable of tails over travel and tails over time.
+    probability : ndarray, shape (K,)
+        Probabilities of the hypotheses in `RunLevel.away`.
+    levels : list of RunLevel
+        Levels of the runs, averaged over both.
+    """
     settings = log_settings(records)
     centre = np.mean(settings, axis=0)
     limits_m = np.array([(2.0 * r.step_m, 3.0 * float(r.travel[-1])) for r in records])
     given = Given.by([r.rest for r in records], limits_m, settings - centre)
-    sd, shared = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
+    fits = fit_bench(Stack(_evenly_chosen(records, RUNS_FOR_VARIANCES), centre), given)
+    weight = np.array([fit[0] for fit in fits])
+    weight /= weight.sum()
+    found = [_reduced(records, centre, given, sd, shared) for _, sd, shared in fits]
+    levels = [
+        _averaged(parts, weight) for parts in zip(*(levels for _, levels in found), strict=True)
+    ]
+    posteriors = [shared.hypotheses.probability for shared, _ in found]
+    probability = np.concatenate([w * p for w, p in zip(weight, posteriors, strict=True)])
+    return found[0][0], probability, levels
+
+
+def _reduced(
+    records: Sequence[SlidingRecord], centre: Array, given: Given, sd: Array, shared: Shared
+) -> tuple[Shared, list[RunLevel]]:
+    """Find the common effects of all runs and their levels from a fit to some of them."""
     # no run sees much of a turn: the ripple takes more runs to be visible
     many = Stack(_evenly_chosen(records, BATCH), centre)
     scale = noise_scale(many, _whitened(many, sd, shared), shared.stretched_mean)
@@ -541,8 +585,29 @@ def reduce_bench(records: Sequence[SlidingRecord]) -> tuple[Shared, list[RunLeve
     shared = posterior(M, b, given, shared)
     if not is_small:
         stacks = (Stack(x, centre) for x in batches)
-    levels = [level for stack in stacks for level in _levels(stack, sd, shared, shift)]
-    return shared, levels
+    return shared, [level for stack in stacks for level in _levels(stack, sd, shared, shift)]
+
+
+def _averaged(parts: Sequence[RunLevel], weight: Array) -> RunLevel:
+    """Average the level of a run over fits with the given probabilities, the likeliest first."""
+    if len(parts) == 1:
+        return parts[0]
+    y, tail, drift, variance = np.array(
+        [(part.y, part.shared_tail, part.shared_drift, part.variance) for part in parts]
+    ).T
+    mean = float(weight @ y)
+    # between the fits all runs move together
+    squares = weight @ tail**2 + weight @ (y - mean) ** 2, weight @ drift**2
+    tail_sd, drift_sd = np.copysign(np.sqrt(squares), (tail[0], drift[0]))
+    return replace(
+        parts[0],
+        y=mean,
+        variance=float(weight @ variance),
+        shared_tail=float(tail_sd),
+        shared_drift=float(drift_sd),
+        away=np.concatenate([part.away + part.y - mean for part in parts]),
+        spread=np.concatenate([part.spread for part in parts]),
+    )
 
 
 def _evenly_chosen(records: Sequence[SlidingRecord], most: int) -> list[SlidingRecord]:

@@ -169,7 +169,7 @@ def _reduce_together(
     records = [run.sliding for run in runs if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    common, levels = reduce_bench(records)
+    common, probability, levels = reduce_bench(records)
     cells = cell_errors(
         difference=np.array([rest.imbalance_N for rest in rests]),
         se=np.array([rest.imbalance_se_N for rest in rests]),
@@ -182,7 +182,7 @@ def _reduce_together(
     shared = np.column_stack([shared, cells.shared])
     rounding = np.array([record.rounding for record in records])
     independent = np.array([level.variance for level in levels]) + cells.variance + rounding**2
-    y_ses = _standard_errors(common, levels, cells, rounding)
+    y_ses = _standard_errors(probability, levels, cells, rounding)
     # scale the shared parts so that all parts add up to the stated interval
     shared *= (y_ses / np.sqrt(independent + np.sum(shared**2, axis=1)))[:, None]
     results = []
@@ -212,10 +212,10 @@ def _reduce_together(
 
 
 def _standard_errors(
-    shared: Shared, levels: Sequence[RunLevel], cells: CellErrors, rounding: Array
+    of_bench: Array, levels: Sequence[RunLevel], cells: CellErrors, rounding: Array
 ) -> Array:
     """Compute the standard errors of the levels over all hypotheses on bench and cells, (R,)."""
-    probability = np.multiply.outer(shared.hypotheses.probability, cells.probability).ravel()
+    probability = np.multiply.outer(of_bench, cells.probability).ravel()
     errors = []
     for k in range(0, len(levels), BATCH):
         batch = slice(k, k + BATCH)
