@@ -213,7 +213,7 @@ def test_a_run_that_goes_on_after_others_is_refused_with_both_places(
     ("row", "column", "cell"),
     [(700, 2, "-3.1"), (901, 3, "0"), (40, 6, "400"), (41, 1, "-1"), (42, 4, "inf"), (43, 3, "x")],
 )
-def test_what_is_wrong_is_told_as_when_read_at_once(
+def test_faults_are_reported_as_when_read_at_once(
     small_chunks: None, tmp_path: Path, row: int, column: int, cell: str
 ) -> None:
     cells = [line.split(",") for line in some_rows()]
@@ -257,7 +257,7 @@ def test_a_label_that_is_no_text_is_refused_with_its_line(
         streamed(tmp_path / "rig.csv", data)
 
 
-def test_a_last_line_that_does_not_end_is_told(
+def test_a_last_line_that_does_not_end_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("beltid.bench.big_recording.HEAD", 1000)
@@ -292,7 +292,7 @@ def test_a_setting_that_no_column_holds_is_asked_for_once(tmp_path: Path) -> Non
     assert in_a_stream.value.problems == at_once.value.problems
 
 
-def test_a_header_that_does_not_end_is_told(
+def test_a_header_that_does_not_end_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("beltid.bench.big_recording.HEAD", 1000)
@@ -316,7 +316,7 @@ def test_a_cell_that_is_dead_in_the_first_run_refuses_no_recording(tmp_path: Pat
     same_as_read_at_once(path)
 
 
-def test_a_cell_that_is_dead_everywhere_is_told_at_the_end(tmp_path: Path) -> None:
+def test_a_cell_that_is_dead_everywhere_is_reported_at_the_end(tmp_path: Path) -> None:
     path = rig_with(tmp_path / "rig.csv", lambda run, f: None)
     with pytest.raises(InputError) as at_once:
         read_recording(path, "rig")
@@ -464,7 +464,7 @@ def test_folders_named_as_pyarrow_writes_them(tmp_path: Path) -> None:
     same_as_read_at_once(tmp_path / "rig")
 
 
-def test_a_unit_in_other_bytes_than_utf_8_is_told(tmp_path: Path) -> None:
+def test_a_unit_in_other_bytes_than_utf_8_is_reported(tmp_path: Path) -> None:
     columns = pa.table(rig_of(["1"]))
     about = pa.field("temperature_degC", pa.float64(), metadata={b"unit": "°C".encode("latin-1")})
     at = columns.schema.get_field_index("temperature_degC")

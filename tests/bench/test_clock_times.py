@@ -70,7 +70,7 @@ def test_every_way_of_writing_them(tmp_path, form):
     assert any(f"seconds are counted from the first, {first}" in n for n in recording.notes)
 
 
-def test_a_date_in_a_column_beside(tmp_path):
+def test_a_date_in_a_column_next_to_the_time(tmp_path):
     late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
     for date, form in (("%d.%m.%Y", "%H:%M:%S,%f"), ("%Y-%m-%d 00:00:00", "%I:%M:%S.%f %p")):
         times = [t.strftime(f"{date};{form}") for t in stamps(late)]
@@ -87,7 +87,7 @@ def test_a_date_that_the_look_at_the_first_bytes_cuts(tmp_path, monkeypatch, ext
     assert any("holds time stamps" in note for note in recording.notes)
 
 
-def test_midnight_is_passed_and_told(tmp_path):
+def test_midnight_is_passed_and_reported(tmp_path):
     late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
     recording = read(press(tmp_path, [t.strftime("%H:%M:%S.%f") for t in stamps(late)]))
     np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
@@ -160,7 +160,7 @@ def test_a_zone_that_is_not_known(tmp_path):
 
 
 @pytest.mark.parametrize("dates", ["date", "text", "stamp"])
-def test_a_date_beside_the_time_in_parquet_and_frames(tmp_path, dates):
+def test_a_date_with_the_time_in_parquet_and_frames(tmp_path, dates):
     at = stamps(datetime.datetime(2026, 11, 20, 23, 59, 59, 900000))
     days = {
         "date": pa.array([t.date() for t in at]),
@@ -294,7 +294,7 @@ def test_parquet_arrow_and_frames(tmp_path, kind):
         np.testing.assert_allclose(columns_of(frame, "press")["time_s"], T, atol=1e-9)
 
 
-def test_parquet_stamps_are_exact_to_the_nanosecond_and_told_where_they_go_back(tmp_path):
+def test_parquet_stamps_are_exact_to_the_nanosecond_and_reported_where_they_go_back(tmp_path):
     count = 1_763_646_302_125_000_001 + np.array([0, 1, 2_000_000_000])
     columns = {
         "test": ["a"] * 3,

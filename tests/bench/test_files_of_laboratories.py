@@ -44,7 +44,7 @@ def assert_is_the_press(recording: Recording) -> None:
         np.testing.assert_allclose(recording.columns[name], expected, rtol=0, atol=1e-12)
 
 
-def test_comments_and_heads_between_the_rows_are_left_out_and_told(tmp_path):
+def test_comments_and_heads_between_the_rows_are_left_out_and_reported(tmp_path):
     lines = [HEADER, *ROWS[:20], "# cycle 2", HEADER, *ROWS[20:], "# end of measurement"]
     path = tmp_path / "P22.csv"
     path.write_text("\n".join(lines) + "\n")

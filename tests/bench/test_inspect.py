@@ -43,7 +43,7 @@ def test_the_section_can_be_pasted(tmp_path, name):
     assert not [n for n in after.notes if n.startswith("read ") and "header field" not in n]
 
 
-def test_what_is_told_about_a_file():
+def test_what_is_reported_about_a_file():
     status, found = inspect(RIG)
     assert status == 0
     facts = found["facts"]
@@ -66,7 +66,7 @@ def test_the_kind_is_found_out(name, kind):
     assert (status, found["facts"]["kind"]) == (0, kind)
 
 
-def test_gaps_are_told(tmp_path):
+def test_gaps_are_reported(tmp_path):
     run = writers.rig_runs(1)["R001"].drop(index=range(100, 120))
     path = writers.write_xlsx(tmp_path / "rig.xlsx", {"R001": run})
     status, found = inspect(path)
@@ -76,7 +76,7 @@ def test_gaps_are_told(tmp_path):
     assert found["facts"]["runs_with_gaps"] == 1
 
 
-def test_what_is_still_to_be_told_stands_in_the_section():
+def test_what_is_still_to_be_stated_is_in_the_section():
     status, found = inspect(DATA / "zwick-testxpert-export.txt")
     assert status == 2
     assert "# still missing: " in found["snippet"]
@@ -145,7 +145,7 @@ def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_kno
     assert inspect(path, "-c", config)[0] == 0
 
 
-def test_units_that_nobody_told_stand_in_the_section_to_be_uncommented(tmp_path):
+def test_units_not_stated_are_in_the_section_to_be_uncommented(tmp_path):
     rows = [f"S1;0,{i:02d};300;{5 + i % 2};22,0;21,9" for i in range(20)]
     head = "run;Zeit;Vorspannung;Moment;n1 [rad/s];driven_speed_rad_s"
     path = text(tmp_path, "loss.csv", head, *rows)
@@ -264,7 +264,7 @@ def test_repeated_columns_that_no_run_needs_are_no_second_recording(tmp_path, en
         assert {len(values) for values in recording.columns.values()} == {20}
 
 
-def test_equal_names_are_told_apart_by_position(tmp_path):
+def test_equal_names_are_distinguished_by_position(tmp_path):
     rows = [f"{i};{i};{i};{i}" for i in range(20)]
     path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft [N];Kraft [N]", *rows)
     status, found = inspect(path)
@@ -320,7 +320,7 @@ def test_a_partitioned_folder_of_parquet_files(tmp_path):
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_a_recording_too_big_for_the_memory_is_told_as_a_small_one(tmp_path, monkeypatch, packed):
+def test_a_recording_too_big_for_memory_is_checked_as_a_small_one(tmp_path, monkeypatch, packed):
     small = inspect(RIG)[1]
     path = tmp_path / ("rig.csv.gz" if packed else "rig.csv")
     path.write_bytes(gzip.compress(RIG.read_bytes()) if packed else RIG.read_bytes())

@@ -295,7 +295,7 @@ def with_counts_mat(path: Path, told: dict[str, float]) -> Path:
 
 
 @pytest.mark.parametrize("write", [with_counts_tdms, with_counts_hdf5, with_counts_mat])
-def test_a_scaling_beside_whole_numbers_is_asked_about(tmp_path, write):
+def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path, write):
     path = write(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
     with pytest.raises(
         InputError, match=r"whole numbers, but the file states Slope = 0\.02, offset = -1"

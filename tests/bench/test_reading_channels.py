@@ -100,7 +100,7 @@ def test_every_column_has_names():
     assert columns | {"file"} == set(VOCABULARY)
 
 
-def test_what_is_recognised_is_told(tmp_path):
+def test_what_is_recognised_is_reported(tmp_path):
     recording = read(write(tmp_path, "Zeit [s];Weg [mm];Kraft [kN]", PRESS_ROWS), "press")
     assert recording.columns["force_N"].tolist() == [10000.0, 20000.0, 30000.0]
     assert recording.notes[-3:] == (
@@ -123,7 +123,7 @@ def test_two_candidates_are_refused_with_the_line_that_settles_it(tmp_path):
 
 
 @pytest.mark.parametrize("names", [("Force 1", "Force 2"), ("Load cell", "Load cell 2")])
-def test_two_forces_beside_a_travel_are_asked_about(tmp_path, names):
+def test_two_forces_with_a_travel_are_asked_about(tmp_path, names):
     """The second cell of a press is not dropped, and a friction rig is not taken for a press."""
     one, two = (f"{name} [N]" for name in names)
     path = write(tmp_path, f"Time [s];Travel [mm];{one};{two}", ["0;1;2;3", "1;2;3;4"])
@@ -186,7 +186,7 @@ def test_a_recognised_channel_without_a_unit_is_refused(tmp_path):
         ("Zeit;Weg [mm];Kraft [N]", "1 s", 'time_s, holds "1 s", must be a clock time such as'),
     ],
 )
-def test_what_is_wrong_with_a_recognised_channel_is_told(tmp_path, header, cell, words):
+def test_what_is_wrong_with_a_recognised_channel_is_reported(tmp_path, header, cell, words):
     """Not that it or its unit is missing."""
     found = problems(write(tmp_path, header, [f"{cell};1;2"] * 5), "press")
     assert words in found[0]
@@ -360,7 +360,7 @@ def test_a_cell_that_is_no_number_is_one_problem(tmp_path):
     assert problems(path, "press") == ['bench.csv:3: time_s = "x", must be a number']
 
 
-def test_rows_without_a_label_are_told_once(tmp_path):
+def test_rows_without_a_label_are_reported_once(tmp_path):
     header = (
         "run;time_s;tension_tight_N;tension_slack_N;pulley_speed_rad_s;arc_deg;initial_tension_N"
     )

@@ -66,7 +66,7 @@ def test_the_bench_recordings_are_read_exactly(belt, kind):
             np.testing.assert_array_equal(values, numbers)
 
 
-def test_missing_samples_are_kept_and_told(tmp_path):
+def test_missing_samples_are_kept_and_reported(tmp_path):
     lines = [HEADER, *rows()]
     lines[3] = "R1,0.04,,nan,0.21,NA,82,270"
     recording = read_recording(write(tmp_path, lines), "rig")
@@ -276,7 +276,7 @@ def test_problems_of_one_kind_are_one_with_a_count(tmp_path):
     ]
 
 
-def test_interleaved_runs_are_told_apart_by_their_labels(tmp_path):
+def test_interleaved_runs_are_distinguished_by_their_labels(tmp_path):
     one, two = rows(4), rows(4, "R2", arc="40")
     lines = [HEADER, *(line for pair in zip(one, two, strict=True) for line in pair)]
     assert read_recording(write(tmp_path, lines), "rig").columns["run"].tolist() == ["R1", "R2"] * 4
@@ -467,7 +467,7 @@ def test_truths_say_whether_the_pulley_was_idle(tmp_path, packed):
     assert set(columns["idle"]) == {"true"}
 
 
-def test_what_is_no_list_beside_the_columns_of_a_mapping_is_left_out():
+def test_what_is_no_list_among_the_columns_of_a_mapping_is_left_out():
     frame = pd.read_csv(RIGDATA / "5pk" / "rig.csv", nrows=50, dtype={"run": str})
     more = {
         "note": "monday",

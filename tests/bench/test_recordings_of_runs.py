@@ -87,7 +87,7 @@ def test_a_unit_in_the_pattern_converts(tmp_path, runs):
     np.testing.assert_allclose(columns["arc_deg"], np.degrees(1.2), rtol=1e-12)
 
 
-def test_a_label_that_is_told_does_not_make_one_run_of_two(tmp_path, runs):
+def test_a_stated_label_does_not_make_one_run_of_two(tmp_path, runs):
     one, two = runs["R001"], runs["R100"]
     (tmp_path / "runs").mkdir()
     later = two.assign(time_s=two["time_s"] + 100)
@@ -112,7 +112,7 @@ def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
     assert set(columns["arc_deg"]) == set(frame["arc_deg"])
 
 
-def test_what_is_told_replaces_words_of_the_recording_with_a_note(tmp_path, runs):
+def test_stated_words_replace_those_of_the_recording_with_a_note(tmp_path, runs):
     path = tmp_path / "rig.csv"
     runs["R001"].assign(run="R001", condition="dry").to_csv(path, index=False)
     config = load_config({"runs": {"rig": {"values": {"condition": "wet"}}}})
@@ -186,7 +186,7 @@ def test_header_fields_and_values_for_all_runs(tmp_path, runs):
     assert "there is no header field T nominal" in problems(tmp_path / "runs", wrong)[0]
 
 
-def test_settings_that_nobody_tells_are_asked_for_once(tmp_path, runs):
+def test_settings_that_are_not_stated_are_asked_for_once(tmp_path, runs):
     found = problems(per_run(tmp_path / "runs", runs))
     assert len(found) == 2
     assert found[0].startswith("runs/R001.csv:1 and 3 more: column arc_deg is missing; ")
@@ -302,7 +302,7 @@ def test_the_place_of_a_wrong_sample_is_its_file_and_line(tmp_path, runs):
 # --- many runs in one file, without labels ---------------------------------------------------
 
 
-def test_runs_are_told_apart_by_settings_and_restarts_of_the_time(tmp_path, runs):
+def test_runs_are_distinguished_by_settings_and_restarts_of_the_time(tmp_path, runs):
     path = tmp_path / "rig.csv"
     pd.concat(runs.values()).drop(columns="run").to_csv(path, index=False)
     recording = read_recording(path, "rig")
@@ -312,7 +312,7 @@ def test_runs_are_told_apart_by_settings_and_restarts_of_the_time(tmp_path, runs
     assert any("4 separated by changes of the settings" in note for note in recording.notes)
 
 
-def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_told_apart(tmp_path, runs):
+def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_path, runs):
     one, two = runs["R001"], runs["R002"]
     later = two.assign(time_s=two["time_s"] + one["time_s"].iloc[-1] + 0.02)
     path = tmp_path / "rig.csv"

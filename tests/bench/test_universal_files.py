@@ -129,7 +129,7 @@ def test_negative_numbers_without_a_blank_between_them(tmp_path):
         (lambda d: b"    -1\n   151\nmodel\n    -1\n", "dataset 151 left out"),
     ],
 )  # fmt: skip
-def test_what_is_damaged_or_not_read_is_said(tmp_path, change, words):
+def test_what_is_damaged_or_not_read_is_reported(tmp_path, change, words):
     path = tmp_path / "P1.unv"
     path.write_bytes(change(both((4, 1, ""))))
     with pytest.raises(InputError, match=words):

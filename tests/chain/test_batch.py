@@ -46,7 +46,7 @@ def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1/0", "1", "a/b", "1/2/3", "-1/2", ""])
-def test_a_shard_that_is_none_is_said(text: str) -> None:
+def test_a_wrong_shard_is_reported(text: str) -> None:
     with pytest.raises(InputError, match=r"must be i/n with 1 <= i <= n"):
         Shard.parse(text)
 
@@ -72,7 +72,7 @@ def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
     assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
-def test_runs_left_out_are_predicted_and_a_single_arc_is_told(bench: Path, by_one: Path) -> None:
+def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
     for name in ("two", "off"):
         shutil.copytree(by_one / "two", bench / "runs" / name)
     (bench / "runs" / "off" / "compare_hold_out.parquet").unlink()

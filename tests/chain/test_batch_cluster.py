@@ -116,7 +116,7 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
         (("--executor", "dask", "-j", "2"), "--jobs: applies to this machine only"),
     ],
 )
-def test_a_cluster_that_is_not_there_is_status_2_and_said(
+def test_a_cluster_that_is_not_there_is_status_2_and_reported(
     bench: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     done = beltid(bench, "run", "one.yaml", *arguments)
@@ -141,7 +141,7 @@ def test_a_scheduler_that_does_not_answer_is_given_up(
     "content",
     [b"", b'{"addr', b"[]", b'"tcp://127.0.0.1:9"', b'{"address": 5}', b"\xff\xfe", b"[" * 100_000],
 )
-def test_a_damaged_file_of_a_scheduler_is_said(
+def test_a_damaged_file_of_a_scheduler_is_reported(
     tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]
 ) -> None:
     from beltid.batch import cluster

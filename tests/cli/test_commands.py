@@ -43,7 +43,7 @@ def states(folder: Path) -> dict[str, tuple[int, bytes]]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_result_stands_beside_the_input(bench: Path, beltid: Any, command: str) -> None:
+def test_result_is_written_next_to_the_input(bench: Path, beltid: Any, command: str) -> None:
     inputs, kind = COMMANDS[command]
     other = bench / "other"
     other.mkdir()
@@ -117,7 +117,7 @@ def test_cells_that_were_not_tared_are_an_error_with_its_mend(
     assert beltid("fit-friction", "untared.csv", "-c", "tared.yaml").exit_code == 0
 
 
-def test_the_config_used_is_said_and_stored(bench: Path, beltid: Any) -> None:
+def test_the_config_used_is_reported_and_stored(bench: Path, beltid: Any) -> None:
     result = beltid("fit-friction", "rig.csv", "--force")
     assert result.stderr.splitlines()[0].startswith("config: ")
     assert "beltid.yaml" in result.stderr.splitlines()[0]

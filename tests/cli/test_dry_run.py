@@ -57,7 +57,7 @@ def test_force_makes_all_and_an_empty_folder_stays_away(bench: Path, beltid: Any
     assert not (bench / "runs").exists()
 
 
-def test_what_stands_in_the_way_is_told(belt: Path, beltid: Any) -> None:
+def test_what_stands_in_the_way_is_reported(belt: Path, beltid: Any) -> None:
     (belt / "runs" / "5pk" / "friction.parquet").write_text("my thesis")
     done = beltid("run", "beltid.yaml", "-n")
     assert done.exit_code == 2

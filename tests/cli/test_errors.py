@@ -73,7 +73,7 @@ def test_wrong_input_is_status_2_and_leaves_everything_as_it_was(
     assert {f: f.read_bytes() for f in bench.rglob("*") if f.is_file()} == before
 
 
-def test_runs_set_aside_are_counted_and_told(bench: Path, beltid: Any) -> None:
+def test_runs_set_aside_are_counted_and_reported(bench: Path, beltid: Any) -> None:
     lines = (bench / "rig.csv").read_text().splitlines(keepends=True)
     first = lines[1].split(",")[0]
     still = [

@@ -108,7 +108,7 @@ def test_an_old_artifact_names_its_page(bench: Path, monkeypatch: pytest.MonkeyP
     assert refused.value.codes == ("artifact-version",)
 
 
-def test_every_code_has_a_page_and_is_tested_and_told_by_the_documentation() -> None:
+def test_every_code_has_a_page_and_is_tested_and_documented() -> None:
     assert {*CASES, "artifact-version"} == set(PAGES)
     docs = Path(__file__).parents[2] / "docs" / "errors"
     for code, page in PAGES.items():

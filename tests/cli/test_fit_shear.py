@@ -27,7 +27,7 @@ def shear(bench: Path) -> Path:
     return bench
 
 
-def test_the_stiffness_of_the_recording_is_found_and_said(shear: Path, beltid: Any) -> None:
+def test_the_stiffness_of_the_recording_is_found_and_reported(shear: Path, beltid: Any) -> None:
     result = beltid("fit-shear", "shear.csv", "--json", "-o", "shear.parquet")
     assert result.exit_code == 0, result.stderr
     product = json.loads(result.stdout)

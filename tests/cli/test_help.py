@@ -71,12 +71,12 @@ def test_the_list_of_the_help_is_what_the_commands_say_of_themselves() -> None:
         assert command.short_help == short
 
 
-def test_a_misspelt_command_is_told_the_right_one() -> None:
+def test_a_misspelt_command_is_corrected() -> None:
     assert "fit-friction" in CliRunner().invoke(app, ["fit-frictoin"]).stderr
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["fit-friction", "--version"]])
-def test_version_is_told_by_every_command(arguments: list[str]) -> None:
+def test_every_command_reports_the_version(arguments: list[str]) -> None:
     result = CliRunner().invoke(app, arguments)
     assert (result.exit_code, result.stdout) == (0, f"beltid {__version__}\n")
 

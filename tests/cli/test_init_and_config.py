@@ -31,7 +31,7 @@ def test_every_key_that_a_new_config_writes_out_has_a_meaning() -> None:
     assert set(MEANINGS) == keys
 
 
-def test_init_writes_a_config_that_states_what_was_said(beltid: Any) -> None:
+def test_init_writes_a_config_that_states_the_answers(beltid: Any) -> None:
     Path("benches").mkdir()
     Path("benches/press.csv").touch()
     made = beltid(

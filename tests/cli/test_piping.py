@@ -93,7 +93,7 @@ def test_an_error_in_stdin_is_placed_there(bench: Path) -> None:
         (("build-surface", "friction.parquet", "-o", "-", "--json"), "both want stdout"),
     ],
 )
-def test_what_cannot_be_piped_is_told(bench: Path, arguments: tuple[str, ...], said: str) -> None:
+def test_what_cannot_be_piped_is_named(bench: Path, arguments: tuple[str, ...], said: str) -> None:
     done = call(*arguments)
     assert done.exit_code == 2
     assert said in done.stderr

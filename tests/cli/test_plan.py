@@ -144,7 +144,7 @@ def test_a_wrong_call_is_refused(
     assert not (bench / "runs.png").exists()
 
 
-def test_results_of_another_belt_or_bench_are_told(ran: Path, results: Any, beltid: Any) -> None:
+def test_results_of_another_belt_or_bench_are_named(ran: Path, results: Any, beltid: Any) -> None:
     config = (ran / "beltid.yaml").read_text()
     (ran / "own.yaml").write_text(config)
     other = config.replace("rig:", "rig:\n  pulley_radius_m: 0.031", 1)

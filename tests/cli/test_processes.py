@@ -121,7 +121,7 @@ needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="n
 
 
 @needs_full_device
-def test_a_full_disk_behind_the_help_is_status_2_and_said(tmp_path: Path) -> None:
+def test_a_full_disk_behind_the_help_is_status_2_and_reported(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [*BELTID, "--help"],

@@ -32,7 +32,7 @@ def test_second_run_does_nothing_and_says_so(ran: Path, beltid: Any) -> None:
     assert "everything is up to date, nothing was done" in result.stdout
 
 
-def test_the_refined_surface_is_proven_beside_the_published_one(ran: Path, beltid: Any) -> None:
+def test_the_refined_surface_is_validated_like_the_published_one(ran: Path, beltid: Any) -> None:
     result = beltid("run", "--no-report", "beltid.yaml", "--json")
     row = json.loads(result.stdout)["table"][0]
     # the bias of the published procedure goes; what stays is noise and the set tensions,
@@ -137,7 +137,7 @@ def test_what_can_be_done_without_a_recording_is_done(
         assert "2024-05-17" in (bench / "runs/part/report.html").read_text()
 
 
-def test_everything_wrong_with_the_configs_is_said_before_anything_runs(
+def test_everything_wrong_with_the_configs_is_reported_before_anything_runs(
     bench: Path, beltid: Any, second: Path
 ) -> None:
     (bench / "beltid.yaml").write_text("data:\n  press: press.csv\n  rig: gone.csv\n")

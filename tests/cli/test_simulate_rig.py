@@ -31,7 +31,7 @@ def test_a_part_of_a_campaign_does_not_take_the_place_of_the_whole(
     assert "simulated_part.parquet" in result.stdout
 
 
-def test_profiles_stand_beside_the_recording(bench: Path, beltid: Any) -> None:
+def test_profiles_are_written_next_to_the_recording(bench: Path, beltid: Any) -> None:
     # slowly turned, so that the travel at a time tells how far the slip front has come
     transient = (*CALL, *ONE, "--method", "transient", "-o", "run.parquet")
     assert beltid(*transient).exit_code == 0
@@ -91,7 +91,7 @@ def test_profiles_are_kept_as_long_as_nothing_changed(bench: Path, beltid: Any) 
     assert path.read_bytes() != first
 
 
-def test_a_time_after_the_end_is_told(bench: Path, beltid: Any) -> None:
+def test_a_time_after_the_end_is_reported(bench: Path, beltid: Any) -> None:
     result = beltid(*CALL, *ONE, "--method", "transient", "--profile-time", "99")
     assert result.exit_code == 0
     assert "99 s" in result.stderr
@@ -123,7 +123,7 @@ def test_a_foreign_file_in_the_way_of_the_profiles_is_seen_before_the_work(
     assert not (bench / "simulated_part.parquet").exists()
 
 
-def test_what_the_solver_did_is_told_to_the_curious(bench: Path, beltid: Any) -> None:
+def test_what_the_solver_did_is_shown_on_request(bench: Path, beltid: Any) -> None:
     call = (*CALL, *ONE, "--method", "transient")
     plain, verbose = beltid(*call), beltid(*call, "-v")
     assert "solver" not in plain.stdout

@@ -47,7 +47,7 @@ def test_all_combinations_in_the_order_of_the_lists(tmp_path: Path) -> None:
     assert cases[2][2].sha256 == plain.sha256
 
 
-def test_keys_of_one_name_in_two_sections_are_told_apart(tmp_path: Path) -> None:
+def test_keys_of_one_name_in_two_sections_are_distinguished(tmp_path: Path) -> None:
     path = written(tmp_path, "sweep: {simulation.method: [steady], drive.method: [string, rod]}\n")
     assert [
         (name, config.simulation.method, config.drive.method)
@@ -70,7 +70,7 @@ def test_a_single_stage_works_on_the_config_without_its_sweep(tmp_path: Path) ->
     assert load_config(swept) == load_config({"belt": {"bending_stiffness_N_m2": 0.3}})
 
 
-def test_what_is_wrong_is_said_at_its_place_in_the_sweep(tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_at_its_place_in_the_sweep(tmp_path: Path) -> None:
     found = problems(
         tmp_path,
         "sweep:\n"

@@ -239,7 +239,7 @@ def test_pages_build_without_a_warning(tmp_path: Path) -> None:
     assert b"beltid.simulate_rig" in (tmp_path / "doctrees" / "api.doctree").read_bytes()
 
 
-def test_every_target_and_every_command_is_told_by_the_pages() -> None:
+def test_every_target_and_every_command_is_documented() -> None:
     from beltid.cli.commands.export import TARGET_NAMES
 
     told = (ROOT / "docs" / "export.md").read_text()

@@ -161,7 +161,7 @@ def test_a_state_nearby_is_a_start_that_changes_nothing() -> None:
     np.testing.assert_allclose(warm.W, cold.W, rtol=2e-6)
 
 
-def test_more_than_friction_can_hold_is_said() -> None:
+def test_more_than_friction_can_hold_is_reported() -> None:
     with pytest.raises(ConvergenceError, match=r"50 mm.*no steady running"):
         pulley_map(pulley_of(0.05, elements=48), 1.1, 400.0, P_out=60.0)
 

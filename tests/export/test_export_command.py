@@ -186,7 +186,7 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
         (("json", ".", "-o", "-"), "--out = -, must be a folder"),
     ],
 )
-def test_what_cannot_be_exported_is_told(
+def test_what_cannot_be_exported_is_reported(
     arguments: tuple[str, ...], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -162,7 +162,7 @@ def test_nodes_edited_without_their_patches_are_refused(law: ContactLaw) -> None
         law_from_text(json.dumps(document), "mine")
 
 
-def test_all_that_is_wrong_is_told_at_once(law: ContactLaw) -> None:
+def test_all_that_is_wrong_is_reported_at_once(law: ContactLaw) -> None:
     document = unsealed(law)
     document["normal"]["k_linear_N_m2"] = -1.0
     document["origin"] = "guessed"

@@ -330,7 +330,7 @@ def csv_rows(data: bytes) -> list[dict[str, str]]:
     return list(csv.DictReader(lines))
 
 
-def test_measured_inferred_and_extrapolated_are_told_apart(law: ContactLaw) -> None:
+def test_measured_inferred_and_extrapolated_are_distinguished(law: ContactLaw) -> None:
     ranges = law.validity.model_copy(update={"measured_force_N_m": (900.0, 8000.0)})
     law = law.model_copy(update={"validity": ranges})
     for target, ending in (("adams", ".adm"), ("mbdyn", ".mbd"), ("modelica", ".txt")):

@@ -160,7 +160,7 @@ def test_nothing_is_written_where_it_must_not_be(folder, monkeypatch, command, o
 
 
 @pytest.mark.parametrize("command", ["inspect", "fit-friction", "compare", "run", "export json"])
-def test_a_name_that_no_file_can_have_is_said(folder, monkeypatch, capsys, command):
+def test_a_name_that_no_file_can_have_is_reported(folder, monkeypatch, capsys, command):
     monkeypatch.chdir(folder)
     name = "x" * 300
     inputs = [name, *CALLS.get(command, ())[1:]]

@@ -95,13 +95,13 @@ def test_tensions_at_rest_are_as_stated_but_for_their_scatter() -> None:
 
 
 @pytest.mark.parametrize("offset", [30.0, -15.0])
-def test_cells_that_were_not_tared_are_told_by_their_offset(offset: float) -> None:
+def test_cells_that_were_not_tared_are_recognised_by_their_offset(offset: float) -> None:
     said = against_stated(at_rest(offset=offset), STATED)
     assert "tension_tight_tare_N" in said
     assert float(said.split("rest are ")[1].split(" N")[0]) == pytest.approx(offset, abs=2.0)
 
 
-def test_cells_in_another_unit_are_told_by_their_factor() -> None:
+def test_cells_in_another_unit_are_recognised_by_their_factor() -> None:
     said = against_stated(at_rest(factor=1.0 / 4.448), STATED)
     assert "units.rig" in said
     assert float(said.split("rest are ")[1].split(" ")[0]) == pytest.approx(0.2248, rel=0.02)

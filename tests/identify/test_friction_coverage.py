@@ -128,7 +128,7 @@ def test_noise_that_is_slower_than_the_sliding_is_seen_at_rest() -> None:
     assert 0.6 <= rms(z) <= 1.25
 
 
-def test_a_tail_over_time_is_told_from_a_build_up_over_travel() -> None:
+def test_a_tail_over_time_is_distinguished_from_a_build_up_over_travel() -> None:
     """In the slow runs the build-up of 0.18 mm takes half as long as the tail of 0.05 s."""
     rng = np.random.default_rng(0)
     n, t = 12, np.arange(200) / 100.0
@@ -168,7 +168,7 @@ def test_a_slow_part_of_the_build_up_is_not_the_tail(part: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.xfail(reason="a limit that is reached early only is missed in some runs")
-def test_a_clipped_cell_is_told_or_its_run_set_aside() -> None:
+def test_a_clipped_cell_is_reported_or_its_run_set_aside() -> None:
     for run in three_benches("tight cell clipped in 20 % of the sliding samples").runs:
         assert "saturated" in " ".join((run.status, *run.notes))
 

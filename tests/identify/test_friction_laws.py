@@ -200,7 +200,7 @@ def test_as_many_parameters_as_points_have_errors_that_are_believed_or_unknown()
     assert {p.status for p in unknown.parameters} == {NOT_DETERMINED}
 
 
-def test_a_value_within_two_errors_of_zero_is_not_told_from_it():
+def test_a_value_within_two_errors_of_zero_is_not_distinguished_from_it():
     mu, v = np.array([0.8, 1.0]), np.array([0.01, 0.1])
     for se, said in ((0.109, ""), (0.111, NOT_ZERO), (0.99, NOT_ZERO), (1.01, NOT_DETERMINED)):
         assert status("a", 0.22, se, mu, v) == said

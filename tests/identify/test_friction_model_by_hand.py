@@ -257,7 +257,7 @@ def test_the_record_says_whether_its_tail_is_of_the_family(share, large):
 
 
 @pytest.mark.parametrize("length", [30e-3, 80e-3])
-def test_a_part_of_the_tail_as_long_as_the_record_is_told(length):
+def test_a_part_of_the_tail_as_long_as_the_record_is_found(length):
     """Between the lengths that are tried, too: what is left of it at the end is in the mean."""
     found = posterior_of_tail(0.3, length)
     basis = tail_basis(np.array([0.0, 0.06]))

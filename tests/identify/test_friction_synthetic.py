@@ -258,7 +258,7 @@ def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
         0.05,
     ],
 )
-def test_a_slow_drift_of_friction_is_kept_and_told(drift: float) -> None:
+def test_a_slow_drift_of_friction_is_kept_and_reported(drift: float) -> None:
     for seed in range(3):
         run = reduce_recipe(BASE.but(drift=drift, seed=seed))
         assert run.status == "ok"

@@ -161,7 +161,7 @@ def back_to_the_start(columns, seed=2):
 
 @pytest.mark.parametrize("drifts", [(3.0,), (2.0, -1.0, 4.0)])
 @pytest.mark.parametrize("cycles", [1, 3])
-def test_a_load_cell_that_drifts_is_said_and_in_the_standard_errors(drifts, cycles):
+def test_a_load_cell_that_drifts_is_reported_and_in_the_standard_errors(drifts, cycles):
     bench = Bench(temperatures=(22.0,), tests_per_temperature=len(drifts), cycles=cycles, dt=0.3)
     columns = back_to_the_start(bench.record(1))
     still = fit_stiffness(columns, SETTINGS)
@@ -229,7 +229,7 @@ def test_a_load_cell_at_the_end_of_its_range_leaves_the_law_below(share):
     ("column", "factor"),
     [("displacement_mm", 1e3), ("displacement_mm", 1e-3), ("force_N", 1e3), ("force_N", 1e-3)],
 )
-def test_travel_or_force_in_another_unit_is_said(column, factor):
+def test_travel_or_force_in_another_unit_is_reported(column, factor):
     bench = Bench(temperatures=(22.0,), dt=0.3)
     columns = bench.record(1)
     assert not said(fit_stiffness(columns, SETTINGS), "size")
@@ -239,7 +239,7 @@ def test_travel_or_force_in_another_unit_is_said(column, factor):
     assert f"is {column} in another unit" in warning
 
 
-def test_cycles_at_different_speeds_are_said():
+def test_cycles_at_different_speeds_are_reported():
     parts = []
     for k, test in enumerate(("A", "B")):
         slow = Bench(temperatures=(22.0,)).record(k)
@@ -271,7 +271,7 @@ def test_a_sole_cycle_may_be_virgin():
     assert not said(several, "sole virgin cycle")
 
 
-def test_sole_cycles_beside_several_are_widened_by_what_these_show():
+def test_sole_cycles_next_to_several_are_widened_by_what_these_show():
     bench = Bench(virgin=0.09, temperatures=(22.0, 23.0))
     parts = [replace(bench, cycles=3).record(1), bench.record(2)]
     parts[1]["test"] = np.array([f"sole {label}" for label in parts[1]["test"]], dtype=object)

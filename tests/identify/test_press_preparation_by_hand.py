@@ -234,7 +234,7 @@ def recording_of(*parts):
     return {name: np.concatenate(values) for name, values in columns.items()}
 
 
-def test_tests_that_are_not_used_are_told_with_their_reason():
+def test_tests_that_are_not_used_are_reported_with_their_reason():
     settings = StiffnessSettings(segment_length_m=0.04)
     both = np.concatenate([RAMP, RAMP[-2::-1]])
     back = np.arange(float(both.size))

@@ -115,7 +115,7 @@ MOVING_HUB = RigKind("torque_hub", running=True, belt_speed_m_s=20.0)
     ],
     ids=["torque", "running", "running hub"],
 )
-def test_what_two_cells_tell_is_told_by_other_channels(rig, two_cells, rewritten, kind):
+def test_what_two_cells_show_is_found_from_other_channels(rig, two_cells, rewritten, kind):
     runs = reduce_runs(rewritten(rig), R, None, kind)
     assert len(runs) == len(two_cells)
     assert np.abs(mu(runs) - mu(two_cells)).max() < 1e-6
@@ -243,14 +243,14 @@ def statuses(columns: Columns, kind: RigKind) -> set[str]:
     return {run.status for run in reduce_runs(columns, R, None, kind)}
 
 
-def test_a_weight_on_the_other_span_is_told(rig):
+def test_a_weight_on_the_other_span_is_reported(rig):
     wrong = by_weight(one_of(rig), "tight")
     wrong["tension_tight_N"] = wrong.pop("tension_slack_N")
     (status,) = statuses(wrong, RigKind("dead_weight", weight_on="slack"))
     assert "weight hangs on the tight span" in status
 
 
-def test_a_torque_of_the_other_sign_is_told(rig):
+def test_a_torque_of_the_other_sign_is_reported(rig):
     wrong = by_torque(one_of(rig), "tight")
     wrong["torque_N_m"] = -wrong["torque_N_m"]
     (status,) = statuses(wrong, RigKind("torque"))
@@ -274,7 +274,7 @@ def test_errors_of_a_cell_that_the_kind_has_not_are_refused():
         RigKind("torque_hub", cells=tared)
 
 
-def test_a_known_error_of_the_cell_beside_a_torque_is_in_both_tensions(rig):
+def test_a_known_error_of_the_only_cell_is_in_both_tensions(rig):
     part = by_torque(one_of(rig), "slack")
     off = {**part, "tension_slack_N": part["tension_slack_N"] / 1.02 + 3.0}
     cells = KnownCells(slack=KnownCell(tare_N=3.0, gain=1.02))

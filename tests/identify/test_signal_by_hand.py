@@ -10,9 +10,9 @@ from scipy.optimize import minimize_scalar
 
 from beltid.identify.estimators.signal import (
     NOISE_FLOOR,
+    adc_resolution,
     block_means,
     converter_rounding,
-    converter_steps,
     difference_sigma,
     noise_before_rounding,
     running_median,
@@ -61,12 +61,12 @@ def test_steps_of_a_converter_through_zero():
     rng = np.random.default_rng(1)
     levels = 0.25 * rng.integers(1000, 1016, 200)
     others = 0.25 * rng.integers(400, 410, 200)
-    assert converter_steps(levels, others) == pytest.approx((0.25, 0.25), rel=1e-9)
+    assert adc_resolution(levels, others) == pytest.approx((0.25, 0.25), rel=1e-9)
     # a grid that holds only multiples of two and three steps
     few = 0.25 * np.array([1000, 1002, 1005] * 30)
-    assert converter_steps(few, few) == pytest.approx((0.25, 0.25), rel=1e-9)
+    assert adc_resolution(few, few) == pytest.approx((0.25, 0.25), rel=1e-9)
     fine = rng.normal(250.0, 1.0, 200)
-    assert converter_steps(fine, fine - 100.0) == (0.0, 0.0)
+    assert adc_resolution(fine, fine - 100.0) == (0.0, 0.0)
 
 
 def stairs(lowest, step, count=12):
@@ -87,27 +87,27 @@ def stairs(lowest, step, count=12):
     ],
 )
 def test_an_even_grid_through_zero_is_a_converter_without_chatter(first, second, step):
-    assert converter_steps(first, second) == pytest.approx((step, step), rel=1e-4)
+    assert adc_resolution(first, second) == pytest.approx((step, step), rel=1e-4)
 
 
 def test_smallest_gap_may_be_two_or_three_steps_but_not_four():
     for gaps, expected in (((2, 3), 1.0), ((3, 4), 1.0), ((4, 5), 0.0)):
         levels = 60.0 + np.cumsum([0, *gaps * 3])
         first = np.repeat(levels, 5)
-        assert converter_steps(first, first)[0] == pytest.approx(expected, rel=1e-6)
+        assert adc_resolution(first, first)[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_steps_of_a_converter_off_zero_show_in_chatter_only():
     chatter = 250.1 + 0.25 * np.array([0, 1, 0, 2, 1, 3, 1, 0, 2, 3, 1, 2] * 5)
     straight = np.repeat(100.07 + 0.3 * np.arange(12.0), 5)
-    assert converter_steps(chatter, straight) == pytest.approx((0.25, 0.0), rel=1e-6)
-    assert converter_steps(straight, chatter) == pytest.approx((0.0, 0.25), rel=1e-6)
+    assert adc_resolution(chatter, straight) == pytest.approx((0.25, 0.0), rel=1e-6)
+    assert adc_resolution(straight, chatter) == pytest.approx((0.0, 0.25), rel=1e-6)
     # to and fro three times is chatter, twice is not
     thrice = np.array([0, 1, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
     twice = np.array([0, 0, 1, 0, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
     rising = np.repeat(np.arange(7.0), 2) + 0.47 + 1000.0 / 7.0
-    assert converter_steps(np.append(thrice, 0.31), rising)[0] == pytest.approx(1.0)
-    assert converter_steps(np.sort(twice), rising)[0] == 0.0
+    assert adc_resolution(np.append(thrice, 0.31), rising)[0] == pytest.approx(1.0)
+    assert adc_resolution(np.sort(twice), rising)[0] == 0.0
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1, 0.2, 0.4])

@@ -143,7 +143,7 @@ def test_a_drive_that_comes_up_to_its_speed_and_stops_is_no_operating_point(way)
     assert "before the driver is up to its speed left out: S00, S01" in result.notes[0]
 
 
-def test_a_torque_that_is_swept_within_a_run_is_said():
+def test_a_torque_that_is_swept_within_a_run_is_reported():
     columns = drive(n=40)
     assert not fit_slip(columns, 0.05).notes
     columns["run"] = np.full(columns["run"].shape, "sweep")
@@ -176,7 +176,7 @@ def test_unequal_pulleys_without_a_run_without_torque_are_named_where_all_runs_f
         fit_slip(drive([2.0, 4.0, 6.0], ratio=2.0), 0.05)
 
 
-def test_without_a_run_without_torque_the_size_of_unequal_pulleys_is_said():
+def test_without_a_run_without_torque_the_size_of_unequal_pulleys_is_reported():
     (note,) = (n for n in fit_slip(drive([2.0, 4.0, 6.0]), 0.05).notes if "without torque" in n)
     assert note.endswith(
         "radii that differ by 0.1 % would be 0.063 rad/s of the loss at 62.8 rad/s"
@@ -434,7 +434,7 @@ def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, said):
     assert found.statement.endswith(f"; the rig runs at {rig} rad/s: {said}")
 
 
-def test_what_is_wrong_is_told_at_once():
+def test_what_is_wrong_is_reported_at_once():
     with pytest.raises(InputError) as error:
         required_pulley_speeds(service(), 0.0, 1)
     assert len(error.value.problems) == 3

@@ -149,7 +149,7 @@ def test_the_last_bit_of_equal_samples_is_no_outlier(size):
     assert outlier_mask(x).nonzero()[0].tolist() == [7]
 
 
-def test_settings_are_told_apart_by_their_relative_gap():
+def test_settings_are_distinguished_by_their_relative_gap():
     speeds = np.array([0.0211, 0.005, 0.0105, 0.0209, 0.00502, 0.021])
     assert settings_of(speeds, 0.03).tolist() == [2, 0, 1, 2, 0, 2]
     assert settings_of(np.array([]), 0.03).size == 0

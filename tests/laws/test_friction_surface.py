@@ -185,7 +185,7 @@ def test_single_measured_node_is_valid_only_there() -> None:
 
 
 @pytest.mark.parametrize(("n", "word"), [(1, "constant"), (2, "linear"), (3, "quadratic")])
-def test_fewer_than_four_nodes_are_said_so(n: int, word: str) -> None:
+def test_fewer_than_four_nodes_are_reported(n: int, word: str) -> None:
     surface = FrictionSurface(F, V[:n], smooth().mu_nodes[:, :n])
     assert surface.degree == (3, n - 1)
     plural = "s" if n > 1 else ""
@@ -193,7 +193,7 @@ def test_fewer_than_four_nodes_are_said_so(n: int, word: str) -> None:
     assert surface.notes == (expected,)
 
 
-def test_limited_slopes_are_said_so_and_smooth_data_has_none() -> None:
+def test_limited_slopes_are_reported_and_smooth_data_has_none() -> None:
     assert smooth().notes == ()
     bumpy = FrictionSurface(F, V, 1 + 0.1 * (-1.0) ** np.add.outer(np.arange(8), np.arange(5)))
     assert bumpy.limited.sum() > 20

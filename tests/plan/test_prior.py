@@ -60,7 +60,7 @@ def test_the_nodes_of_a_measured_surface_keep_their_covariance():
     np.testing.assert_allclose(known.changes[nodes], changes)
 
 
-def test_beside_the_nodes_the_surface_is_that_of_a_joint_gaussian():
+def test_between_the_nodes_the_surface_is_that_of_a_joint_gaussian():
     # nodes known without error: what is left of the others is their conditional covariance
     curves = Curves(np.append(FORCES, FORCES[-1] + 0.5), np.log([0.001, *np.exp(SPEEDS)]))
     exact = shown(usual_surface(FORCES, SPEEDS), np.zeros((8, 3, 0)), np.zeros((8, 3, 1)))

@@ -155,7 +155,7 @@ def test_a_temperature_is_found_and_corrected_to_the_one_asked_for():
 
 
 @pytest.mark.long
-def test_a_temperature_that_rises_with_the_order_cannot_be_told_from_it_unless_asked_for():
+def test_a_temperature_that_rises_with_the_order_cannot_be_distinguished_from_it_unless_asked_for():
     shifted = warm(np.arange(N), np.linspace(20.0, 35.0, N))
     found = refined(shifted)
     for key, half in ((ORDER, -0.015), (TEMPERATURE, -0.010)):
@@ -244,7 +244,7 @@ def two_arcs(order: np.ndarray) -> RefinedSurface:
     return refine_surface(bench, shifted, TWO)
 
 
-def test_arcs_are_not_told_from_the_order_of_a_campaign_that_is_sorted_by_arc():
+def test_arcs_are_not_distinguished_from_the_order_of_a_campaign_that_is_sorted_by_arc():
     sorted_by_arc = two_arcs(np.arange(32))
     at_random = two_arcs(np.random.default_rng(3).permutation(32))
     # one of the two is there in either case, and only at random it is known which

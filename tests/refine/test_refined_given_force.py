@@ -140,7 +140,7 @@ def test_a_table_without_tensions_at_rest_gives_the_surface() -> None:
     assert rms_error(found.result.surface, friction.columns["normal_force_N_m"]) < 0.005
 
 
-def test_a_table_says_which_span_was_measured_beside_its_torque() -> None:
+def test_a_table_says_which_span_was_measured_with_its_torque() -> None:
     table = {
         "run": np.array(["A", "B"], dtype=object),
         "arc_deg": np.full(2, 60.0),

@@ -277,7 +277,7 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
         assert told in verdict.headline
 
 
-def test_measured_inferred_and_extrapolated_ranges_are_told_apart() -> None:
+def test_measured_inferred_and_extrapolated_ranges_are_distinguished() -> None:
     belt = results()
     trust = " ".join(verdict_of(belt).trust)
     assert (
@@ -401,7 +401,7 @@ def test_an_error_that_is_not_known_is_no_number() -> None:
     assert "sliding 0.9250" in [text.get_text() for text in picture.figure.legends[0].get_texts()]
 
 
-def test_settings_that_differ_between_artifacts_are_all_told() -> None:
+def test_settings_that_differ_between_artifacts_are_all_reported() -> None:
     belt = results()
     friction = belt.get("friction")
     other = stating(friction, settings={**friction.metadata.settings, "rig.pulley_radius_m": 0.03})
@@ -445,7 +445,7 @@ def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> Non
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_damaged_artifact_is_told_and_the_rest_is_shown(tmp_path: Path) -> None:
+def test_a_damaged_artifact_is_reported_and_the_rest_is_shown(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "stiffness", "slip")
     path = folder / "slip.parquet"
     path.write_bytes(path.read_bytes()[:-40])

@@ -113,7 +113,7 @@ def test_unsolvable_problems_raise_a_typed_error(M: list[list[float]], q: list[f
     assert caught.value.exit_status == 3
 
 
-def test_too_few_pivots_are_told() -> None:
+def test_too_few_pivots_are_reported() -> None:
     rng = np.random.default_rng(1)
     B = rng.normal(size=(8, 8))
     with pytest.raises(LcpError, match="after 2 pivots"):

@@ -130,7 +130,7 @@ def test_runs_for_the_figures_are_picked_from_the_stream(
         assert np.all(same | (values != values)), name
 
 
-def test_what_is_wrong_far_down_is_told_and_nothing_is_written(
+def test_what_is_wrong_far_down_is_reported_and_nothing_is_written(
     some_runs: Path, tmp_path: Path, everything_is_big: None
 ) -> None:
     rows = some_runs.read_text().splitlines()

@@ -197,7 +197,7 @@ def test_an_input_is_never_overwritten_not_even_under_another_name(
     assert source.read_text() == "1,2,3\n"
 
 
-def test_what_cannot_be_kept_is_said_before_the_work(source: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_kept_is_reported_before_the_work(source: Path, tmp_path: Path) -> None:
     work = Work()
     (tmp_path / "folder").mkdir()
     for out in (tmp_path / "folder", source / "out.parquet"):

@@ -77,7 +77,7 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
     ]
 
 
-def test_torques_that_the_drive_carries_are_told_per_speed_and_tension() -> None:
+def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> None:
     points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [5, 10]}}
     outcome = beltid.simulate_drive(
         config(initial_tension_N=[155, 310], operating_points=points), 1.0, LAW
@@ -113,7 +113,7 @@ def test_reversed_running_has_rows_in_the_order_of_the_drive() -> None:
     assert frame["torque_N_m"].to_numpy() == pytest.approx([8.0, 8.0], abs=0.01)
 
 
-def test_what_the_laws_do_not_cover_is_said() -> None:
+def test_what_the_laws_do_not_cover_is_reported() -> None:
     slow = {"driver_speed_rad_s": [5.0], "torque_N_m": {"driven": [16]}}
     outcome = beltid.simulate_drive(config(operating_points=slow), true_surface(), LAW)
     assert any(

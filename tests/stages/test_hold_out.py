@@ -80,7 +80,7 @@ def test_runs_left_out_are_predicted_as_the_true_model_has_them(by, speeds, runs
     assert np.all(np.abs(outcome.columns["e_over_u"]) < 2.0)
 
 
-def test_what_is_left_out_has_no_say_in_its_prediction() -> None:
+def test_what_is_left_out_does_not_affect_its_prediction() -> None:
     columns = bench(arcs=(40, 82), speeds=SPEEDS[::4])
     wrong = columns["mu_sliding"] * np.where(columns["arc_deg"] == 40, 1.1, 1.0)
     right, moved = (

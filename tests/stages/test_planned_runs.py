@@ -73,7 +73,7 @@ def test_a_speed_is_picked_by_the_setting_that_a_motor_missed() -> None:
     assert [run.pulley_speed_rad_s for run in runs] == [0.2106]
 
 
-def test_all_wrong_picks_are_said_at_once() -> None:
+def test_all_wrong_picks_are_reported_at_once() -> None:
     with pytest.raises(InputError) as caught:
         planned_runs(CONFIG, Picked((41.0,), (265.0,), (0.1, 0.3)))
     assert caught.value.problems == (
@@ -140,7 +140,7 @@ def test_runs_that_nobody_wrote_a_tension_down_for_are_simulated_at_stated_setti
     assert "assumed" in note
 
 
-def test_both_lists_are_told_where_they_differ() -> None:
+def test_both_lists_are_reported_where_they_differ() -> None:
     measured = measured_settings(
         friction(list(product((45.0, 90.0), (100.0, 200.0), (0.1, 0.2)))), OPEN
     )

@@ -37,7 +37,7 @@ def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
     assert set_aside == []
 
 
-def test_runs_measured_beside_a_torque_are_not_taken_for_those_of_two_cells() -> None:
+def test_runs_measured_with_a_torque_are_not_taken_for_those_of_two_cells() -> None:
     config = load_config({})
     columns = {
         "initial_tension_N": np.full(4, 100.0),

@@ -53,7 +53,7 @@ def test_no_point_loses_its_row(columns: dict[str, np.ndarray]) -> None:
     assert list(columns["run"]) == [f"P{k}" for k in range(1, 17)]
 
 
-def test_a_driver_at_rest_is_told_as_such(columns: dict[str, np.ndarray]) -> None:
+def test_a_driver_at_rest_is_reported_as_such(columns: dict[str, np.ndarray]) -> None:
     assert columns["driver_speed_rad_s"][12] == 0.0
     assert columns["status"][12] == "the driver does not turn"
     assert np.isfinite(columns["torque_N_m"][12])
@@ -79,7 +79,7 @@ def test_the_frame_has_the_same_rows(tmp_path: Path) -> None:
     assert len(beltid.fit_slip(frame).to_frame()) == 16
 
 
-def test_speeds_of_the_rig_are_told_only_if_they_are_stated(tmp_path: Path) -> None:
+def test_speeds_of_the_rig_are_written_only_if_they_are_stated(tmp_path: Path) -> None:
     path = recording(tmp_path)
     told = []
     for rig in ({}, {"pulley_speeds_rad_s": [0.3]}):
@@ -89,7 +89,7 @@ def test_speeds_of_the_rig_are_told_only_if_they_are_stated(tmp_path: Path) -> N
     assert told == [False, True]
 
 
-def test_speeds_that_are_stated_as_they_are_built_in_are_told_too(tmp_path: Path) -> None:
+def test_speeds_that_are_stated_as_they_are_built_in_are_written_too(tmp_path: Path) -> None:
     path, out = recording(tmp_path), tmp_path / "slip.parquet"
     built_in = list(load_config(None).rig.pulley_speeds_rad_s)
     for rig, told in (({}, False), ({"pulley_speeds_rad_s": built_in}, True)):

@@ -157,7 +157,7 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     assert any("drag of the bearings" in line for line in without.warnings)
 
 
-def test_a_tension_of_the_other_span_beside_a_torque_is_warned_of():
+def test_a_tension_of_the_other_span_with_a_torque_is_warned_of():
     table, _ = by_kind("torque")
     told = "state rig.torque_with: tight"
     assumed = fit_friction(table, {"rig": {"kind": "torque"}}, table=True)
@@ -285,7 +285,7 @@ NO_OTHERS = {
 
 
 @pytest.mark.parametrize(("kind", "share"), [("two_cells", 0.0), ("dead_weight", 1.0)])
-def test_a_gain_of_the_cells_counts_beside_a_dead_weight_only(kind, share):
+def test_a_gain_of_the_cells_counts_with_a_dead_weight_only(kind, share):
     table, rig = by_kind(kind)
     config = {
         "rig": {"kind": kind, **rig},

@@ -96,7 +96,7 @@ def test_a_force_on_the_axis_that_cannot_be_says_so() -> None:
     assert (status == "ok").sum() == 2
 
 
-def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_told() -> None:
+def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_reported() -> None:
     weights = table("dead_weight")
     weights["weight_N"], weights["tension_slack_N"] = SLACK, TIGHT
     with pytest.raises(InputError, match="weight hangs on the slack span"):
@@ -115,7 +115,7 @@ def test_by_command_readings_near_the_resolution_are_named(tmp_path: Path) -> No
     assert "standard error of mu above 10 % in A:" in line
 
 
-def test_by_command_a_table_without_standard_errors_is_told_to_state_them(tmp_path: Path) -> None:
+def test_by_command_a_table_without_standard_errors_is_asked_to_state_them(tmp_path: Path) -> None:
     err = command(table("two_cells").drop(columns="mu_se"), tmp_path)
     assert "no standard error is known: state mu_se in the table" in err
 
@@ -132,7 +132,7 @@ def command(frame: pd.DataFrame, folder: Path, *rig: str) -> str:
     return ran.stderr
 
 
-def test_a_pulley_that_does_not_give_way_to_a_constant_force_is_told():
+def test_a_pulley_that_does_not_give_way_to_a_constant_force_is_reported():
     for share, slide, told in ((0.8, "free", True), (0.8, "held", False), (1.0, "free", False)):
         rested = table("torque_hub").assign(initial_tension_N=0.5 * share * (TIGHT + SLACK))
         warnings = "\n".join(fit(rested, "torque_hub", slide=slide, span_length_m=10.0).warnings)

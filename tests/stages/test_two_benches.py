@@ -46,7 +46,7 @@ def benches(tmp_path: Path, part_of_rig: Callable[..., str]) -> Path:
     return tmp_path
 
 
-def test_the_cells_of_the_second_bench_are_taken_off_and_said(benches: Path) -> None:
+def test_the_cells_of_the_second_bench_are_taken_off_and_reported(benches: Path) -> None:
     first, second = benches / "first.csv", benches / "second.csv"
     friction = benches / "friction.parquet"
     fit_friction.run(find_config(first), {"rig": first}, friction, Options())

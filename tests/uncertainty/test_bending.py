@@ -125,7 +125,7 @@ def test_no_stiffness_that_can_be_simulated_is_an_error(monkeypatch):
         fitted_with(lambda _: -math.inf, 1.0, monkeypatch)
 
 
-def test_a_statement_that_is_far_off_is_told_by_both_uncertainties():
+def test_a_statement_that_is_far_off_is_recognised_by_both_uncertainties():
     found = FittedBending(0.020, 0.03, 9)
     # ln 1.5 = 0.405; sqrt(0.03² + 0.04²) = 0.05
     assert found.away_from(0.030, 0.04) == pytest.approx(8.109, abs=1e-3)

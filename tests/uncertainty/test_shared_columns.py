@@ -221,7 +221,7 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
 
 
 @pytest.mark.long
-def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(usual):
+def test_arcs_that_differ_are_reported_with_their_size_and_are_in_the_uncertainty(usual):
     table = friction()
     effect = np.select([table["arc_deg"] == arc for arc in (40, 68, 82)], [0.03, -0.03, 0.03])
     noise = 1.0 + OWN * np.random.default_rng(1).standard_normal(effect.size)
@@ -240,7 +240,7 @@ def test_arcs_that_differ_are_told_with_their_size_and_are_in_the_uncertainty(us
     assert agreeing["differences between arcs"] < agreeing["contact arc, each setting"]
 
 
-def test_runs_that_scatter_far_more_than_they_say_are_told(plain):
+def test_runs_that_scatter_far_more_than_they_say_are_reported(plain):
     table = friction()
     noise = np.random.default_rng(1).standard_normal(table["mu_sliding"].size)
     table["mu_sliding"] = table["mu_sliding"] * np.exp(8.0 * OWN * noise)

@@ -89,7 +89,7 @@ def test_the_uncertainty_of_a_torque_bench_is_that_of_drawn_errors(measures, spa
     assert {"gain of the torque", "drag of the bearings in the torque"} <= named
 
 
-def test_each_run_has_the_errors_of_the_span_that_was_measured_beside_its_torque():
+def test_each_run_has_the_errors_of_the_span_that_was_measured_with_its_torque():
     given = StandardUncertainties(cell_gain=0.002, cell_offset=0.2, torque_gain=0.004)
     spans = np.array(["slack", "tight"] * 3, dtype=object)
     # the config says slack, as it does where nobody stated it

@@ -63,7 +63,7 @@ def difference_sigma(x: Array, order: int = 1) -> float:
     return sigma / math.sqrt(math.comb(2 * order, order))
 
 
-def converter_steps(first: Array, second: Array) -> tuple[float, float]:
+def adc_resolution(first: Array, second: Array) -> tuple[float, float]:
     """Estimate the ADC steps of two signals, in their unit; zero if no step is visible.
 
     The values of a coarse ADC repeat and lie on an even grid. The values of a noise-free recording

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.estimators.signal import (
+    adc_resolution,
     block_means,
-    converter_steps,
     difference_sigma,
     running_median,
     spike_mask,
@@ -124,7 +124,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     temperature = record.temperature_degC
     # derived tensions are already corrected for the known errors of the cells
     cells = KnownCells() if record.kind.is_derived else record.kind.cells
-    steps = converter_steps(*last)
+    steps = adc_resolution(*last)
     return Channels(
         time_s=_untied(t),
         tight=cells.tight.tension(tight),

@@ -25,8 +25,8 @@ from scipy.special import chdtrc, chdtri, ndtr, stdtrit
 
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import (
+    adc_resolution,
     converter_rounding,
-    converter_steps,
     difference_sigma,
     noise_before_rounding,
 )
@@ -197,7 +197,7 @@ def _rounding(runs: Runs) -> dict[str, tuple[float, float]]:
         label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
     }
     driver, driven = (np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
-    steps = np.maximum(converter_steps(driver, driven), _common_step(np.append(driver, driven)))
+    steps = np.maximum(adc_resolution(driver, driven), _common_step(np.append(driver, driven)))
     errors = {}
     for label, speeds in finite.items():
         noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
