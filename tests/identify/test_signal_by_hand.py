@@ -84,6 +84,7 @@ def stairs(lowest, step, count=12):
         (stairs(250.0 + 0.01, 1.0), stairs(100.01, 1.0), 1.0),  # a hundredth of a step off zero
         (stairs(250.0 + 0.04, 1.0), stairs(100.04, 1.0), 0.0),
         (stairs(1.0, 1.0, 1), stairs(1.0, 1.0, 1), 0.0),  # one level tells no step
+        (stairs(200.0, 100.0, 2), stairs(100.0, 100.0, 2), 0.0),  # round numbers without noise
     ],
 )
 def test_an_even_grid_through_zero_is_a_converter_without_chatter(first, second, step):

@@ -161,6 +161,13 @@ def test_pulleys_that_are_swapped_are_refused():
         fit_slip(columns | {"driver_speed_rad_s": driven, "driven_speed_rad_s": driver}, 0.05)
 
 
+def test_round_speeds_without_noise_are_no_coarse_readings():
+    """20, 40 and 60 rad/s do not show a resolution of 20 rad/s."""
+    points = fit_slip(drive(creep=0.0, speeds=(20, 40, 60), noise=0, driver_noise=0), 0.05).points
+    assert max(abs(p.speed_loss_rad_s) for p in points) < 1e-9
+    assert max(p.slip_speed_se_m_s for p in points) < 1e-9
+
+
 def test_pulleys_that_are_swapped_look_like_a_driven_pulley_that_drives():
     columns = drive()
     driver, driven = columns["driver_speed_rad_s"], columns["driven_speed_rad_s"]

@@ -63,19 +63,25 @@ def difference_sigma(x: Array, order: int = 1) -> float:
     return sigma / math.sqrt(math.comb(2 * order, order))
 
 
+COARSEST = 0.1
+"""Largest step of an ADC, over the largest value that it reads."""
+
+
 def adc_resolution(first: Array, second: Array) -> tuple[float, float]:
     """Estimate the ADC steps of two signals, in their unit; zero if no step is visible.
 
     The values of a coarse ADC repeat and lie on an even grid. The values of a noise-free recording
     with a straight build-up may do so too. Therefore the grid of both signals must pass through
-    zero, or the signal itself must chatter.
+    zero, or the signal itself must chatter; and round numbers without noise are no grid: a step is
+    at most :data:`COARSEST` of the largest value.
 
     `first` and `second` are finite samples in time order, shape (n,) and (m,).
     """
     levels = np.unique(np.concatenate([first, second]))
     if 2 <= levels.size <= (first.size + second.size) // 2:
         step = _grid(np.append(levels, 0.0) if levels[0] > 0.0 else levels)
-        if step > 0.0 and abs(levels[0] / step - np.rint(levels[0] / step)) < 0.02:
+        is_plausible = 0.0 < step <= COARSEST * float(np.max(np.abs(levels)))
+        if is_plausible and abs(levels[0] / step - np.rint(levels[0] / step)) < 0.02:
             return step, step
     return _chatter_step(first), _chatter_step(second)
 

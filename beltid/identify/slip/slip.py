@@ -25,6 +25,7 @@ from scipy.special import chdtrc, chdtri, ndtr, stdtrit
 
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import (
+    COARSEST,
     adc_resolution,
     converter_rounding,
     difference_sigma,
@@ -210,7 +211,7 @@ def _common_step(readings: Array) -> float:
     """Return the largest step that divides all readings, by Euclid's algorithm.
 
     It tells the resolution of readings that do not change within a run. Zero with fewer than three
-    different readings, which do not tell it.
+    different readings, which do not tell it, and where it is too large for a resolution.
     """
     levels = np.unique(np.abs(readings[readings != 0.0]))
     if levels.size < 3:
@@ -219,7 +220,7 @@ def _common_step(readings: Array) -> float:
     while step > smallest:
         remainders = np.abs(levels - step * np.rint(levels / step))
         if np.max(remainders) <= smallest:
-            return step
+            return step if step <= COARSEST * float(levels[-1]) else 0.0
         step = float(np.min(remainders[remainders > smallest]))
     return 0.0
 
