@@ -14,6 +14,7 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
+    are_recordings,
     is_whole,
     map_channels,
     notes_of,
@@ -96,10 +97,10 @@ def _parts(group: Group, context: MappingContext) -> list[Group]:
         )
         name = f"{group.name or PurePath(context.place).stem}-{number}"
         parts.append(Group(name, shorter, group.fields, group.first_row))
-    once = tuple(c for c in group.channels if c.name == without_position(c.name))
-    whole = [_is_whole(part, context) for part in parts]
-    is_one = _is_whole(replace(group, channels=once), context)  # the repeated ones are not needed
-    return parts if whole and all(whole) and not is_one else [group]
+    if not parts:
+        return [group]
+    whole, *of_parts = (candidates_of([g], named=True) for g in (group, *parts))
+    return parts if are_recordings(of_parts, whole, context) else [group]
 
 
 def _raw(

@@ -284,6 +284,17 @@ def is_whole(candidates: Sequence[Candidate], context: MappingContext) -> bool:
     return all(len(meant.get(role, ())) == 1 for role in sensors_of(context.table))
 
 
+def are_recordings(
+    parts: Sequence[Sequence[Candidate]], candidates: Sequence[Candidate], context: MappingContext
+) -> bool:
+    """Return whether channels side by side in a table are recordings of their own.
+
+    They are not if the channels whose names occur once make a recording without the repeated ones.
+    """
+    once = [c for c in candidates if c.name == c.base]
+    return all(is_whole(part, context) for part in parts) and not is_whole(once, context)
+
+
 def unit_of(candidate: Candidate) -> str:
     """Return the unit of a channel as written in the file, in a unit cell or in the name."""
     ending = OTHER_UNITS.get(candidate.base, ("", ""))[1]

@@ -14,8 +14,8 @@ from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
     RawTable,
+    are_recordings,
     how_to_state,
-    is_whole,
     map_channels,
     notes_of,
     sensors_of,
@@ -76,8 +76,7 @@ def read_text(decoded: Decoded, context: MappingContext) -> list[RawTable]:
     by_column = {c.key: replace(c, name=c.base) for c in candidates}
     parts = [[by_column[i] for i in part] for part in side_by_side(file_layout.header)]
     labels = [f"{stem}-{number}" for number in range(1, len(parts) + 1)]
-    once = [c for c in candidates if c.name == c.base]
-    if is_whole(once, context) or not all(is_whole(part, context) for part in parts) or not parts:
+    if not parts or not are_recordings(parts, candidates, context):
         parts, labels = [candidates], [stem]
     read = [
         raw

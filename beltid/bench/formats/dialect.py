@@ -49,9 +49,9 @@ _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
 """Format of clock times in place of a unit."""
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+"""Brackets at the end of a name, which may hold its unit."""
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """Number that distinguishes channels of the same name."""
-"""Brackets at the end of a name, which may hold its unit."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 

@@ -137,13 +137,14 @@ class Checker:
         runs = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
         seen: dict[int, str] = {}
         copies = []
+        numbers = {name: x for name, x in self.columns.items() if x.dtype != object}
         for rows in runs:
-            columns = {name: values[rows] for name, values in self.columns.items()}
+            columns = {name: values[rows] for name, values in numbers.items()}
             first = copied_from(columns, self.table, label[rows[0]], seen)
             if first is not None:
                 copies.append((label[rows[0]], first))
+        believed = {*NOMINAL, *units_stated, *self.suspects}
         for column in self.table.columns:
-            believed = {*NOMINAL, *units_stated, *self.suspects}
             if column.unit not in ("N", "mm") or column.name in believed:
                 continue
             values = [v[np.isfinite(v)] for v in (self.columns[column.name][r] for r in runs)]
@@ -297,7 +298,7 @@ def copied_from(columns: Columns, table: Table, label: str, seen: dict[int, str]
     numbers = [c.name for c in table.columns if c.dtype == "float64" and c.name != "time_s"]
     samples = tuple(columns[name].tobytes() for name in numbers if name in columns)
     first = seen.setdefault(hash(samples), label)
-    is_copy = first != label and len(columns[numbers[0]]) >= MIN_SAMPLES
+    is_copy = first != label and len(columns["time_s"]) >= MIN_SAMPLES
     return first if is_copy else None
 
 

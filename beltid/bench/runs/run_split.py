@@ -126,11 +126,13 @@ def _refuse_overflow(
 
 def _at_work(columns: Mapping[str, np.ndarray], row: int) -> bool:
     """Return whether the bench moves at a row and before: pulleys turn, a press is down."""
-    for name in ("pulley_speed_rad_s", "driver_speed_rad_s", "displacement_mm"):
-        if name in columns:
-            values = np.abs(columns[name] - (np.nanmin(columns[name]) if "mm" in name else 0.0))
-            return bool(values[row - 1 : row + 1].min() > AT_WORK * np.nanmax(values))
-    return True
+    motion = columns.get("pulley_speed_rad_s", columns.get("driver_speed_rad_s"))
+    if motion is None and "displacement_mm" in columns:
+        motion = columns["displacement_mm"] - np.nanmin(columns["displacement_mm"])
+    if motion is None:
+        return True
+    size = np.abs(motion)
+    return bool(size[row - 1 : row + 1].min() > AT_WORK * np.nanmax(size))
 
 
 def _refuse_second_rotation(
