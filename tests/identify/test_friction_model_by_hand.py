@@ -309,6 +309,30 @@ def test_rests_of_too_few_samples_for_a_slope_tell_nothing_of_a_drift():
     assert not given.products.any()
 
 
+@pytest.mark.parametrize("tensions", [[270.0] * 8, [60.0, 90.0, 130.0, 180.0, 230.0, 290.0, 420.0]])
+@pytest.mark.parametrize(("drift", "relaxation"), [(0.3, 0.0), (0.0, -1e-3)])
+def test_a_relaxing_belt_explains_slopes_at_rest_in_proportion_to_the_tension(
+    tensions, drift, relaxation
+):
+    T, se = np.array(tensions), 0.02
+    sums = drift + relaxation * T
+    rests = [
+        replace(recorded(0)[0].rest, tension_N=t, slopes_N_s=(0.0, x), slope_ses_N_s=(np.inf, se))
+        for t, x in zip(T, sums, strict=True)
+    ]
+    given = shared.Given.by(rests, *one_run(1e-3, 0.2))
+    # the sum of both drifts s and the rate of relaxation k: sums = s + k T + noise, k ~ N(0, k0²)
+    k0 = np.mean(sums) / np.mean(T)
+    X = np.column_stack([np.ones(T.size), T])
+    covariance = np.linalg.inv(X.T @ X / se**2 + np.diag([0.0, k0**-2]))
+    s = covariance[0] @ X.T @ sums / se**2
+    np.testing.assert_allclose(given.squares, 1.0 / covariance[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(given.products, s / covariance[0, 0], rtol=1e-9)
+    if np.ptp(T):  # several tensions tell drift and relaxation apart
+        assert s == pytest.approx(drift, abs=0.02)
+        assert np.sqrt(covariance[0, 0]) < 0.1
+
+
 def test_the_slope_of_the_evidence_is_its_difference_quotient():
     """A search with a wrong slope stops anywhere."""
     records = [recorded(seed)[0] for seed in (0, 1)]

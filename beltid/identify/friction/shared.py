@@ -415,15 +415,21 @@ class Given:
             slope, weight = slopes[:, k], np.maximum(errors[:, k], STILL * tension) ** -2.0
             if not weight.any():  # too few samples at rest for any slope
                 continue
-            mean = float(np.sum(weight * slope) / np.sum(weight))
+            # a drift of the zeros is the same in all runs, relaxation goes with the tension
+            columns = np.column_stack([np.ones(tension.size), tension])[:, : 1 + k]
+            root = np.sqrt(weight)
+            line = np.linalg.lstsq(columns * root[:, None], slope * root, rcond=None)[0]
             # slopes that differ by more than their noise get less weight
-            excess = float(np.sum(weight * (slope - mean) ** 2)) / max(len(rests) - 1, 1)
-            variance = max(excess, 1.0) / float(np.sum(weight))
+            excess = float(weight @ (slope - columns @ line) ** 2)
+            weight /= max(excess / max(len(rests) - 1 - k, 1), 1.0)
             if sign > 0.0:
-                variance += mean**2  # relaxation of the belt may explain the whole slope of the sum
+                # relaxation, with a standard deviation of a size that explains the mean slope
+                relaxation = tension * (weight @ slope) / (weight @ tension)
+                weighted = weight * relaxation
+                weight = weight - weighted * weighted.sum() / (1.0 + weighted @ relaxation)
             h = np.array([1.0, sign])
-            squares += np.outer(h, h) / variance
-            products += h * mean / variance
+            squares += np.outer(h, h) * weight.sum()
+            products += h * (weight @ slope)
         return cls(squares, products, float(np.median(tension)), limits_m, settings)
 
 
