@@ -213,12 +213,6 @@ def test_recordings_that_cannot_be_used_are_refused_all_at_once():
     assert len(error.value.problems) == 2
 
 
-def test_every_missing_column_is_named():
-    with pytest.raises(InputError) as error:
-        fit_stiffness({"test": np.array(["a"])}, StiffnessSettings(0.04))
-    assert len(error.value.problems) == 3
-
-
 def test_branches_for_figures_start_at_the_contact_point():
     bench = Bench(temperatures=(22.0,))
     columns = branch_columns(fit_stiffness(bench.record(16), settings(bench)))

@@ -120,7 +120,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
             chosen, cycle_notes = choose_cycles(cycles, settings.cycles)
             curves = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
         except InputError as error:
-            set_aside.append((label, "; ".join(error.problems)))
+            set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
         speed_notes = _speeds_note(test, cycles, chosen)
         used.append((test, curves, (*test.notes, *cycle_notes, *speed_notes)))
@@ -230,7 +230,7 @@ def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -
         names = ("loading", "unloading")[: len(counts)]
         sizes = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
         raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {sizes} samples in contact and beyond the "
+            f"cycle {cycle.number}: {sizes} samples in contact and beyond the "
             f"noise of the travel ({test.position_noise_m * 1e6:.2g} µm), must be at least "
             f"{MIN_BRANCH_SAMPLES} per branch"
         )
