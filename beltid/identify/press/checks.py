@@ -47,7 +47,7 @@ from beltid.identify.press.fit import (
     correlation_time,
     fit_law,
 )
-from beltid.identify.press.recording import FEWEST_FREE, CycleChoice
+from beltid.identify.press.recording import FEWEST_FREE, StiffnessSettings
 from beltid.identify.press.temperature import Scatter
 
 Array = NDArray[np.float64]
@@ -80,24 +80,7 @@ class Case:
     curves: Sequence[PressCurve]
     law: FittedLaw
     scatter: Scatter
-    cycles: CycleChoice
-    loading_only: bool = False
-
-    @property
-    def k(self) -> Array:
-        """(k_linear, k_quadratic) in SI."""
-        return self.law.K * self.law.units
-
-    @property
-    def contact_m(self) -> Array:
-        """Position of the contact point of each curve [m]."""
-        tests = dict.fromkeys(c.test for c in self.curves)
-        position = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
-        return np.array([position[c.test] for c in self.curves])
-
-    def change_by(self, force: Array) -> Array:
-        """Return the change of k by a change of the scaled force at every node."""
-        return np.asarray(self.law.sensitivity[:, : force.size] @ force * self.law.units)
+    settings: StiffnessSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +100,7 @@ def _scale_finding(case: Case, check: str, share: float, text: str) -> Finding:
     """Report a relative error of the whole force; its percentage is put into the text."""
     message = f"{text.format(100.0 * share)}; included in the standard errors"
     message = message if share >= REPORTED_SHARE else ""
-    return Finding(check, share, message, (share * case.k,), alarming=True)
+    return Finding(check, share, message, (share * case.law.values,), alarming=True)
 
 
 def _unseen_finding(check: str, share: float, text: str) -> Finding:
@@ -278,22 +261,22 @@ def _loading_only(case: Case) -> list[Finding]:
     law, y = case.law, case.law.y
     s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(law.data.f))
     shapes = law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3
-    loops = tuple(case.change_by(z * shape) for z, shape in zip(LOOPS, shapes, strict=True))
+    loops = tuple(case.law.change_by(z * shape) for z, shape in zip(LOOPS, shapes, strict=True))
     text = (
         "never unloaded: the law is that of the loading branch alone, which lies above the "
         "middle of the branches by 5 to 30 % of the force; included in the standard errors"
     )
-    if not case.loading_only:
+    if not case.settings.loading_only:
         text += "; set press.loading_only: true if this is intended"
-    return [Finding("loading only", LOOPS[0], text, loops, alarming=not case.loading_only)]
+    return [Finding("loading only", LOOPS[0], text, loops, alarming=not case.settings.loading_only)]
 
 
 def _seating(case: Case) -> list[Finding]:
     """Check for force before the law's contact point, or contact outside the recorded travel."""
     law = case.law
-    before = case.contact_m - [c.touch_m for c in case.curves]
+    before = case.law.contact_m - [c.touch_m for c in case.curves]
     texts = []
-    for curve, offset, early in zip(case.curves, case.contact_m, before, strict=True):
+    for curve, offset, early in zip(case.curves, case.law.contact_m, before, strict=True):
         limit = SEATING_SHARE * (curve.top_position_m - offset)
         beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
         if beyond > limit:
@@ -334,7 +317,7 @@ def _drift(case: Case) -> list[Finding]:
     if not drift.any():
         return []
     data = case.law.data
-    change = case.change_by(drift[data.part] / data.F_N_m)
+    change = case.law.change_by(drift[data.part] / data.F_N_m)
     worst = int(np.argmax(np.abs(drift)))
     share = abs(float(drift[worst])) / (LEAST_FORCE * case.curves[worst].top_force_N_m)
     tests = dict.fromkeys(c.test for c in case.curves if c.drift_N_m)
@@ -360,14 +343,14 @@ def _turn(case: Case) -> list[Finding]:
         "their middle relies on the loop width farther away; included in the standard errors"
     )
     share = float(np.max(np.abs(turn))) / float(np.max(case.law.data.f))
-    return [Finding("turn", share, text, (case.change_by(turn),))]
+    return [Finding("turn", share, text, (case.law.change_by(turn),))]
 
 
 def _sole_virgin_cycle(case: Case) -> list[Finding]:
     """Allow for virgin rubber in tests of a single cycle; other tests may show its effect."""
     share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
     virgin_shares = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
-    if case.cycles == "first" or not share:
+    if case.settings.cycles == "first" or not share:
         return []
     if not virgin_shares:
         text = (
@@ -394,7 +377,7 @@ def _hold(case: Case) -> list[Finding]:
         return [_unseen_finding("hold", SLOW, text)]
     top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[has_hold].T
     data = case.law.data
-    law = case.law.force((top - case.contact_m[has_hold]) / data.span_m) * data.F_N_m
+    law = case.law.force((top - case.law.contact_m[has_hold]) / data.span_m) * data.F_N_m
     text = (
         "rate dependence: in a hold the force falls below the law; the belt at rest is softer by "
         "{:.2g} % (twice the loss in the hold)"

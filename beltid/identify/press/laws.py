@@ -152,20 +152,10 @@ def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
 
 def _parameters(law: FittedLaw) -> tuple[LawParameter, ...]:
     """Return the coefficients in SI, with standard errors from the scatter of the nodes."""
-    names, units = NAMES, UNITS
+    names, units = (("k", "n"), ("N/m^(1+n)", "-")) if law.name == "power" else (NAMES, UNITS)
     dof = max(law.data.x.size / law.tau - law.n_unknowns, 1.0)
-    covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
-    if law.name == "power":
-        k, n = law.values
-        (scale,) = law.units
-        # k = K F / span^n: the unit of k contains the exponent
-        scaling = np.array([[scale, -k * scale * math.log(law.data.span_m)], [0.0, 1.0]])
-        values = np.array([k * scale, n])
-        names, units = ("k", "n"), ("N/m^(1+n)", "-")
-    else:
-        scaling, values = np.diag(law.units), law.K * law.units
-    se = np.sqrt(np.diag(scaling @ covariance @ scaling.T))
-    rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
+    se = np.linalg.norm(law.sensitivity, axis=1) * math.sqrt(law.sum_of_squares / dof)
+    rows = zip(names, units, law.values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
 
 

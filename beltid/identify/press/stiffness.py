@@ -233,13 +233,13 @@ def _estimate(
     """Fit the law to the curves and run all checks."""
     scatter = scatter_of([curves])
     law = fit_quadratic(curves, scatter.noise)
-    case = Case(curves, law, scatter, settings.cycles, settings.loading_only)
+    case = Case(curves, law, scatter, settings)
     findings = tuple(finding for check in CHECKS for finding in check(case))
-    by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
+    by_force = law.sensitivity / law.data.F_N_m
     covariance = by_force @ by_force.T * scatter.noise * scatter.inflation
     covariance += sum(np.outer(change, change) for f in findings for change in f.changes)
-    elastic = NormalLaw(*case.k.tolist())
-    contact = case.contact_m
+    elastic = NormalLaw(*law.values.tolist())
+    contact = law.contact_m
     squares = [
         np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
         for c, p in zip(curves, contact, strict=True)
