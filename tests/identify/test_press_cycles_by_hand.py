@@ -161,7 +161,7 @@ def loop(width=10.0, n=101, **changed):
 
 def test_curve_half_way_between_two_straight_branches():
     curve = press_curve(*loop(), 0.5)
-    assert (curve.test, curve.cycle, curve.travel_sign) == ("A", 3, -1.0)
+    assert (curve.test, curve.cycle, curve.recorded.travel_sign) == ("A", 3, -1.0)
     # force per metre: twice the force; both branches carry 1 % of 110 N from 11.1 mm on
     low, high = curve.fit_range_m
     assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))

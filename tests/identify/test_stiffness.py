@@ -203,9 +203,9 @@ def test_recordings_that_cannot_be_used_are_refused_all_at_once():
     second = columns["test"] == "S40-0"
     columns["displacement_mm"][np.flatnonzero(second)[10:]] = np.nan
     result = fit_stiffness(columns, settings(bench))
-    assert [label for label, _ in result.set_aside] == ["S22-0", "S40-0"]
-    assert "no contact found" in result.set_aside[0][1]
-    assert "must be at least 20" in result.set_aside[1][1]
+    assert [label for label, _ in result.recording.set_aside] == ["S22-0", "S40-0"]
+    assert "no contact found" in result.recording.set_aside[0][1]
+    assert "must be at least 20" in result.recording.set_aside[1][1]
     assert worst_force_error(result.pooled, bench.k_linear, bench.k_quadratic) < 1e-3
     bad = first | second
     with pytest.raises(InputError) as error:

@@ -25,7 +25,8 @@ def curve(test, factor, seed, noise=30.0):
     delta = np.linspace(1.5e-5, 1.0e-4, N)
     force = factor * (K_1 * delta + K_2 * delta**2) + noise * rng.normal(size=N)
     position = delta + 1e-5 * rng.uniform()
-    return replace(A_CURVE, test=test, position_m=position, middle_N_m=force)
+    recorded = replace(A_CURVE.recorded, label=test)
+    return replace(A_CURVE, recorded=recorded, position_m=position, middle_N_m=force)
 
 
 def squares(curves):
@@ -74,7 +75,7 @@ def campaign(step, scatter, seed=0, noise=30.0):
 
 def test_scatter_within_and_between_the_curves():
     groups = campaign(0.0, 0.01)
-    groups[0][1] = replace(groups[0][1], test=groups[0][0].test)  # two cycles of one test
+    groups[0][1] = replace(groups[0][1], recorded=groups[0][0].recorded)  # two cycles of one test
     noise, noise_dof, between, dof, _ = by_hand(groups)
     found = scatter_of(groups)
     assert found.noise == pytest.approx(noise, rel=1e-6)

@@ -297,7 +297,7 @@ def _seating(case: Case) -> list[Finding]:
 
 def _starts_in_contact(case: Case) -> list[Finding]:
     """Report tests without free travel: the zero of their load cell is an unknown of the fit."""
-    unchecked = dict.fromkeys(c.test for c in case.curves if not c.free_travel)
+    unchecked = dict.fromkeys(c.test for c in case.curves if not c.recorded.free_travel)
     if not unchecked:
         return []
     text = (

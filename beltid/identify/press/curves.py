@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
@@ -43,9 +44,12 @@ LEAST_TURN = 2.0e-3  # share of the largest force below which a reversal is negl
 FEWEST_NODES = 12  # minimum number of nodes to find the reach of a reversal
 
 
+NAMES = ("loading", "unloading")
+
+
 @dataclass(frozen=True, slots=True)
 class BranchSamples:
-    """Samples of one branch, "loading" or "unloading": positions [m], line forces [N/m], (n,)."""
+    """Samples of one branch, one of `NAMES`: positions [m], line forces [N/m], (n,)."""
 
     name: str
     position_m: Array
@@ -56,10 +60,9 @@ class BranchSamples:
 class PressCurve:
     """Branches of one cycle at common positions; forces per length of belt."""
 
-    test: str
+    recorded: PressTest
     cycle: int
     n_cycles: int  # number of cycles in the test
-    temperature_degC: float  # nan if unknown
     position_m: Array  # common positions without machine compliance, shape (m,)
     middle_N_m: Array  # midway between the branches, shape (m,)
     turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
@@ -70,12 +73,14 @@ class PressCurve:
     top_force_N_m: float
     dissipated_J_m: float  # work lost in the loop, nan if never unloaded
     stored_J_m: float  # work of the loading branch, nan if never unloaded
-    sample_interval_s: float  # 0 or nan if the clock stands still
     hold_force_N_m: float  # at the end of a hold at the top; nan without a hold
     virgin_share: float  # force of the first cycle over that of this one, minus 1; or nan
-    free_travel: bool  # whether the zero of the load cell could be checked before contact
     drift_N_m: float  # drift of the zero halfway through the cycle; 0 if none is seen
-    travel_sign: float  # sign of the recorded crosshead travel in compression
+
+    @property
+    def test(self) -> str:
+        """Label of the test."""
+        return self.recorded.label
 
     @property
     def unloads(self) -> bool:
@@ -131,20 +136,22 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         used = unloaded
     if not used:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
-    labels: dict[str, list[str]] = {}
+    tests_by_note: dict[str, list[str]] = {}
     for test, _, texts in used:
         for text in texts:
-            labels.setdefault(text, []).append(test.label)
-    notes = [
-        f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
-        for text, tests in labels.items()
-    ]
+            tests_by_note.setdefault(text, []).append(test.label)
     return PressRecording(
         curves=tuple(curve for _, curves, _ in used for curve in curves),
         set_aside=tuple(set_aside),
         n_missing=sum(test.n_missing for test, _, _ in used),
         n_spikes=sum(test.n_spikes for test, _, _ in used),
-        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+        notes=(
+            *(
+                f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
+                for text, tests in tests_by_note.items()
+            ),
+            *(f"set aside: {reason}" for _, reason in set_aside),
+        ),
     )
 
 
@@ -176,35 +183,37 @@ def press_curve(
     """
     # stay five standard deviations off the ends, where noise decides which samples belong
     margin = 5.0 * test.position_noise_m
-    parts, hold = _without_hold(test, cycle, margin)
+    ways, hold_N = _without_hold(test, cycle, margin)
     whole, branches = (
         tuple(
             BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-            for name, part in zip(
-                ("loading", "unloading")[: 1 + cycle.complete], ways, strict=False
-            )
+            for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
         )
-        for ways in ((cycle.loading, cycle.unloading), parts)
+        for parts in ((cycle.loading, cycle.unloading), ways)
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    counts = [int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches]
-    _require_enough(counts, test, cycle)
-    edges = np.linspace(low, high, int(np.clip(min(counts) // 4, 6, 120)) + 1)
+    counts = {b.name: int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches}
+    if (fewest := min(counts.values())) < MIN_BRANCH_SAMPLES:
+        raise InputError(
+            f"cycle {cycle.number}: {', '.join(f'{n} {name}' for name, n in counts.items())} "
+            "samples in contact and beyond the noise of the travel "
+            f"({test.position_noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
+            "branch"
+        )
+    edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, 120)) + 1)
     nodes = 0.5 * (edges[1:] + edges[:-1])
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
     in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
     middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
-    steps = np.diff(test.time_s[np.isfinite(test.time_s)])
     halfway = 0.5 * (cycle.loading.start + cycle.unloading.stop)
     return PressCurve(
-        test=test.label,
+        recorded=test,
         cycle=cycle.number,
         n_cycles=max(len(cycles), 1),
-        temperature_degC=test.temperature_degC,
         position_m=nodes,
         middle_N_m=middle,
         turn_N_m=turn,
@@ -215,25 +224,10 @@ def press_curve(
         top_force_N_m=max(_steady_max(b.force_N_m) for b in whole),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
-        sample_interval_s=float(np.median(steps)) if steps.size else float("nan"),
-        hold_force_N_m=hold / segment_length_m,
+        hold_force_N_m=hold_N / segment_length_m,
         virgin_share=_virgin_share(test, cycle, cycles),
-        free_travel=test.free_travel,
         drift_N_m=test.drift_N / segment_length_m * halfway / test.force_N.size,
-        travel_sign=test.travel_sign,
     )
-
-
-def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -> None:
-    """Raise :class:`InputError` if a branch has too few samples."""
-    if min(counts) < MIN_BRANCH_SAMPLES:
-        names = ("loading", "unloading")[: len(counts)]
-        sizes = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
-        raise InputError(
-            f"cycle {cycle.number}: {sizes} samples in contact and beyond the "
-            f"noise of the travel ({test.position_noise_m * 1e6:.2g} µm), must be at least "
-            f"{MIN_BRANCH_SAMPLES} per branch"
-        )
 
 
 def _without_hold(
@@ -296,16 +290,13 @@ def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
     centre, half = 0.5 * (edges[0] + edges[-1]), 0.5 * (edges[-1] - edges[0])
     degree = 5 if x.size >= 24 else 3
     nodes = 0.5 * (edges[1:] + edges[:-1])
-    columns, at_nodes = (
-        np.polynomial.chebyshev.chebvander((at - centre) / half, degree) for at in (x, nodes)
+    at_samples, at_nodes = (chebvander((at - centre) / half, degree) for at in (x, nodes))
+    fit = solve_linear(at_samples, f)
+    filled, bins, count = np.unique(
+        np.digitize(x, edges[1:-1]), return_inverse=True, return_counts=True
     )
-    fit = solve_linear(columns, f)
-    bins = np.minimum(np.searchsorted(edges, x, side="right") - 1, nodes.size - 1)
-    count = np.bincount(bins, minlength=nodes.size)
-    total = np.bincount(bins, weights=fit.residuals, minlength=nodes.size)
-    filled = count > 0
-    rest = np.interp(nodes, nodes[filled], total[filled] / count[filled])
-    return at_nodes @ fit.parameters + rest
+    rest = np.bincount(bins, weights=fit.residuals) / count
+    return at_nodes @ fit.parameters + np.interp(nodes, nodes[filled], rest)
 
 
 def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tuple[Array, Array]:

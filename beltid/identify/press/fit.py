@@ -63,7 +63,7 @@ class Nodes:
         numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
         tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
         sizes = [c.position_m.size for c in curves]
-        unchecked = np.unique([numbers[c.test] for c in curves if not c.free_travel])
+        unchecked = np.unique([numbers[c.test] for c in curves if not c.recorded.free_travel])
         F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
         span = max(float(np.ptp(c.position_m)) for c in curves)
         return cls(
@@ -313,7 +313,7 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
 
 def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> FittedLaw:
     """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
-    unchecked = any(not c.free_travel for c in curves)
+    unchecked = any(not c.recorded.free_travel for c in curves)
     return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
 
 

@@ -81,6 +81,12 @@ class PressTest:
     notes: tuple[str, ...]  # changes to the data, for the user
     drift_N: float = 0.0  # force after release minus force before contact; 0 if not seen
 
+    @property
+    def sample_interval_s(self) -> float:
+        """Median step of the clock; 0 or nan if it stands still."""
+        steps = np.diff(self.time_s[np.isfinite(self.time_s)])
+        return float(np.median(steps)) if steps.size else float("nan")
+
 
 @dataclass(frozen=True, slots=True)
 class PressCycle:
