@@ -311,15 +311,10 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     return law
 
 
-def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> FittedLaw:
-    """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
-    unchecked = any(not c.recorded.free_travel for c in curves)
-    return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
-
-
 @lru_cache(maxsize=64)  # the same tests and groups are fitted repeatedly
-def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> FittedLaw:
-    return fit_law("quadratic", Nodes.of(curves, noise_N_m))
+def fit_quadratic(curves: tuple[PressCurve, ...], noise: float = 0.0) -> FittedLaw:
+    """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
+    return fit_law("quadratic", Nodes.of(curves, math.sqrt(noise)))
 
 
 def correlation_time(residuals: Array, data: Nodes) -> float:

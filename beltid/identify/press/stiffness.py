@@ -229,7 +229,7 @@ def _estimate(
 ) -> LawEstimate:
     """Fit the law to the curves and run all checks."""
     scatter = scatter_of([curves])
-    law = fit_quadratic(curves, scatter.noise)
+    law = fit_quadratic(tuple(curves), scatter.noise)
     case = Case(curves, law, scatter, settings)
     findings = tuple(finding for check in CHECKS for finding in check(case))
     by_force = law.sensitivity / law.data.F_N_m

@@ -66,7 +66,7 @@ def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, f
     Contact points are not counted. If no zero is known, a common shift of all zeros is equivalent
     to a change of k_linear and is not counted either.
     """
-    law = fit_quadratic(curves, noise)
+    law = fit_quadratic(tuple(curves), noise)
     unchecked = law.data.unchecked.size
     n_unknowns = 2 + unchecked - (unchecked == law.data.n_tests)
     return law.sum_of_squares * law.data.F_N_m**2, law.tau, n_unknowns
