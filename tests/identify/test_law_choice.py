@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from press_bench import Bench
+from press_bench import Bench, joined
 
 from beltid.errors import InputError
 from beltid.identify.press.curves import read_recording
@@ -102,18 +102,12 @@ def test_single_test_is_judged_by_blocks_of_force():
 
 def test_loss_at_several_speeds_tells_a_damper_from_hysteresis():
     def recording(scale):
-        parts = []
-        for k, factor in enumerate((1.0, 2.0, 4.0)):
-            bench = Bench(
-                speed=1.7e-6 * factor,
-                unloading_speed=1.7e-6 * factor,
-                temperatures=(22.0,),
-                hysteresis_scale=scale(factor),
-            )
-            part = bench.record(k)
-            part["test"] = np.full(part["test"].size, f"T{k}", dtype=object)
-            parts.append(part)
-        return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+        speeds = {k: {"speed": 1.7e-6 * k, "unloading_speed": 1.7e-6 * k} for k in (1, 2, 4)}
+        benches = [
+            Bench(temperatures=(22.0,), hysteresis_scale=scale(k), **both)
+            for k, both in speeds.items()
+        ]
+        return joined(*(bench.record(k) for k, bench in enumerate(benches)), labels="TUV")
 
     flat = estimate_dissipation(curves_of(recording(lambda f: 1.0)))
     viscous = estimate_dissipation(curves_of(recording(lambda f: 0.4 * f)))
