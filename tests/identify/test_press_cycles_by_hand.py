@@ -18,26 +18,12 @@ from beltid.identify.press.recording import (
 )
 
 
-def press(travel, force=None, **changed):
-    """A test whose force is its travel, if no other is given."""
+def press(travel, force=None):
+    """A test whose force is its travel, if no other is given; without noise."""
     x = np.asarray(travel, float)
     load = x if force is None else np.asarray(force, float)
-    fields = {
-        "label": "A",
-        "temperature_degC": 22.0,
-        "time_s": np.arange(float(x.size)),
-        "travel_m": x,
-        "position_m": x,
-        "force_N": load,
-        "travel_sign": -1.0,
-        "position_noise_m": 0.0,
-        "force_noise_N": 0.0,
-        "free_travel": True,
-        "n_missing": 0,
-        "n_spikes": 0,
-        "notes": (),
-    }
-    return PressTest(**{**fields, **changed})
+    clock = np.arange(float(x.size))
+    return PressTest("A", 22.0, clock, x, x, load, -1.0, 0.0, 0.0, True, 0, 0, ())
 
 
 def path(*corners):
@@ -119,43 +105,32 @@ OPEN = (cycle(1, False), cycle(4, False), cycle(6, False))
 @pytest.mark.parametrize(
     ("cycles", "choice", "chosen", "said"),
     [
-        (
-            PARTLY,
-            "all",
-            (2, 3),
-            ("2 cycles without unloading left out", "4 cycles found, used: 2, 3"),
-        ),
-        (
-            *(PARTLY, "first", (2,)),
-            ("cycle 1 is not unloaded, cycle 2 used in its place", "4 cycles found, used: 2"),
-        ),
-        (
-            *(PARTLY, "last", (3,)),
-            ("cycle 4 is not unloaded, cycle 3 used in its place", "4 cycles found, used: 3"),
-        ),
-        (WHOLE, "all", (2, 3, 5), ("3 cycles found, used: 2, 3, 5",)),
-        (WHOLE, "first", (2,), ("3 cycles found, used: 2",)),
-        (WHOLE, "last", (5,), ("3 cycles found, used: 5",)),
-        (OPEN, "all", (1, 4, 6), ("never unloaded",)),
-        (OPEN, "first", (1,), ("never unloaded",)),
-        (OPEN, "last", (6,), ("never unloaded",)),
+        (PARTLY, "all", (2, 3), "2 cycles without unloading left out"),
+        (PARTLY, "first", (2,), "cycle 1 is not unloaded, cycle 2 used in its place"),
+        (PARTLY, "last", (3,), "cycle 4 is not unloaded, cycle 3 used in its place"),
+        (WHOLE, "all", (2, 3, 5), ""),
+        (WHOLE, "first", (2,), ""),
+        (WHOLE, "last", (5,), ""),
+        (OPEN, "all", (1, 4, 6), "never unloaded"),
+        (OPEN, "first", (1,), "never unloaded"),
+        (OPEN, "last", (6,), "never unloaded"),
     ],
 )
 def test_choice_of_cycles(cycles, choice, chosen, said):
     kept, notes = choose_cycles(cycles, choice)
     assert tuple(c.number for c in kept) == chosen
-    assert notes == said
+    used = f"{len(cycles)} cycles found, used: {', '.join(map(str, chosen))}"
+    assert notes == (*filter(None, [said]), *([used] if cycles is not OPEN else []))
 
 
 # --- curves of the branches ---
 
 
-def loop(width=10.0, n=101, **changed):
+def loop(width=10.0, n=101):
     """Loading along F = x + width, unloading along F = x - width; a segment of half a metre."""
     up = np.linspace(0.0, 100.0, n)
     x = np.concatenate([up, up[-2::-1]])
-    force = np.concatenate([up + width, up[-2::-1] - width])
-    test = press(x, force, **changed)
+    test = press(x, np.concatenate([up + width, up[-2::-1] - width]))
     return test, PressCycle(3, slice(0, n), slice(n - 1, 2 * n - 1), 100.0 + width, True)
 
 
