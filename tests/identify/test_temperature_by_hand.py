@@ -34,13 +34,9 @@ def squares(curves):
     tests = list(dict.fromkeys(c.test for c in curves))
 
     def residuals(p):
+        y = [1e4 * c.position_m - p[2 + tests.index(c.test)] for c in curves]
         return np.concatenate(
-            [
-                p[0] * (y := 1e4 * c.position_m - p[2 + tests.index(c.test)])
-                + p[1] * y * y
-                - 1e-3 * c.middle_N_m
-                for c in curves
-            ]
+            [p[0] * d + p[1] * d * d - 1e-3 * c.middle_N_m for d, c in zip(y, curves, strict=True)]
         )
 
     start = [K_1 * 1e-7, K_2 * 1e-11, *[0.05] * len(tests)]
@@ -64,13 +60,12 @@ def by_hand(groups):
 
 def campaign(step, scatter, seed=0, noise=30.0):
     rng = np.random.default_rng(seed)
-    return [
-        [
-            curve(f"{t}-{k}", 1 + step * t + scatter * rng.normal(), 10 * t + k + seed, noise)
-            for k in (0, 1)
-        ]
-        for t in (0, 1, 2)
-    ]
+
+    def one(t, k):
+        factor = 1 + step * t + scatter * rng.normal()
+        return curve(f"{t}-{k}", factor, 10 * t + k + seed, noise)
+
+    return [[one(t, 0), one(t, 1)] for t in (0, 1, 2)]
 
 
 def test_scatter_within_and_between_the_curves():
