@@ -138,8 +138,10 @@ def test_curve_half_way_between_two_straight_branches():
     curve = press_curve(*loop(), 0.5)
     assert (curve.test, curve.cycle, curve.recorded.travel_sign) == ("A", 3, -1.0)
     # force per metre: twice the force; both branches carry 1 % of 110 N from 11.1 mm on
-    low, high = curve.fit_range_m
-    assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))
+    half = 0.5 * (curve.position_m[1] - curve.position_m[0])
+    low, high = curve.position_m[0] - half, curve.position_m[-1] + half
+    assert (low, high) == (pytest.approx(11.0, rel=1e-12), pytest.approx(99.0, abs=1.0))
+    assert [(b.position_m.min(), b.position_m.size) for b in curve.fitted] == [(11.0, 89)] * 2
     assert curve.middle_N_m == pytest.approx(2.0 * curve.position_m, rel=1e-9)
     # a node for every four samples of the branch that has fewer, in the middles of equal bins
     count = int(high - low + 1) // 4

@@ -55,6 +55,11 @@ class BranchSamples:
     position_m: Array
     force_N_m: Array
 
+    def between(self, low_m: float, high_m: float) -> BranchSamples:
+        """Return the samples within a range of positions."""
+        inside = (self.position_m >= low_m) & (self.position_m <= high_m)
+        return BranchSamples(self.name, self.position_m[inside], self.force_N_m[inside])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
@@ -67,7 +72,7 @@ class PressCurve:
     middle_N_m: Array  # midway between the branches, shape (m,)
     turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
     branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; holds removed
-    fit_range_m: tuple[float, float]
+    fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
     touch_m: float  # position where the loading branch begins to carry force
     top_position_m: float  # largest position in the cycle
     top_force_N_m: float
@@ -87,16 +92,6 @@ class PressCurve:
         """True if both branches were recorded."""
         return len(self.branches) == 2
 
-    @property
-    def n_samples(self) -> int:
-        """Number of recorded samples within the range of the fit."""
-        return sum(int(np.count_nonzero(self.inside(b.position_m))) for b in self.branches)
-
-    def inside(self, position_m: Array) -> NDArray[np.bool_]:
-        """Mark the positions within the range of the fit."""
-        low, high = self.fit_range_m
-        return (position_m >= low) & (position_m <= high)
-
 
 @dataclass(frozen=True, slots=True)
 class PressRecording:
@@ -114,7 +109,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
 
     `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
     ``temperature_degC``, shape (n,) each; nan where missing. Raises :class:`InputError`, with
-    all problems, if columns are missing or no test can be used.
+    all problems, if no test can be used.
     """
     used: list[tuple[PressTest, list[PressCurve], tuple[str, ...]]] = []
     set_aside: list[tuple[str, str]] = []
@@ -195,17 +190,18 @@ def press_curve(
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    counts = {b.name: int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches}
-    if (fewest := min(counts.values())) < MIN_BRANCH_SAMPLES:
+    fitted = tuple(b.between(low, high) for b in branches)
+    fewest = min(b.position_m.size for b in fitted)
+    if fewest < MIN_BRANCH_SAMPLES:
+        counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)
         raise InputError(
-            f"cycle {cycle.number}: {', '.join(f'{n} {name}' for name, n in counts.items())} "
-            "samples in contact and beyond the noise of the travel "
+            f"cycle {cycle.number}: {counts} samples in contact and beyond the noise of the travel "
             f"({test.position_noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
             "branch"
         )
     edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, 120)) + 1)
     nodes = 0.5 * (edges[1:] + edges[:-1])
-    levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
+    levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
     in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
     middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
@@ -218,7 +214,7 @@ def press_curve(
         middle_N_m=middle,
         turn_N_m=turn,
         branches=branches,
-        fit_range_m=(low, high),
+        fitted=fitted,
         touch_m=_contact_begin(branches[0], threshold),
         top_position_m=max(_steady_max(b.position_m) for b in whole),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in whole),
@@ -279,14 +275,12 @@ def _contact_begin(branch: BranchSamples, threshold: float) -> float:
     return float(position[start + int(below[0])]) if below.size else -_steady_max(-position)
 
 
-def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
-    """Interpolate the force of a branch to the centres of the bins [N/m], shape (m,).
+def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
+    """Interpolate the force f of a branch to the centres of the bins [N/m], shape (m,).
 
     A polynomial follows the shape of the branch, so that the distribution of samples within a bin
     does not matter. The bin means of its residuals are added, so that it need not be exact.
     """
-    inside = (position >= edges[0]) & (position <= edges[-1])
-    x, f = position[inside], force[inside]
     centre, half = 0.5 * (edges[0] + edges[-1]), 0.5 * (edges[-1] - edges[0])
     degree = 5 if x.size >= 24 else 3
     nodes = 0.5 * (edges[1:] + edges[:-1])

@@ -117,7 +117,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     Raises
     ------
     InputError
-        If columns are missing or no test can be used (no contact, too few samples, ...).
+        If no test can be used (no contact, too few samples, ...).
     FitError, ConvergenceError
         If no law with ``k >= 0`` describes the curves; if the contact points are not found.
     """
@@ -238,9 +238,9 @@ def _estimate(
     elastic = NormalLaw(*law.values.tolist())
     contact = law.contact_m
     squares = [
-        np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
+        np.mean((b.force_N_m - elastic.force(b.position_m - p)) ** 2)
         for c, p in zip(curves, contact, strict=True)
-        for b in c.branches
+        for b in c.fitted
     ]
     loss = loss_ratio(curves)
     return LawEstimate(
@@ -253,7 +253,7 @@ def _estimate(
         hysteresis_ratio=loss if math.isnan(loss) else max(loss, 0.0),
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
-        n_samples=sum(c.n_samples for c in curves),
+        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
         n_effective=law.data.x.size / law.tau,
         n_cycles=len(curves),
         contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),
