@@ -22,13 +22,13 @@ from beltid.errors import InputError
 from beltid.identify.estimators.least_squares import solve_linear
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.recording import (
+    COLUMNS,
     PressCycle,
     PressTest,
     StiffnessSettings,
     choose_cycles,
     find_cycles,
     prepare_test,
-    read_tests,
 )
 
 Array = NDArray[np.float64]
@@ -108,38 +108,42 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     """Clean the tests of a recording, select their cycles and build the curves.
 
     `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
-    ``temperature_degC``, shape (n,) each; nan where missing. Raises :class:`InputError`, with
-    all problems, if no test can be used.
+    ``temperature_degC``, shape (n,) each, checked when they were read; nan where missing. Raises
+    :class:`InputError`, with all problems, if no test can be used.
     """
-    used: list[tuple[PressTest, list[PressCurve], tuple[str, ...]]] = []
+    labels = np.asarray(press["test"]).astype(str)
+    unknown = {"temperature_degC": np.full(labels.size, np.nan)}
+    columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
+    curves: list[PressCurve] = []
+    notes: dict[str, tuple[str, ...]] = {}
     set_aside: list[tuple[str, str]] = []
-    for label, part in read_tests(press).items():
+    for label in dict.fromkeys(labels.tolist()):
+        part = {name: values[labels == label] for name, values in columns.items()}
         try:
             test = prepare_test(label, part, settings)
             cycles = find_cycles(test)
             chosen, cycle_notes = choose_cycles(cycles, settings.cycles)
-            curves = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
+            curves += [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
-        speed_notes = _speeds_note(test, cycles, chosen)
-        used.append((test, curves, (*test.notes, *cycle_notes, *speed_notes)))
-    unloaded = [entry for entry in used if entry[1][0].unloads]
-    if unloaded:
-        loading_only = [test.label for test, curves, _ in used if not curves[0].unloads]
+        notes[label] = (*test.notes, *cycle_notes, *_speeds_note(test, cycles, chosen))
+    if any(c.unloads for c in curves):
+        loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
-        used = unloaded
-    if not used:
+        curves = [c for c in curves if c.unloads]
+    if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
+    used = {c.test: c.recorded for c in curves}
     tests_by_note: dict[str, list[str]] = {}
-    for test, _, texts in used:
-        for text in texts:
-            tests_by_note.setdefault(text, []).append(test.label)
+    for label in used:
+        for text in notes[label]:
+            tests_by_note.setdefault(text, []).append(label)
     return PressRecording(
-        curves=tuple(curve for _, curves, _ in used for curve in curves),
+        curves=tuple(curves),
         set_aside=tuple(set_aside),
-        n_missing=sum(test.n_missing for test, _, _ in used),
-        n_spikes=sum(test.n_spikes for test, _, _ in used),
+        n_missing=sum(test.n_missing for test in used.values()),
+        n_spikes=sum(test.n_spikes for test in used.values()),
         notes=(
             *(
                 f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"

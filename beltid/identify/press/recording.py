@@ -1,4 +1,4 @@
-"""Preparation of a press recording for the fit: read, clean and split into cycles.
+"""Preparation of a press test for the fit: clean it and split it into cycles.
 
 Sign convention of the results: positions and forces rise while the crosshead compresses the
 belt.
@@ -97,15 +97,6 @@ class PressCycle:
     unloading: slice
     peak_force_N: float
     complete: bool  # whether the belt was unloaded
-
-
-def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
-    """Split the columns of a recording, which were checked when read, by test label."""
-    labels = np.asarray(press["test"]).astype(str)
-    unknown = {"temperature_degC": np.full(labels.size, np.nan)}
-    columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
-    tests = dict.fromkeys(labels.tolist())
-    return {t: {name: v[labels == t] for name, v in columns.items()} for t in tests}
 
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:

@@ -126,7 +126,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     groups = _group_by_temperature(curves)
     laws = _estimates(groups, settings)
     difference, beyond_drift = _largest_difference(laws)
-    effect = temperature_effect(list(groups.values()), list(groups), difference, beyond_drift)
+    effect = temperature_effect(groups, difference, beyond_drift)
     if effect.matters:
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
         if all(len(law.tests) == 1 for law in laws):
