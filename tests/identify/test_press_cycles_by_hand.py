@@ -18,12 +18,10 @@ from beltid.identify.press.recording import (
 )
 
 
-def press(travel, force=None):
-    """A test whose force is its travel, if no other is given; without noise."""
+def cycles_of(travel, force=None):
+    """Cycles of a test whose force is its travel, if no other is given."""
     x = np.asarray(travel, float)
-    load = x if force is None else np.asarray(force, float)
-    clock = np.arange(float(x.size))
-    return PressTest("A", 22.0, clock, x, x, load, -1.0, 0.0, 0.0, True, 0, 0, ())
+    return find_cycles(x, x if force is None else np.asarray(force, float))
 
 
 def path(*corners):
@@ -56,13 +54,13 @@ def test_turns_are_ways_back_beyond_the_threshold(travel, expected):
 
 
 def test_cycles_share_their_turning_points():
-    first, second = find_cycles(press(path(0, 10, 0, 12, 3)))
+    first, second = cycles_of(path(0, 10, 0, 12, 3))
     assert ends([first, second]) == [(0, 11, 10, 21), (20, 33, 32, 42)]
     assert (first.number, first.peak_force_N, first.complete) == (1, 10.0, True)
     assert (second.number, second.peak_force_N, second.complete) == (2, 12.0, True)
     # the way down before the first cycle belongs to none
-    assert ends(find_cycles(press(path(5, 0, 12, 0)))) == [(5, 18, 17, 30)]
-    assert ends(find_cycles(press(path(0, 10)))) == [(0, 11, 10, 11)]
+    assert ends(cycles_of(path(5, 0, 12, 0))) == [(5, 18, 17, 30)]
+    assert ends(cycles_of(path(0, 10))) == [(0, 11, 10, 11)]
 
 
 @pytest.mark.parametrize(("least", "complete"), [(4.9, True), (5.0, False), (5.4, False)])
@@ -70,18 +68,18 @@ def test_a_cycle_is_complete_from_below_half_its_peak(least, complete):
     way = path(0, 10, 5)
     force = way.astype(float)
     force[-1] = least
-    (cycle,) = find_cycles(press(way, force))
+    (cycle,) = cycles_of(way, force)
     assert cycle.complete == complete
     # the crosshead has to come back: a loss of force at the end of the way is none
-    (cycle,) = find_cycles(press(path(0, 10), [*range(10), 4]))
+    (cycle,) = cycles_of(path(0, 10), [*range(10), 4])
     assert (cycle.complete, cycle.peak_force_N) == (False, 9.0)
-    (cycle,) = find_cycles(press(path(0, 10)))
+    (cycle,) = cycles_of(path(0, 10))
     assert (cycle.complete, cycle.peak_force_N) == (False, 10.0)
 
 
 @pytest.mark.parametrize(("preload", "cycles"), [(49, 1), (50, 2)])
 def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
-    found = find_cycles(press(path(0, preload, 0, 100, 0)))
+    found = cycles_of(path(0, preload, 0, 100, 0))
     assert len(found) == cycles
     assert found[-1].number == cycles
     assert found[-1].loading == slice(2 * preload, 2 * preload + 101)
@@ -89,7 +87,7 @@ def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
 
 def test_a_crosshead_that_only_lifts_has_no_cycle():
     with pytest.raises(InputError, match="no loading found"):
-        find_cycles(press(path(10, 0), path(10, 0)))
+        cycles_of(path(10, 0), path(10, 0))
 
 
 def cycle(number, complete=True):
@@ -124,6 +122,11 @@ def test_choice_of_cycles(cycles, choice, chosen, said):
 
 
 # --- curves of the branches ---
+
+
+def press(x, force):
+    """A test without noise."""
+    return PressTest("A", 22.0, np.arange(x.size), x, x, force, -1.0, 0.0, 0.0, True, 0, 0, ())
 
 
 def loop(width=10.0, n=101):

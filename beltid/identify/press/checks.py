@@ -347,7 +347,7 @@ def _turn(case: Case) -> Iterator[Finding]:
 
 def _sole_virgin_cycle(case: Case) -> Iterator[Finding]:
     """Allow for virgin rubber in tests of a single cycle; other tests may show its effect."""
-    share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
+    share = float(np.mean([len(c.recorded.cycles) == 1 for c in case.curves]))
     virgin_shares = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
     if case.settings.cycles == "first" or not share:
         return

@@ -27,7 +27,6 @@ from beltid.identify.press.recording import (
     PressTest,
     StiffnessSettings,
     choose_cycles,
-    find_cycles,
     prepare_test,
 )
 
@@ -67,7 +66,6 @@ class PressCurve:
 
     recorded: PressTest
     cycle: int
-    n_cycles: int  # number of cycles in the test
     position_m: Array  # common positions without machine compliance, shape (m,)
     middle_N_m: Array  # midway between the branches, shape (m,)
     turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
@@ -121,13 +119,12 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         part = {name: values[labels == label] for name, values in columns.items()}
         try:
             test = prepare_test(label, part, settings)
-            cycles = find_cycles(test)
-            chosen, cycle_notes = choose_cycles(cycles, settings.cycles)
-            curves += [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
+            chosen, cycle_notes = choose_cycles(test.cycles, settings.cycles)
+            curves += [press_curve(test, c, settings.segment_length_m) for c in chosen]
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
-        notes[label] = (*test.notes, *cycle_notes, *_speeds_note(test, cycles, chosen))
+        notes[label] = (*test.notes, *cycle_notes, *_speeds_note(test, chosen))
     if any(c.unloads for c in curves):
         loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
@@ -154,9 +151,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     )
 
 
-def _speeds_note(
-    test: PressTest, cycles: Sequence[PressCycle], chosen: Sequence[PressCycle]
-) -> tuple[str, ...]:
+def _speeds_note(test: PressTest, chosen: Sequence[PressCycle]) -> tuple[str, ...]:
     """Note a test whose cycles differ in speed although the selected ones do not."""
 
     def ratio(group: Sequence[PressCycle]) -> float:
@@ -164,19 +159,17 @@ def _speeds_note(
         steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in group]
         return max(steps) / min(steps) if min(steps) > 0.0 else 1.0
 
-    if ratio(cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
+    if ratio(test.cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
         return ()
     return (
-        f"its cycles were pressed at speeds up to {ratio(cycles):.2g} times apart, but those used "
-        "at one speed: to see the effect of speed, set press.cycles: all, or press tests at two "
-        "speeds",
+        f"its cycles were pressed at speeds up to {ratio(test.cycles):.2g} times apart, but those "
+        "used at one speed: to see the effect of speed, set press.cycles: all, or press tests at "
+        "two speeds",
     )
 
 
-def press_curve(
-    test: PressTest, cycle: PressCycle, segment_length_m: float, cycles: Sequence[PressCycle] = ()
-) -> PressCurve:
-    """Build the curve of one cycle of a cleaned test; `cycles` are all cycles of the test.
+def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
+    """Build the curve of one cycle of a cleaned test.
 
     Raises :class:`InputError` if a branch has too few samples in contact.
     """
@@ -213,7 +206,6 @@ def press_curve(
     return PressCurve(
         recorded=test,
         cycle=cycle.number,
-        n_cycles=max(len(cycles), 1),
         position_m=nodes,
         middle_N_m=middle,
         turn_N_m=turn,
@@ -225,7 +217,7 @@ def press_curve(
         dissipated_J_m=dissipated,
         stored_J_m=stored,
         hold_force_N_m=hold_N / segment_length_m,
-        virgin_share=_virgin_share(test, cycle, cycles),
+        virgin_share=_virgin_share(test, cycle),
         drift_N_m=test.drift_N / segment_length_m * halfway / test.force_N.size,
     )
 
@@ -251,11 +243,13 @@ def _without_hold(
     return (slice(begin, first + 1), slice(last - 1, stop)), float(np.median(tail))
 
 
-def _virgin_share(test: PressTest, cycle: PressCycle, cycles: Sequence[PressCycle]) -> float:
+def _virgin_share(test: PressTest, cycle: PressCycle) -> float:
     """Return the force of the first loading over that of this cycle at equal position, minus 1."""
-    if len(cycles) < 2 or cycle.number == 1:
+    if len(test.cycles) < 2 or cycle.number == 1:
         return float("nan")
-    loadings = [(test.position_m[c.loading], test.force_N[c.loading]) for c in (cycles[0], cycle)]
+    loadings = [
+        (test.position_m[c.loading], test.force_N[c.loading]) for c in (test.cycles[0], cycle)
+    ]
     low = max(float(x[f > CONTACT_SHARE * cycle.peak_force_N][0]) for x, f in loadings)
     high = min(float(np.max(x)) for x, _ in loadings)
     at = low + np.linspace(0.3, 0.95, 50) * (high - low)

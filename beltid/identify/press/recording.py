@@ -63,6 +63,17 @@ class StiffnessSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class PressCycle:
+    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
+
+    number: int  # from 1
+    loading: slice
+    unloading: slice
+    peak_force_N: float
+    complete: bool  # whether the belt was unloaded
+
+
+@dataclass(frozen=True, slots=True)
 class PressTest:
     """Press test without missing samples and spikes; n samples, arrays of shape (n,)."""
 
@@ -80,6 +91,7 @@ class PressTest:
     n_spikes: int
     notes: tuple[str, ...]  # changes to the data, for the user
     drift_N: float = 0.0  # force after release minus force before contact; 0 if not seen
+    cycles: tuple[PressCycle, ...] = ()  # in time order
 
     @property
     def sample_interval_s(self) -> float:
@@ -88,23 +100,12 @@ class PressTest:
         return float(np.median(steps)) if steps.size else float("nan")
 
 
-@dataclass(frozen=True, slots=True)
-class PressCycle:
-    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
-
-    number: int  # from 1
-    loading: slice
-    unloading: slice
-    peak_force_N: float
-    complete: bool  # whether the belt was unloaded
-
-
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
     `part` holds ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
     order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
-    travel, or no contact.
+    travel, no contact, or no loading.
     """
     travel = settings.displacement_gain * part["displacement_mm"] * 1e-3
     samples = np.array([part["time_s"], travel, settings.force_gain * part["force_N"]])
@@ -153,6 +154,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         n_spikes=int(spikes.sum()),
         notes=tuple(text for applies, text in changes if applies),
         drift_N=drift_N,
+        cycles=find_cycles(travel, force),
     )
 
 
@@ -318,26 +320,25 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     return np.array([*start, *turns, end], dtype=np.intp)
 
 
-def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
+def find_cycles(travel: Array, force: Array) -> tuple[PressCycle, ...]:
     """Split a test into cycles at the reversals of the crosshead, in time order.
 
     Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
     """
-    travel = test.travel_m
     least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
     turns = turning_points(travel, least)
     cycles: list[PressCycle] = []
-    largest = float(np.max(test.force_N))
+    largest = float(np.max(force))
     for k in range(turns.size - 1):
         start, peak = int(turns[k]), int(turns[k + 1])
         if travel[peak] <= travel[start]:
             continue
         stop = int(turns[k + 2]) if k + 2 < turns.size else peak
-        top = float(np.max(test.force_N[start : stop + 1]))
+        top = float(np.max(force[start : stop + 1]))
         if top < 0.5 * largest:
             continue
         loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
-        complete = stop > peak and float(np.min(test.force_N[unloading])) < 0.5 * top
+        complete = stop > peak and float(np.min(force[unloading])) < 0.5 * top
         cycles.append(PressCycle(len(cycles) + 1, loading, unloading, top, complete))
     if not cycles:
         raise InputError("no loading found: the crosshead never moves into the belt")
