@@ -10,11 +10,7 @@ import numpy as np
 
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
-from beltid.identify.shear.stiffness import (
-    BENDING_SPREAD,
-    MICRO_SLIP_SPREAD,
-    NORMAL_STIFFNESS_SPREAD,
-)
+from beltid.identify.shear.stiffness import SPREADS
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import measured_runs, valid_rows
@@ -34,9 +30,9 @@ from beltid.uncertainty.sources import (
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
 BUILD_UP_SOURCES: Final = (
-    ("normal_stiffness", "normal stiffness of the ribs", NORMAL_STIFFNESS_SPREAD),
-    ("end_bending", "bending at the ends of the contact", BENDING_SPREAD),
-    ("micro_slip", "slip at the ends of the contact", MICRO_SLIP_SPREAD),
+    ("normal_stiffness", "normal stiffness of the ribs", SPREADS["normal_stiffness"]),
+    ("end_bending", "bending at the ends of the contact", SPREADS["end_bending"]),
+    ("micro_slip", "slip at the ends of the contact", SPREADS["micro_slip"]),
 )
 """Key, name and size of the uncertainties of the build-up model."""
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]

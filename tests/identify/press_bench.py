@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from beltid.identify.press.stiffness import LawEstimate
+
 # rigdata/README.md: k_linear [N/m²], k_quadratic [N/m³], machine compliance [m/N]
 TRUTH = {
     "4pk": (5.6e7, 2.20e11, 1.5e-8),
@@ -100,39 +102,30 @@ class Bench:
             for t in self.temperatures
             for k in range(self.tests_per_temperature)
         ]
-        return {name: np.concatenate([t[name] for t in tests]) for name in tests[0]}
+        return joined(*tests)
 
     def _test(self, rng: np.random.Generator, label: str, temperature: float) -> dict:
         top, contact = self.top, self.toe * (1.0 + 0.4 * rng.uniform(-1, 1))
+        low = self.valley * top
         path, side, stiffer = [], [], []
         for cycle in range(self.cycles):
-            begin = -contact if cycle == 0 else self.valley * top
-            up = np.arange(begin, top, self.speed * self.dt)
-            end = (
-                -0.3 * contact
-                if cycle == self.cycles - 1 and not self.valley
-                else self.valley * top
-            )
+            last = cycle == self.cycles - 1
+            end = -0.3 * contact if last and not self.valley else low
+            up = np.arange(low if cycle else -contact, top, self.speed * self.dt)
             down = np.arange(top, end, -self.unloading_speed * self.dt)
-            hold = np.full(int(self.dwell / self.dt), top)
-            rest = np.full(int(self.valley_dwell / self.dt) * (cycle < self.cycles - 1), end)
-            path += [up, hold, down, rest]
-            relaxing = np.linspace(1.0, self.relaxes_to, hold.size)
-            side += [np.ones(up.size), relaxing, -np.ones(down.size)]
-            side += [np.linspace(-1.0, 0.0, rest.size)]
+            hold = np.linspace(1.0, self.relaxes_to, int(self.dwell / self.dt))
+            rest = np.linspace(-1.0, 0.0, 0 if last else int(self.valley_dwell / self.dt))
+            path += [up, np.full(hold.size, top), down, np.full(rest.size, end)]
+            side += [np.ones(up.size), hold, -np.ones(down.size), rest]
             n = up.size + hold.size + down.size + rest.size
-            stiffer += [np.full(n, self.virgin * (cycle == 0))]
+            stiffer += [np.full(n, 0.0 if cycle else self.virgin)]
         delta, branch = np.concatenate(path), np.concatenate(side)
         if self.turn_way:  # a slider: +1 or -1 once it has gone half of that way
-            sliding = -1.0
-            for i, step in enumerate(
-                np.diff(delta, prepend=delta[0]) / (0.5 * self.turn_way * top)
-            ):
+            sliding, steps = -1.0, np.diff(delta, prepend=delta[0]) / (0.5 * self.turn_way * top)
+            for i, step in enumerate(steps):
                 branch[i] = sliding = min(max(sliding + step, -1.0), 1.0)
-        law = self.force(delta) * self.length
-        gap = HYSTERESIS[self.hysteresis](
-            np.clip(delta / top, 0.0, 1.0), law, self.force(top) * self.length
-        )
+        law, share = self.force(delta) * self.length, np.clip(delta / top, 0.0, 1.0)
+        gap = HYSTERESIS[self.hysteresis](share, law, self.force(top) * self.length)
         factor = 1.0 + np.concatenate(stiffer) + self.temperature_slope * (temperature - 22.0)
         force = factor * np.maximum(law + self.hysteresis_scale * branch * gap, 0.0)
         travel = delta + contact + self.compliance * force
@@ -144,3 +137,28 @@ class Bench:
             "displacement_mm": 1e3 * (travel + self.travel_noise * rng.normal(size=n)),
             "force_N": force + self.zero + self.force_noise * rng.normal(size=n),
         }
+
+
+def joined(*records: dict[str, np.ndarray], labels: str = "") -> dict[str, np.ndarray]:
+    """One recording of several; each is one test with its own label, if labels are given."""
+    for record, label in zip(records, labels, strict=False):
+        record["test"] = np.full(record["test"].size, label, dtype=object)
+    return {name: np.concatenate([r[name] for r in records]) for name in records[0]}
+
+
+def each_test(columns: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """The rows of each test."""
+    labels = columns["test"].tolist()
+    return [np.flatnonzero(columns["test"] == label) for label in dict.fromkeys(labels)]
+
+
+def force_errors(law: LawEstimate, force: Callable, unseen: bool = False) -> tuple[float, float]:
+    """Largest relative error of the force from a tenth of it on, and that over its stated error."""
+    delta = np.linspace(0.02, 1.0, 2000) * law.max_penetration_m
+    found, true = law.law.force(delta), force(delta)
+    columns = np.column_stack([delta, delta**2])
+    variance = np.einsum("ij,jk,ik->i", columns, np.reshape(law.covariance, (2, 2)), columns)
+    u = np.sqrt(variance + unseen * (law.unseen_share * found) ** 2)
+    inside = true >= 0.1 * true.max()
+    error = np.abs(found - true)[inside]
+    return float(np.max(error / true[inside])), float(np.max(error / u[inside]))

@@ -143,25 +143,23 @@ def recording(
     sliding: float = 0.2,
 ) -> dict[str, NDArray]:
     """Columns of rig.csv: every setting once, with noise of the cells [N] and of the speed."""
-    parts = []
-    for k, ((arc, T), (travel, difference)) in enumerate(curves.items()):
+    parts: list[dict[str, NDArray]] = []
+    for (arc, T), (travel, difference) in curves.items():
         t = np.arange(0.0, rest + travel[-1] / (R * OMEGA) + sliding, 1.0 / rate)
         start = rest + rng.uniform(0.0, 1.0 / rate)  # anywhere between two samples
         D = np.interp(R * OMEGA * np.maximum(t - start, 0.0), travel, difference)
-        white = rng.standard_normal((3, t.size))
-        parts.append(
-            {
-                "run": np.full(t.size, f"R{k + 1:02d}", dtype=object),
-                "time_s": t,
-                "tension_tight_N": T + 0.5 * D + noise * white[0],
-                "tension_slack_N": T - 0.5 * D + noise * white[1],
-                "pulley_speed_rad_s": np.where(
-                    t > start, OMEGA * (1.0 + 0.004 * white[2]), 3e-5 * white[2]
-                ),
-                "arc_deg": np.full(t.size, arc),
-                "initial_tension_N": np.full(t.size, T),
-            }
-        )
+        tight, slack, speed = rng.standard_normal((3, t.size))
+        speed = np.where(t > start, OMEGA * (1.0 + 0.004 * speed), 3e-5 * speed)
+        part = {
+            "run": f"R{len(parts) + 1:02d}",
+            "time_s": t,
+            "tension_tight_N": T + 0.5 * D + noise * tight,
+            "tension_slack_N": T - 0.5 * D + noise * slack,
+            "pulley_speed_rad_s": speed,
+            "arc_deg": arc,
+            "initial_tension_N": T,
+        }
+        parts.append({name: np.broadcast_to(value, t.shape) for name, value in part.items()})
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -18,26 +18,10 @@ from beltid.identify.press.recording import (
 )
 
 
-def press(travel, force=None, **changed):
-    """A test whose force is its travel, if no other is given."""
+def cycles_of(travel, force=None):
+    """Cycles of a test whose force is its travel, if no other is given."""
     x = np.asarray(travel, float)
-    load = x if force is None else np.asarray(force, float)
-    fields = {
-        "label": "A",
-        "temperature_degC": 22.0,
-        "time_s": np.arange(float(x.size)),
-        "travel_m": x,
-        "position_m": x,
-        "force_N": load,
-        "travel_sign": -1.0,
-        "position_noise_m": 0.0,
-        "force_noise_N": 0.0,
-        "free_travel": True,
-        "n_missing": 0,
-        "n_spikes": 0,
-        "notes": (),
-    }
-    return PressTest(**{**fields, **changed})
+    return find_cycles(x, x if force is None else np.asarray(force, float))
 
 
 def path(*corners):
@@ -70,13 +54,13 @@ def test_turns_are_ways_back_beyond_the_threshold(travel, expected):
 
 
 def test_cycles_share_their_turning_points():
-    first, second = find_cycles(press(path(0, 10, 0, 12, 3)))
+    first, second = cycles_of(path(0, 10, 0, 12, 3))
     assert ends([first, second]) == [(0, 11, 10, 21), (20, 33, 32, 42)]
     assert (first.number, first.peak_force_N, first.complete) == (1, 10.0, True)
     assert (second.number, second.peak_force_N, second.complete) == (2, 12.0, True)
     # the way down before the first cycle belongs to none
-    assert ends(find_cycles(press(path(5, 0, 12, 0)))) == [(5, 18, 17, 30)]
-    assert ends(find_cycles(press(path(0, 10)))) == [(0, 11, 10, 11)]
+    assert ends(cycles_of(path(5, 0, 12, 0))) == [(5, 18, 17, 30)]
+    assert ends(cycles_of(path(0, 10))) == [(0, 11, 10, 11)]
 
 
 @pytest.mark.parametrize(("least", "complete"), [(4.9, True), (5.0, False), (5.4, False)])
@@ -84,18 +68,18 @@ def test_a_cycle_is_complete_from_below_half_its_peak(least, complete):
     way = path(0, 10, 5)
     force = way.astype(float)
     force[-1] = least
-    (cycle,) = find_cycles(press(way, force))
+    (cycle,) = cycles_of(way, force)
     assert cycle.complete == complete
     # the crosshead has to come back: a loss of force at the end of the way is none
-    (cycle,) = find_cycles(press(path(0, 10), [*range(10), 4]))
+    (cycle,) = cycles_of(path(0, 10), [*range(10), 4])
     assert (cycle.complete, cycle.peak_force_N) == (False, 9.0)
-    (cycle,) = find_cycles(press(path(0, 10)))
+    (cycle,) = cycles_of(path(0, 10))
     assert (cycle.complete, cycle.peak_force_N) == (False, 10.0)
 
 
 @pytest.mark.parametrize(("preload", "cycles"), [(49, 1), (50, 2)])
 def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
-    found = find_cycles(press(path(0, preload, 0, 100, 0)))
+    found = cycles_of(path(0, preload, 0, 100, 0))
     assert len(found) == cycles
     assert found[-1].number == cycles
     assert found[-1].loading == slice(2 * preload, 2 * preload + 101)
@@ -103,7 +87,7 @@ def test_a_preload_below_half_the_largest_force_is_no_cycle(preload, cycles):
 
 def test_a_crosshead_that_only_lifts_has_no_cycle():
     with pytest.raises(InputError, match="no loading found"):
-        find_cycles(press(path(10, 0), path(10, 0)))
+        cycles_of(path(10, 0), path(10, 0))
 
 
 def cycle(number, complete=True):
@@ -119,52 +103,48 @@ OPEN = (cycle(1, False), cycle(4, False), cycle(6, False))
 @pytest.mark.parametrize(
     ("cycles", "choice", "chosen", "said"),
     [
-        (
-            PARTLY,
-            "all",
-            (2, 3),
-            ("2 cycles without unloading left out", "4 cycles found, used: 2, 3"),
-        ),
-        (
-            *(PARTLY, "first", (2,)),
-            ("cycle 1 is not unloaded, cycle 2 used in its place", "4 cycles found, used: 2"),
-        ),
-        (
-            *(PARTLY, "last", (3,)),
-            ("cycle 4 is not unloaded, cycle 3 used in its place", "4 cycles found, used: 3"),
-        ),
-        (WHOLE, "all", (2, 3, 5), ("3 cycles found, used: 2, 3, 5",)),
-        (WHOLE, "first", (2,), ("3 cycles found, used: 2",)),
-        (WHOLE, "last", (5,), ("3 cycles found, used: 5",)),
-        (OPEN, "all", (1, 4, 6), ("never unloaded",)),
-        (OPEN, "first", (1,), ("never unloaded",)),
-        (OPEN, "last", (6,), ("never unloaded",)),
+        (PARTLY, "all", (2, 3), "2 cycles without unloading left out"),
+        (PARTLY, "first", (2,), "cycle 1 is not unloaded, cycle 2 used in its place"),
+        (PARTLY, "last", (3,), "cycle 4 is not unloaded, cycle 3 used in its place"),
+        (WHOLE, "all", (2, 3, 5), ""),
+        (WHOLE, "first", (2,), ""),
+        (WHOLE, "last", (5,), ""),
+        (OPEN, "all", (1, 4, 6), "never unloaded"),
+        (OPEN, "first", (1,), "never unloaded"),
+        (OPEN, "last", (6,), "never unloaded"),
     ],
 )
 def test_choice_of_cycles(cycles, choice, chosen, said):
     kept, notes = choose_cycles(cycles, choice)
     assert tuple(c.number for c in kept) == chosen
-    assert notes == said
+    used = f"{len(cycles)} cycles found, used: {', '.join(map(str, chosen))}"
+    assert notes == (*filter(None, [said]), *([used] if cycles is not OPEN else []))
 
 
 # --- curves of the branches ---
 
 
-def loop(width=10.0, n=101, **changed):
+def press(x, force):
+    """A test without noise."""
+    return PressTest("A", 22.0, np.arange(x.size), x, x, force, -1.0, 0.0, 0.0, True, 0, 0, ())
+
+
+def loop(width=10.0, n=101):
     """Loading along F = x + width, unloading along F = x - width; a segment of half a metre."""
     up = np.linspace(0.0, 100.0, n)
     x = np.concatenate([up, up[-2::-1]])
-    force = np.concatenate([up + width, up[-2::-1] - width])
-    test = press(x, force, **changed)
+    test = press(x, np.concatenate([up + width, up[-2::-1] - width]))
     return test, PressCycle(3, slice(0, n), slice(n - 1, 2 * n - 1), 100.0 + width, True)
 
 
 def test_curve_half_way_between_two_straight_branches():
     curve = press_curve(*loop(), 0.5)
-    assert (curve.test, curve.cycle, curve.travel_sign) == ("A", 3, -1.0)
+    assert (curve.test, curve.cycle, curve.recorded.travel_sign) == ("A", 3, -1.0)
     # force per metre: twice the force; both branches carry 1 % of 110 N from 11.1 mm on
-    low, high = curve.fit_range_m
-    assert (low, high) == (11.0, pytest.approx(99.0, abs=1.0))
+    half = 0.5 * (curve.position_m[1] - curve.position_m[0])
+    low, high = curve.position_m[0] - half, curve.position_m[-1] + half
+    assert (low, high) == (pytest.approx(11.0, rel=1e-12), pytest.approx(99.0, abs=1.0))
+    assert [(b.position_m.min(), b.position_m.size) for b in curve.fitted] == [(11.0, 89)] * 2
     assert curve.middle_N_m == pytest.approx(2.0 * curve.position_m, rel=1e-9)
     # a node for every four samples of the branch that has fewer, in the middles of equal bins
     count = int(high - low + 1) // 4

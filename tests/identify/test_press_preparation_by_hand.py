@@ -39,49 +39,27 @@ def test_twenty_samples_are_enough():
         prepared(ramp[1:], ramp[1:])
 
 
+RAMP = np.arange(30.0)
+
+
 @pytest.mark.parametrize(
-    ("travel", "force", "said"),
-    [
-        (0.95e-6, 1.0, "displacement_mm stays within"),
-        (1.0e5, 1.0, ""),
-        (1.0e5 + 0.5, 1.0, "displacement_mm reaches"),
-        (1.0, 0.95e-6, "force_N stays within"),
-        (1.0, 1.0e9 + 0.5, "force_N reaches"),
-    ],
+    ("travel", "force", "zero"),  # whatever an untared cell reads at the start
+    [(1, 1, 0.0), (1, -1, 0.0), (-1, 1, 0.0), (-1, -1, 0.0), (-1, 1, 60.0), (-1, 1, -14.6)],
 )
-def test_travel_and_force_of_no_press_are_refused(travel, force, said):
-    share = np.linspace(0.0, 1.0, 21)
-    if said:
-        with pytest.raises(InputError, match=said):
-            prepared(travel * share, force * share)
-    else:
-        assert prepared(travel * share, force * share).force_N[-1] == force
-
-
-def test_signs_make_force_and_travel_rise():
-    ramp = np.arange(30.0)
-    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        found = prepared(signs[0] * ramp, signs[1] * ramp)
-        assert found.travel_sign == signs[0]
-        assert found.travel_m == pytest.approx(1e-3 * ramp, rel=1e-12)
-        assert found.force_N.tolist() == ramp.tolist()
-        turned = [x for x, sign in (("force", signs[1]), ("travel", signs[0])) if sign < 0]
-        assert [n.split("negative ")[1] for n in found.notes] == [
-            f"{x}, sign reversed" for x in turned
-        ]
-    # the change since the start tells, whatever an untared cell reads there
-    for zero in (60.0, -14.6):
-        found = prepared(-ramp, zero + ramp)
-        assert (found.travel_sign, found.travel_m[-1]) == (-1.0, 0.029)
-        assert found.force_N[-1] == zero + 29.0
-        assert [n.split(",")[0] for n in found.notes] == ["compression recorded as negative travel"]
-    assert prepared(ramp, ramp - 14.5).force_N[-1] == 14.5  # as much pull as push
+def test_signs_make_force_and_travel_rise(travel, force, zero):
+    found = prepared(travel * RAMP, zero + force * RAMP)
+    assert found.travel_sign == travel
+    assert found.travel_m == pytest.approx(1e-3 * RAMP, rel=1e-12)
+    assert found.force_N.tolist() == (zero + RAMP).tolist()
+    turned = [name for name, sign in (("force", force), ("travel", travel)) if sign < 0]
+    said = [f"compression recorded as negative {name}, sign reversed" for name in turned]
+    assert list(found.notes) == said
 
 
 def test_a_cell_that_is_not_tared_needs_free_travel():
-    ramp = np.arange(30.0)
+    assert prepared(RAMP, RAMP - 14.5).force_N[-1] == 14.5  # as much pull as push
     with pytest.raises(InputError, match="from -40 N to -11 N, and without travel before"):
-        prepared(ramp, ramp - 40.0)
+        prepared(RAMP, RAMP - 40.0)
 
 
 def test_missing_samples_and_spikes_are_left_out():
@@ -126,38 +104,42 @@ def test_the_machine_yields_less_than_the_crosshead_moves():
 # --- zero of the load cell: 2 N per sample up to 200 N after the free travel ---
 
 
-def zeroed(free, *, noise=0.0):
-    """Force of the first sample that presses, and whether there is free travel."""
-    n = len(free)
-    force = np.concatenate([free, free[0] + 2.0 * np.arange(1.0, 101.0)]) + 0.0
-    force += zigzag(n + 100, noise)
+ERROR = 0.1 / math.sqrt(19.0)
+"""Standard error of the mean of twenty samples that chatter by 0.1 N around it."""
+
+
+@pytest.mark.parametrize(
+    ("level", "chatter", "zero"),
+    [
+        ([-300.0] * 40, 0.0, -300.0),  # more than the 200 N of the test
+        ([5.0] * 40, 0.0, 5.0),
+        ([0.0] * 40, 0.0, 0.0),
+        ([-3.0] * 20 + [-2.7] * 20, 0.0, -3.0),  # the first half, as the second may touch
+        ([3.9 * ERROR] * 40, 0.1, 0.0),
+        ([4.5 * ERROR] * 40, 0.1, 4.5 * ERROR),
+        ([-4.5 * ERROR] * 40, 0.1, -4.5 * ERROR),
+        # two times ten samples: standard errors of 0.1 / 3, four times their hypotenuse is 0.189
+        ([5.0] * 10 + [5.18] * 10 + [5.0] * 20, 0.1, 5.09),
+        ([5.0] * 10 + [5.2] * 10 + [5.0] * 20, 0.1, 5.0),
+        # free travel ends where the force rises by half a hundredth of 200 N
+        ([0.0] * 8 + [0.9] * 3, 0.0, 0.0),
+        ([0.0] * 8 + [1.05] * 3, 0.0, None),
+        ([100.0] * 8 + [100.9] * 3, 0.0, 100.0),
+        ([100.0] * 8 + [101.05] * 3, 0.0, None),
+        # or by six times the noise of 0.242 N, above the median of 0.1 N
+        ([0.0] * 8 + [1.4, 1.6, 1.4], 0.1, 0.0),
+        ([0.0] * 8 + [1.5, 1.7, 1.5], 0.1, None),
+    ],
+)
+def test_zero_of_the_load_cell_before_contact(level, chatter, zero):
+    """None without free travel; then 2 N per sample up to 200 N."""
+    n = len(level)
+    force = np.concatenate([level, level[0] + 2.0 * np.arange(1.0, 101.0)]) + 0.0
+    force += zigzag(n + 100, chatter)
     found = prepared(np.arange(n + 100.0), force)
-    return float(force[-1] - found.force_N[-1]), found.free_travel
-
-
-def test_zero_is_that_of_the_first_half_of_the_free_travel():
-    assert zeroed([-300.0] * 40) == (-300.0, True)  # more than the 200 N of the test
-    assert zeroed([5.0] * 40) == (5.0, True)
-    assert zeroed([0.0] * 40) == (0.0, True)
-    assert zeroed([-3.0] * 20 + [-2.7] * 20) == (-3.0, True)
-    found = prepared(np.arange(140.0), [5.0] * 40 + [5.0 + 2.0 * k for k in range(1, 101)])
-    assert found.notes == ("zero of the load cell 5 N subtracted",)
-
-
-@pytest.mark.parametrize(("errors", "taken"), [(3.9, False), (4.5, True), (-4.5, True)])
-def test_zero_beyond_four_standard_errors(errors, taken):
-    """Twenty samples of chatter by 0.1 N around it: the error is 0.1 / sqrt(19)."""
-    level = errors * 0.1 / math.sqrt(19.0)
-    zero, free = zeroed(level + zigzag(40, 0.1))
-    assert free
-    assert zero == pytest.approx(level if taken else 0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize(("move", "zero"), [(0.18, 5.09), (0.2, 5.0)])
-def test_a_zero_that_drifts_is_that_of_the_first_samples(move, zero):
-    """Ten samples each: standard errors of 0.1 / 3, four times their hypotenuse is 0.189."""
-    level = 5.0 + np.repeat([0.0, move, 0.0], [10, 10, 20]) + zigzag(40, 0.1)
-    assert zeroed(level) == (pytest.approx(zero, abs=1e-12), True)
+    assert found.free_travel == (zero is not None)
+    assert force[-1] - found.force_N[-1] == pytest.approx(zero or 0.0, abs=1e-12)
+    assert found.notes == ((f"zero of the load cell {zero:.3g} N subtracted",) if zero else ())
 
 
 @pytest.mark.parametrize(("errors", "seen"), [(3.9, False), (4.1, True), (-4.1, True)])
@@ -168,7 +150,7 @@ def test_a_drift_is_the_force_after_the_release_beyond_four_standard_errors(erro
     free = way <= 29.0  # three quarters of the travel before contact
     after = np.flatnonzero(free)[np.flatnonzero(free) > 100]
     assert after.size == 20
-    drift = errors * 0.1 / math.sqrt(19.0) * math.sqrt(2.0)
+    drift = errors * ERROR * math.sqrt(2.0)
     force[after] += drift
     assert prepared(way, force).drift_N == pytest.approx(drift if seen else 0.0, abs=1e-12)
     short = way.size - 16  # four samples after the release are too few
@@ -196,67 +178,32 @@ def test_samples_at_the_end_of_the_range_of_the_cell_are_left_out():
         assert prepared(travel, force).n_missing == 0
 
 
-@pytest.mark.parametrize(
-    ("level", "touch", "noise", "free"),
-    [
-        (0.0, 0.9, 0.0, True),  # half a hundredth of 200 N is 1 N
-        (0.0, 1.05, 0.0, False),
-        (100.0, 0.9, 0.0, True),  # it is the rise that counts
-        (100.0, 1.05, 0.0, False),
-        (0.0, 1.5, 0.1, True),  # six times the noise of 0.242 N, above the median of 0.1 N
-        (0.0, 1.6, 0.1, False),
-    ],
-)
-def test_free_travel_ends_where_the_force_rises(level, touch, noise, free):
-    before = level + np.repeat([0.0, touch], [8, 3])
-    before[8:] -= zigzag(11, noise)[8:]
-    assert zeroed(before, noise=noise)[1] == free
-
-
-# --- what a recording says about itself ---
-
-
-RAMP = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
-
-
-def recording_of(*parts):
-    """A recording of parts (name, force, time); the crosshead goes up by one per sample and back.
-
-    All begin with thirty samples of free travel.
-    """
-    columns = {"test": [], "time_s": [], "displacement_mm": [], "force_N": []}
-    for name, force, time in parts:
-        steps = np.arange(float(force.size))
-        columns["test"].append(np.full(force.size, name))
-        columns["time_s"].append(steps if time is None else time)
-        columns["displacement_mm"].append(np.minimum(steps, 258.0 - steps))
-        columns["force_N"].append(force)
-    return {name: np.concatenate(values) for name, values in columns.items()}
-
-
 def test_tests_that_are_not_used_are_reported_with_their_reason():
-    settings = StiffnessSettings(segment_length_m=0.04)
-    both = np.concatenate([RAMP, RAMP[-2::-1]])
-    back = np.arange(float(both.size))
-    back[7], back[50] = back[6], np.nan  # standing and unknown are no faults
-    holes = both.copy()
+    """Thirty samples of free travel, up by one per sample, and back in tests A and C."""
+    up = np.concatenate([np.zeros(30), np.arange(1.0, 101.0)])
+    holes = np.concatenate([up, up[-2::-1]])
     holes[[10, 12]] = np.nan
-    found = read_recording(
-        recording_of(("A", holes, back), ("B", RAMP, None), ("C", holes, None)), settings
-    )
-    assert [c.test for c in found.curves] == ["A", "C"]
-    assert found.set_aside == (("B", "test B: never unloaded, while other tests are"),)
-    assert (found.n_missing, found.n_spikes) == (4, 0)
-    assert found.notes == (
-        "tests A, C: 2 samples without displacement or force left out",
-        "set aside: test B: never unloaded, while other tests are",
-    )
-    alone = read_recording(recording_of(("B", RAMP, None)), settings)
+    clock = np.arange(float(holes.size))
+    unclear = clock.copy()
+    unclear[7], unclear[50] = unclear[6], np.nan  # standing and unknown are no faults
+
+    def found(**tests):
+        columns = {
+            "test": np.repeat(list(tests), [f.size for f, _ in tests.values()]),
+            "force_N": np.concatenate([f for f, _ in tests.values()]),
+            "time_s": np.concatenate([t[: f.size] for f, t in tests.values()]),
+        }
+        steps = np.concatenate([clock[: f.size] for f, _ in tests.values()])
+        columns["displacement_mm"] = np.minimum(steps, 258.0 - steps)
+        return read_recording(columns, StiffnessSettings(segment_length_m=0.04))
+
+    mixed = found(A=(holes, unclear), B=(up, clock), C=(holes, clock))
+    reason = "test B: never unloaded, while other tests are"
+    assert [c.test for c in mixed.curves] == ["A", "C"]
+    assert mixed.set_aside == (("B", reason),)
+    assert (mixed.n_missing, mixed.n_spikes) == (4, 0)
+    left_out = "tests A, C: 2 samples without displacement or force left out"
+    assert mixed.notes == (left_out, f"set aside: {reason}")
+    alone = found(B=(up, clock))
     assert [c.test for c in alone.curves] == ["B"]
-    assert alone.set_aside == ()
-    assert len(alone.notes) == 1
-    assert alone.notes[0] == "test B: never unloaded"
-    back[60] = 58.5
-    with pytest.raises(InputError) as error:
-        read_recording(recording_of(("A", both, back)), settings)
-    assert error.value.problems == ("test A: time_s falls after 59 s, must not run backwards",)
+    assert (alone.set_aside, alone.notes) == ((), ("test B: never unloaded",))

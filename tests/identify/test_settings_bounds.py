@@ -10,7 +10,7 @@ import pytest
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
 from beltid.identify.friction.run import FrictionSettings
-from beltid.identify.press.laws import LawCandidate, verdict_of
+from beltid.identify.press.laws import LawCandidate, LawParameter, verdict_of
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.surface.surface import SurfaceSettings
 
@@ -79,11 +79,12 @@ QUADRATIC = ("quadratic", 0.0, 1.0, 0.0)
     ],
 )
 def test_the_quadratic_law_is_judged_by_criterion_prediction_and_difference(rows, supported, said):
+    exponent = (LawParameter("n", "-", 1.7, 0.1),)
     laws = [
-        LawCandidate(law, (), 1.0, criterion, 1.0, ratio, apart)
+        LawCandidate(law, exponent if law == "power" else (), 1.0, criterion, 1.0, ratio, apart)
         for law, criterion, ratio, apart in [QUADRATIC, *rows]
     ]
-    found, text = verdict_of(laws, 1.7, 7.0)
+    found, text = verdict_of(laws, 7.0)
     assert found == supported
     assert re.search(said, text), text
 

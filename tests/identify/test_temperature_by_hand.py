@@ -25,7 +25,8 @@ def curve(test, factor, seed, noise=30.0):
     delta = np.linspace(1.5e-5, 1.0e-4, N)
     force = factor * (K_1 * delta + K_2 * delta**2) + noise * rng.normal(size=N)
     position = delta + 1e-5 * rng.uniform()
-    return replace(A_CURVE, test=test, position_m=position, middle_N_m=force)
+    recorded = replace(A_CURVE.recorded, label=test)
+    return replace(A_CURVE, recorded=recorded, position_m=position, middle_N_m=force)
 
 
 def squares(curves):
@@ -33,13 +34,9 @@ def squares(curves):
     tests = list(dict.fromkeys(c.test for c in curves))
 
     def residuals(p):
+        y = [1e4 * c.position_m - p[2 + tests.index(c.test)] for c in curves]
         return np.concatenate(
-            [
-                p[0] * (y := 1e4 * c.position_m - p[2 + tests.index(c.test)])
-                + p[1] * y * y
-                - 1e-3 * c.middle_N_m
-                for c in curves
-            ]
+            [p[0] * d + p[1] * d * d - 1e-3 * c.middle_N_m for d, c in zip(y, curves, strict=True)]
         )
 
     start = [K_1 * 1e-7, K_2 * 1e-11, *[0.05] * len(tests)]
@@ -63,18 +60,21 @@ def by_hand(groups):
 
 def campaign(step, scatter, seed=0, noise=30.0):
     rng = np.random.default_rng(seed)
-    return [
-        [
-            curve(f"{t}-{k}", 1 + step * t + scatter * rng.normal(), 10 * t + k + seed, noise)
-            for k in (0, 1)
-        ]
-        for t in (0, 1, 2)
-    ]
+
+    def one(t, k):
+        factor = 1 + step * t + scatter * rng.normal()
+        return curve(f"{t}-{k}", factor, 10 * t + k + seed, noise)
+
+    return [[one(t, 0), one(t, 1)] for t in (0, 1, 2)]
+
+
+def at_three(groups):
+    return dict(zip((22.0, 40.0, 60.0), groups, strict=True))
 
 
 def test_scatter_within_and_between_the_curves():
     groups = campaign(0.0, 0.01)
-    groups[0][1] = replace(groups[0][1], test=groups[0][0].test)  # two cycles of one test
+    groups[0][1] = replace(groups[0][1], recorded=groups[0][0].recorded)  # two cycles of one test
     noise, noise_dof, between, dof, _ = by_hand(groups)
     found = scatter_of(groups)
     assert found.noise == pytest.approx(noise, rel=1e-6)
@@ -92,7 +92,7 @@ def test_statistic_of_the_temperature(step, scatter):
     differ = fisher.sf(between / noise, dof, noise_dof) < 0.05
     against, within = (between, dof) if differ else (noise, noise_dof)
     p = fisher.sf(gain / against, 4, within)
-    found = temperature_effect(groups, [22.0, 40.0, 60.0], 0.03, 0.03)
+    found = temperature_effect(at_three(groups), 0.03, 0.03)
     assert found.f_statistic == pytest.approx(gain / against, rel=1e-4)
     assert (found.f_dof_between, found.f_dof_within) == (4.0, pytest.approx(within, rel=1e-6))
     assert found.f_p_value == pytest.approx(p, rel=1e-3, abs=1e-12)
@@ -114,15 +114,14 @@ def test_statistic_of_the_temperature(step, scatter):
     ],
 )
 def test_a_proven_difference_of_half_a_percent_matters(difference, beyond_drift, matters, said):
-    temperatures = [22.0, 40.0, 60.0]
-    found = temperature_effect(campaign(0.05, 0.0), temperatures, difference, beyond_drift)
+    found = temperature_effect(at_three(campaign(0.05, 0.0)), difference, beyond_drift)
     assert found.matters == matters
     assert found.statement.startswith(f"Temperature {said} between")
 
 
 def test_one_temperature_says_nothing():
-    found = temperature_effect([[curve("a", 1.0, 1)]], [22.0], 0.0, 0.0)
+    found = temperature_effect({22.0: [curve("a", 1.0, 1)]}, 0.0, 0.0)
     assert found.statement == "All tests are at 22 °C: no statement on temperature."
     assert math.isnan(found.f_statistic)
     assert found.matters is None
-    assert "an unknown temperature" in temperature_effect([], [], 0.0, 0.0).statement
+    assert "an unknown temperature" in temperature_effect({}, 0.0, 0.0).statement

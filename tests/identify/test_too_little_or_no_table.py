@@ -10,11 +10,9 @@ import pytest
 from beltid.errors import InputError
 from beltid.identify.friction.run import run_records
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
 from beltid.identify.slip.slip import fit_slip
 from beltid.identify.surface.surface import surface_from_columns
 
-PRESS = ("time_s", "displacement_mm", "force_N")
 SLIP = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")
 RIG = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s", "arc_deg")
 
@@ -28,13 +26,6 @@ REFUSED = {
     "a column that is a matrix": (
         lambda: run_records(rig([1, 1, 1], time_s=np.zeros((3, 2))), 0.05),
         r"column time_s has shape \(3, 2\), must be one-dimensional",
-    ),
-    "press columns of two lengths": (
-        lambda: fit_stiffness(
-            {"test": np.zeros(4), **{n: np.zeros(5 if n == "force_N" else 4) for n in PRESS}},
-            StiffnessSettings(0.04, 22.0),
-        ),
-        r"columns force_N \(5,\), must be \(4,\) as test is",
     ),
     "speed-loss columns of two lengths": (
         lambda: fit_slip(

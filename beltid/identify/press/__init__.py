@@ -4,7 +4,7 @@
 Module         Responsibility                                                  Equation
 =============  ==============================================================  ==================
 recording      settings; clean a test, fix its signs, zero it, find cycles
-curves         branches of a cycle, and the curve midway between them
+curves         read a recording; branches of a cycle, and the curve midway between
 fit            fitter for all normal laws, with a free contact point per test    Eq. (3)
 stiffness      complete evaluation: quadratic law per temperature and pooled        Eqs. (1), (3)
 temperature    F test of one law against one per temperature

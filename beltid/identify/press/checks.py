@@ -27,7 +27,7 @@ sole tests            effect of temperature or of the belt segment?     half the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -47,7 +47,7 @@ from beltid.identify.press.fit import (
     correlation_time,
     fit_law,
 )
-from beltid.identify.press.recording import FEWEST_FREE, CycleChoice
+from beltid.identify.press.recording import FEWEST_FREE, StiffnessSettings
 from beltid.identify.press.temperature import Scatter
 
 Array = NDArray[np.float64]
@@ -80,24 +80,7 @@ class Case:
     curves: Sequence[PressCurve]
     law: FittedLaw
     scatter: Scatter
-    cycles: CycleChoice
-    loading_only: bool = False
-
-    @property
-    def k(self) -> Array:
-        """(k_linear, k_quadratic) in SI."""
-        return self.law.K * self.law.units
-
-    @property
-    def contact_m(self) -> Array:
-        """Position of the contact point of each curve [m]."""
-        tests = dict.fromkeys(c.test for c in self.curves)
-        position = dict(zip(tests, (self.law.contact * self.law.data.span_m).tolist(), strict=True))
-        return np.array([position[c.test] for c in self.curves])
-
-    def change_by(self, force: Array) -> Array:
-        """Return the change of k by a change of the scaled force at every node."""
-        return np.asarray(self.law.sensitivity[:, : force.size] @ force * self.law.units)
+    settings: StiffnessSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +100,7 @@ def _scale_finding(case: Case, check: str, share: float, text: str) -> Finding:
     """Report a relative error of the whole force; its percentage is put into the text."""
     message = f"{text.format(100.0 * share)}; included in the standard errors"
     message = message if share >= REPORTED_SHARE else ""
-    return Finding(check, share, message, (share * case.k,), alarming=True)
+    return Finding(check, share, message, (share * case.law.values,), alarming=True)
 
 
 def _unseen_finding(check: str, share: float, text: str) -> Finding:
@@ -126,26 +109,22 @@ def _unseen_finding(check: str, share: float, text: str) -> Finding:
     return Finding(check, share, message if share >= REPORTED_SHARE else "", unseen=True)
 
 
-def _size(case: Case) -> list[Finding]:
+def _size(case: Case) -> Iterator[Finding]:
     """Check travel and force against the range of ribbed belts, to catch wrong units."""
-    quantities = (
-        ("displacement_mm", "penetrates", case.law.y * case.law.data.span_m, DEPTH_M, "m"),
-        ("force_N", "is pressed", case.law.data.f * case.law.data.F_N_m, LINE_FORCE_N_M, "N/m"),
-    )
-    return [
-        Finding(
-            "size",
-            top,
-            f"the belt {verb} by {top:.2g} {unit}, expected range {low:g} to {high:g} {unit}: is "
-            f"{name} in another unit, or press.segment_length_cm wrong?",
-            alarming=True,
-        )
-        for name, verb, values, (low, high), unit in quantities
-        if not low <= (top := float(np.max(values))) <= high
-    ]
+    law, data = case.law, case.law.data
+    for name, verb, top, (low, high), unit in (
+        ("displacement_mm", "penetrates", float(law.y.max()) * data.span_m, DEPTH_M, "m"),
+        ("force_N", "is pressed", float(data.f.max()) * data.F_N_m, LINE_FORCE_N_M, "N/m"),
+    ):
+        if not low <= top <= high:
+            text = (
+                f"the belt {verb} by {top:.2g} {unit}, expected range {low:g} to {high:g} {unit}: "
+                f"is {name} in another unit, or press.segment_length_cm wrong?"
+            )
+            yield Finding("size", top, text, alarming=True)
 
 
-def _coefficient_at_zero(case: Case) -> list[Finding]:
+def _coefficient_at_zero(case: Case) -> Iterator[Finding]:
     """Check a coefficient at its bound of zero; estimate its unconstrained value.
 
     To first order, this value is the coefficient of an extra column in the fit: y² for k_quadratic;
@@ -155,12 +134,11 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
     """
     law, data = case.law, case.law.data
     if not np.any(law.active_bound):
-        return []
+        return
     n = data.x.size
     k1, k2 = law.units
-    if law.active_bound[1]:
-        column, form, name, unit, size = law.y**2, "linear", "k_quadratic", "N/m³", k2
-    else:
+    column, form, name, unit, size = law.y**2, "linear", "k_quadratic", "N/m³", k2
+    if law.active_bound[0]:
         column, form, name, unit = np.ones(n), "purely quadratic", "k_linear²", "N²/m⁴"
         size = -4.0 * float(law.K[1]) * k1**2
     tangent = law.tangent[:n]
@@ -177,7 +155,8 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
     # insignificant (three standard errors), or with a negligible effect on the force
     if abs(value) <= stdtrit(dof, 0.99865) * se or share <= 2e-3:
         text = f"{result}, not different from zero: a {form} law was fitted"
-        return [Finding("coefficient at zero", share, text)]
+        yield Finding("coefficient at zero", share, text)
+        return
     if misfit > LARGEST_MISFIT:
         raise FitError(
             f"{result} (changes the force by {100 * share:.2g} % of its largest value), must "
@@ -189,10 +168,10 @@ def _coefficient_at_zero(case: Case) -> list[Finding]:
         f"{result}, clearly negative: it is held at zero, and the {form} law is off by up to "
         f"{100 * misfit:.2g} % of the largest force"
     )
-    return [Finding("coefficient at zero", misfit, text, alarming=True)]
+    yield Finding("coefficient at zero", misfit, text, alarming=True)
 
 
-def _lack_of_fit(case: Case) -> list[Finding]:
+def _lack_of_fit(case: Case) -> Iterator[Finding]:
     """Check for a toe or another law by fitting four more terms to the residuals.
 
     The largest relative misfit, above a tenth of the force, weighted by the probability of these
@@ -202,27 +181,28 @@ def _lack_of_fit(case: Case) -> list[Finding]:
     """
     law, data, y = case.law, case.law.data, case.law.y
     n = data.x.size
-    changes: list[Array] = []
     middle, half = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
     extra = np.polynomial.chebyshev.chebvander((y - middle) / half, 6)[:, 3:]
     if n <= law.tangent.shape[1] + extra.shape[1] + 2:
-        return []
-    rows = law.tangent.shape[0] - n  # rows of the prior of unchecked zeros
-    design = np.column_stack([law.tangent, np.pad(extra, ((0, rows), (0, 0)))])
-    length = np.linalg.norm(design, axis=0)
-    observed = np.pad(law.residuals, (0, rows))
-    misfit = (design @ (np.linalg.lstsq(design / length, observed, rcond=1e-12)[0] / length))[:n]
+        return
+    for_zeros = (0, law.misfit.size - n)  # rows of the prior of unchecked zeros
+    design = np.column_stack([law.tangent, np.pad(extra, (for_zeros, (0, 0)))])
+    scaled = design / np.linalg.norm(design, axis=0)
+    terms = np.linalg.lstsq(scaled, np.pad(law.residuals, for_zeros), rcond=1e-12)[0]
+    misfit = (scaled @ terms)[:n]
     rest = law.residuals - misfit
-    squares, tau = float(rest @ rest), correlation_time(rest, data)
-    weight = _probability(law.sum_of_squares, squares, extra.shape[1], n, n / tau)
+    weight = _probability(
+        law.sum_of_squares, float(rest @ rest), extra.shape[1], n, n / correlation_time(rest, data)
+    )
     force = law.force(y)
     high = force >= LEAST_FORCE * float(np.max(force))
     largest = float(np.max(np.abs(misfit[high]) / force[high]))
+    changes: list[Array] = []
     if weight > 1e-4:  # a smaller weight has no effect
         changes, weight = _other_laws(case, weight)
     text = "lack of fit: the law is off by {:.2g} % of the force"
     finding = _scale_finding(case, "lack of fit", math.sqrt(weight) * largest, text)
-    return [replace(finding, changes=(*finding.changes, *changes))]
+    yield replace(finding, changes=(*finding.changes, *changes))
 
 
 def _probability(squares: float, squares_extra: float, n_extra: int, n: int, m: float) -> float:
@@ -271,70 +251,72 @@ def _change_to(case: Case, other: Callable[[Array], Array]) -> Array:
     return np.asarray(change * case.law.units)
 
 
-def _loading_only(case: Case) -> list[Finding]:
+def _loading_only(case: Case) -> Iterator[Finding]:
     """Allow for the unknown loop if only loading was recorded: the middle lies below it."""
     if case.curves[0].unloads:
-        return []
+        return
     law, y = case.law, case.law.y
     s, top = np.clip(y / float(np.max(y)), 0.0, 1.0), float(np.max(law.data.f))
     shapes = law.force(y), top * s * (1.0 - s), top * s * (1.0 - s) ** 3
-    loops = tuple(case.change_by(z * shape) for z, shape in zip(LOOPS, shapes, strict=True))
+    loops = tuple(case.law.change_by(z * shape) for z, shape in zip(LOOPS, shapes, strict=True))
     text = (
         "never unloaded: the law is that of the loading branch alone, which lies above the "
         "middle of the branches by 5 to 30 % of the force; included in the standard errors"
     )
-    if not case.loading_only:
+    if not case.settings.loading_only:
         text += "; set press.loading_only: true if this is intended"
-    return [Finding("loading only", LOOPS[0], text, loops, alarming=not case.loading_only)]
+    yield Finding("loading only", LOOPS[0], text, loops, alarming=not case.settings.loading_only)
 
 
-def _seating(case: Case) -> list[Finding]:
+def _seating(case: Case) -> Iterator[Finding]:
     """Check for force before the law's contact point, or contact outside the recorded travel."""
-    law = case.law
-    before = case.contact_m - [c.touch_m for c in case.curves]
-    texts = []
-    for curve, offset, early in zip(case.curves, case.contact_m, before, strict=True):
+    law, contact = case.law, case.law.contact_m
+    before = contact - [c.touch_m for c in case.curves]
+    for curve, offset, early in zip(case.curves, contact, before, strict=True):
         limit = SEATING_SHARE * (curve.top_position_m - offset)
         beyond = min(float(np.min(b.position_m)) for b in curve.branches) - offset
+        text = f"test {curve.test}: "
         if beyond > limit:
-            text = f"extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
-            texts.append(f"test {curve.test}: contact point {text}")
-        elif early > limit:
-            texts.append(
-                f"test {curve.test}: the force begins {early * 1e6:.2g} µm before the contact "
-                "point of the law: the belt seats gradually; included in the standard errors"
+            text += (
+                f"contact point extrapolated by {beyond * 1e6:.2g} µm beyond the recorded travel"
             )
-    findings = [Finding("seating", SEATING_SHARE, text) for text in texts]
+        elif early > limit:
+            text += (
+                f"the force begins {early * 1e6:.2g} µm before the contact point of the law: the "
+                "belt seats gradually; included in the standard errors"
+            )
+        else:
+            continue
+        yield Finding("seating", SEATING_SHARE, text)
     shift = float(np.mean(np.maximum(before / law.data.span_m, 0.0)))
     if shift > 0.0:  # this travel may or may not count as penetration
-        changes = (_change_to(case, lambda y: law.force(y - shift)),)
-        findings.append(Finding("seating", shift / float(np.max(law.y)), changes=changes))
-    return findings
+        change = _change_to(case, lambda y: law.force(y - shift))
+        yield Finding("seating", shift / float(np.max(law.y)), changes=(change,))
 
 
-def _starts_in_contact(case: Case) -> list[Finding]:
+def _starts_in_contact(case: Case) -> Iterator[Finding]:
     """Report tests without free travel: the zero of their load cell is an unknown of the fit."""
-    unchecked = dict.fromkeys(c.test for c in case.curves if not c.free_travel)
+    unchecked = dict.fromkeys(c.test for c in case.curves if not c.recorded.free_travel)
     if not unchecked:
-        return []
+        return
     text = (
         f"begin in contact: {', '.join(unchecked)} (fewer than {FEWEST_FREE} samples before it): "
         "the zero of the load cell could not be checked and is an unknown of the fit; included in "
         "the standard errors"
     )
-    return [Finding("starts in contact", ZERO_SHARE, text, alarming=True)]
+    yield Finding("starts in contact", ZERO_SHARE, text, alarming=True)
 
 
-def _drift(case: Case) -> list[Finding]:
+def _drift(case: Case) -> Iterator[Finding]:
     """Check whether the zero moved between contact and release.
 
     The drift is assumed proportional to time. This is only a guess, so the law is not corrected.
     """
     drift = np.array([curve.drift_N_m for curve in case.curves])
     if not drift.any():
-        return []
+        return
     data = case.law.data
-    change = case.change_by(drift[data.part] / data.F_N_m)
+    change = case.law.change_by(drift[data.part] / data.F_N_m)
     worst = int(np.argmax(np.abs(drift)))
     share = abs(float(drift[worst])) / (LEAST_FORCE * case.curves[worst].top_force_N_m)
     tests = dict.fromkeys(c.test for c in case.curves if c.drift_N_m)
@@ -343,14 +325,14 @@ def _drift(case: Case) -> list[Finding]:
         f"belt sticks, by up to {100.0 * share:.2g} % of a tenth of the largest force halfway "
         "through the cycle; included in the standard errors"
     )
-    return [Finding("drift", share, text if share >= REPORTED_SHARE else "", (change,))]
+    yield Finding("drift", share, text if share >= REPORTED_SHARE else "", (change,))
 
 
-def _turn(case: Case) -> list[Finding]:
+def _turn(case: Case) -> Iterator[Finding]:
     """Allow for the assumed loop width near reversals of the crosshead."""
     turn = np.concatenate([curve.turn_N_m for curve in case.curves])
     if not turn.any():
-        return []
+        return
     turn = turn / case.law.data.F_N_m
     reach = max(
         np.count_nonzero(c.turn_N_m) * float(c.position_m[1] - c.position_m[0]) for c in case.curves
@@ -360,30 +342,31 @@ def _turn(case: Case) -> list[Finding]:
         "their middle relies on the loop width farther away; included in the standard errors"
     )
     share = float(np.max(np.abs(turn))) / float(np.max(case.law.data.f))
-    return [Finding("turn", share, text, (case.change_by(turn),))]
+    yield Finding("turn", share, text, (case.law.change_by(turn),))
 
 
-def _sole_virgin_cycle(case: Case) -> list[Finding]:
+def _sole_virgin_cycle(case: Case) -> Iterator[Finding]:
     """Allow for virgin rubber in tests of a single cycle; other tests may show its effect."""
-    share = float(np.mean([c.n_cycles == 1 for c in case.curves]))
+    share = float(np.mean([len(c.recorded.cycles) == 1 for c in case.curves]))
     virgin_shares = [c.virgin_share for c in case.curves if math.isfinite(c.virgin_share)]
-    if case.cycles == "first" or not share:
-        return []
+    if case.settings.cycles == "first" or not share:
+        return
     if not virgin_shares:
         text = (
             "a single cycle: it is unknown whether the belt was conditioned before; virgin rubber "
             "is about 10 % stiffer; press three cycles"
         )
-        return [_unseen_finding("sole virgin cycle", share * VIRGIN, text)]
+        yield _unseen_finding("sole virgin cycle", share * VIRGIN, text)
+        return
     text = (
         "some tests have a single cycle; in others the first cycle is stiffer than the one used: "
         "the single cycles may be virgin, an effect of {:.2g} % of the pooled force"
     )
     stiffer = abs(float(np.mean(virgin_shares)))
-    return [_scale_finding(case, "sole virgin cycle", share * stiffer, text)]
+    yield _scale_finding(case, "sole virgin cycle", share * stiffer, text)
 
 
-def _hold(case: Case) -> list[Finding]:
+def _hold(case: Case) -> Iterator[Finding]:
     """Check for relaxation slower than the test, which only a hold at the top shows."""
     has_hold = np.array([math.isfinite(c.hold_force_N_m) for c in case.curves])
     if not has_hold.any():
@@ -391,28 +374,30 @@ def _hold(case: Case) -> list[Finding]:
             "no hold: relaxation slower than the test leaves no trace; the allowance is "
             f"{100 * SLOW:.2g} % of the force; hold the crosshead at the top"
         )
-        return [_unseen_finding("hold", SLOW, text)]
+        yield _unseen_finding("hold", SLOW, text)
+        return
     top, force = np.array([(c.top_position_m, c.hold_force_N_m) for c in case.curves])[has_hold].T
     data = case.law.data
-    law = case.law.force((top - case.contact_m[has_hold]) / data.span_m) * data.F_N_m
+    law = case.law.force((top - case.law.contact_m[has_hold]) / data.span_m) * data.F_N_m
     text = (
         "rate dependence: in a hold the force falls below the law; the belt at rest is softer by "
         "{:.2g} % (twice the loss in the hold)"
     )
     softer = 2.0 * max(float(np.mean(1.0 - force / law)), 0.0)
-    return [_scale_finding(case, "hold", softer, text)]
+    yield _scale_finding(case, "hold", softer, text)
 
 
-def _speeds(case: Case) -> list[Finding]:
+def _speeds(case: Case) -> Iterator[Finding]:
     """Check the rate dependence of the force, which only tests at several speeds show."""
     speeds = np.array([approach(c)[0] for c in case.curves])
     if np.all(speeds > 0.0) and speeds.max() >= RATE_SPAN * speeds.min():
         text = "rate dependence: the force changes by {:.2g} % if the press is ten times faster"
         decade = abs(_per_speed(case, np.log(speeds))) * math.log(10.0)
-        return [_scale_finding(case, "speeds", decade, text)]
+        yield _scale_finding(case, "speeds", decade, text)
+        return
     loss = loss_ratio(case.curves)
     if math.isnan(loss):
-        return []
+        return
     # a loss h = (pi/2) tan(angle) implies a stiffness change of (2/pi) tan(angle) ln 10 per decade
     # (local Kramers-Kronig relation); half of the loss may depend on the rate
     share = 0.5 * math.log(10.0) * (2.0 / math.pi) ** 2 * max(loss, 0.0)
@@ -421,7 +406,7 @@ def _speeds(case: Case) -> list[Finding]:
         f"the force falls by about {100 * share:.2g} % for a press ten times slower; press at two "
         "speeds"
     )
-    return [_unseen_finding("speeds", share, text)]
+    yield _unseen_finding("speeds", share, text)
 
 
 def _per_speed(case: Case, log_speed: Array) -> float:
@@ -436,13 +421,13 @@ def _per_speed(case: Case, log_speed: Array) -> float:
     return float(np.polyfit(log_speed, scale, 1)[0])
 
 
-def _scatter_of_the_tests(case: Case) -> list[Finding]:
+def _scatter_of_the_tests(case: Case) -> Iterator[Finding]:
     """Report tests that differ by more than their noise; they inflate the covariance."""
     if not case.scatter.curves_differ:
-        return []
+        return
     factor = math.sqrt(case.scatter.inflation)
     text = f"the tests differ by {factor:.2g} times their noise; the standard errors are enlarged"
-    return [Finding("scatter of the tests", factor, f"{text} accordingly")]
+    yield Finding("scatter of the tests", factor, f"{text} accordingly")
 
 
 def sole_tests(largest_difference: float) -> Finding:
@@ -454,7 +439,7 @@ def sole_tests(largest_difference: float) -> Finding:
     return _unseen_finding("sole tests", 0.5 * largest_difference, text)
 
 
-CHECKS: Final[tuple[Callable[[Case], list[Finding]], ...]] = (
+CHECKS: Final[tuple[Callable[[Case], Iterator[Finding]], ...]] = (
     _size,
     _coefficient_at_zero,
     _lack_of_fit,

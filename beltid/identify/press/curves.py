@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
@@ -21,13 +22,12 @@ from beltid.errors import InputError
 from beltid.identify.estimators.least_squares import solve_linear
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.recording import (
+    COLUMNS,
     PressCycle,
     PressTest,
     StiffnessSettings,
     choose_cycles,
-    find_cycles,
     prepare_test,
-    read_tests,
 )
 
 Array = NDArray[np.float64]
@@ -43,54 +43,52 @@ LEAST_TURN = 2.0e-3  # share of the largest force below which a reversal is negl
 FEWEST_NODES = 12  # minimum number of nodes to find the reach of a reversal
 
 
+NAMES = ("loading", "unloading")
+
+
 @dataclass(frozen=True, slots=True)
 class BranchSamples:
-    """Samples of one branch, "loading" or "unloading": positions [m], line forces [N/m], (n,)."""
+    """Samples of one branch, one of `NAMES`: positions [m], line forces [N/m], (n,)."""
 
     name: str
     position_m: Array
     force_N_m: Array
+
+    def between(self, low_m: float, high_m: float) -> BranchSamples:
+        """Return the samples within a range of positions."""
+        inside = (self.position_m >= low_m) & (self.position_m <= high_m)
+        return BranchSamples(self.name, self.position_m[inside], self.force_N_m[inside])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PressCurve:
     """Branches of one cycle at common positions; forces per length of belt."""
 
-    test: str
+    recorded: PressTest
     cycle: int
-    n_cycles: int  # number of cycles in the test
-    temperature_degC: float  # nan if unknown
     position_m: Array  # common positions without machine compliance, shape (m,)
     middle_N_m: Array  # midway between the branches, shape (m,)
     turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
     branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; holds removed
-    fit_range_m: tuple[float, float]
+    fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
     touch_m: float  # position where the loading branch begins to carry force
     top_position_m: float  # largest position in the cycle
     top_force_N_m: float
     dissipated_J_m: float  # work lost in the loop, nan if never unloaded
     stored_J_m: float  # work of the loading branch, nan if never unloaded
-    sample_interval_s: float  # 0 or nan if the clock stands still
     hold_force_N_m: float  # at the end of a hold at the top; nan without a hold
     virgin_share: float  # force of the first cycle over that of this one, minus 1; or nan
-    free_travel: bool  # whether the zero of the load cell could be checked before contact
     drift_N_m: float  # drift of the zero halfway through the cycle; 0 if none is seen
-    travel_sign: float  # sign of the recorded crosshead travel in compression
+
+    @property
+    def test(self) -> str:
+        """Label of the test."""
+        return self.recorded.label
 
     @property
     def unloads(self) -> bool:
         """True if both branches were recorded."""
         return len(self.branches) == 2
-
-    @property
-    def n_samples(self) -> int:
-        """Number of recorded samples within the range of the fit."""
-        return sum(int(np.count_nonzero(self.inside(b.position_m))) for b in self.branches)
-
-    def inside(self, position_m: Array) -> NDArray[np.bool_]:
-        """Mark the positions within the range of the fit."""
-        low, high = self.fit_range_m
-        return (position_m >= low) & (position_m <= high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,49 +106,52 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     """Clean the tests of a recording, select their cycles and build the curves.
 
     `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
-    ``temperature_degC``, shape (n,) each; nan where missing. Raises :class:`InputError`, with
-    all problems, if columns are missing or no test can be used.
+    ``temperature_degC``, shape (n,) each, checked when they were read; nan where missing. Raises
+    :class:`InputError`, with all problems, if no test can be used.
     """
-    used: list[tuple[PressTest, list[PressCurve], tuple[str, ...]]] = []
+    labels = np.asarray(press["test"]).astype(str)
+    unknown = {"temperature_degC": np.full(labels.size, np.nan)}
+    columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
+    curves: list[PressCurve] = []
+    notes: dict[str, tuple[str, ...]] = {}
     set_aside: list[tuple[str, str]] = []
-    for label, part in read_tests(press).items():
+    for label in dict.fromkeys(labels.tolist()):
+        part = {name: values[labels == label] for name, values in columns.items()}
         try:
             test = prepare_test(label, part, settings)
-            cycles = find_cycles(test)
-            chosen, cycle_notes = choose_cycles(cycles, settings.cycles)
-            curves = [press_curve(test, c, settings.segment_length_m, cycles) for c in chosen]
+            chosen, cycle_notes = choose_cycles(test.cycles, settings.cycles)
+            curves += [press_curve(test, c, settings.segment_length_m) for c in chosen]
         except InputError as error:
-            set_aside.append((label, "; ".join(error.problems)))
+            set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
-        speed_notes = _speeds_note(test, cycles, chosen)
-        used.append((test, curves, (*test.notes, *cycle_notes, *speed_notes)))
-    unloaded = [entry for entry in used if entry[1][0].unloads]
-    if unloaded:
-        loading_only = [test.label for test, curves, _ in used if not curves[0].unloads]
+        notes[label] = (*test.notes, *cycle_notes, *_speeds_note(test, chosen))
+    if any(c.unloads for c in curves):
+        loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
-        used = unloaded
-    if not used:
+        curves = [c for c in curves if c.unloads]
+    if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
-    labels: dict[str, list[str]] = {}
-    for test, _, texts in used:
-        for text in texts:
-            labels.setdefault(text, []).append(test.label)
-    notes = [
-        f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
-        for text, tests in labels.items()
-    ]
+    used = {c.test: c.recorded for c in curves}
+    tests_by_note: dict[str, list[str]] = {}
+    for label in used:
+        for text in notes[label]:
+            tests_by_note.setdefault(text, []).append(label)
     return PressRecording(
-        curves=tuple(curve for _, curves, _ in used for curve in curves),
+        curves=tuple(curves),
         set_aside=tuple(set_aside),
-        n_missing=sum(test.n_missing for test, _, _ in used),
-        n_spikes=sum(test.n_spikes for test, _, _ in used),
-        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
+        n_missing=sum(test.n_missing for test in used.values()),
+        n_spikes=sum(test.n_spikes for test in used.values()),
+        notes=(
+            *(
+                f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
+                for text, tests in tests_by_note.items()
+            ),
+            *(f"set aside: {reason}" for _, reason in set_aside),
+        ),
     )
 
 
-def _speeds_note(
-    test: PressTest, cycles: Sequence[PressCycle], chosen: Sequence[PressCycle]
-) -> tuple[str, ...]:
+def _speeds_note(test: PressTest, chosen: Sequence[PressCycle]) -> tuple[str, ...]:
     """Note a test whose cycles differ in speed although the selected ones do not."""
 
     def ratio(group: Sequence[PressCycle]) -> float:
@@ -158,82 +159,67 @@ def _speeds_note(
         steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in group]
         return max(steps) / min(steps) if min(steps) > 0.0 else 1.0
 
-    if ratio(cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
+    if ratio(test.cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
         return ()
     return (
-        f"its cycles were pressed at speeds up to {ratio(cycles):.2g} times apart, but those used "
-        "at one speed: to see the effect of speed, set press.cycles: all, or press tests at two "
-        "speeds",
+        f"its cycles were pressed at speeds up to {ratio(test.cycles):.2g} times apart, but those "
+        "used at one speed: to see the effect of speed, set press.cycles: all, or press tests at "
+        "two speeds",
     )
 
 
-def press_curve(
-    test: PressTest, cycle: PressCycle, segment_length_m: float, cycles: Sequence[PressCycle] = ()
-) -> PressCurve:
-    """Build the curve of one cycle of a cleaned test; `cycles` are all cycles of the test.
+def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
+    """Build the curve of one cycle of a cleaned test.
 
     Raises :class:`InputError` if a branch has too few samples in contact.
     """
     # stay five standard deviations off the ends, where noise decides which samples belong
     margin = 5.0 * test.position_noise_m
-    parts, hold = _without_hold(test, cycle, margin)
+    ways, hold_N = _without_hold(test, cycle, margin)
     whole, branches = (
         tuple(
             BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
-            for name, part in zip(
-                ("loading", "unloading")[: 1 + cycle.complete], ways, strict=False
-            )
+            for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
         )
-        for ways in ((cycle.loading, cycle.unloading), parts)
+        for parts in ((cycle.loading, cycle.unloading), ways)
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    counts = [int(np.sum((b.position_m >= low) & (b.position_m <= high))) for b in branches]
-    _require_enough(counts, test, cycle)
-    edges = np.linspace(low, high, int(np.clip(min(counts) // 4, 6, 120)) + 1)
+    fitted = tuple(b.between(low, high) for b in branches)
+    fewest = min(b.position_m.size for b in fitted)
+    if fewest < MIN_BRANCH_SAMPLES:
+        counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)
+        raise InputError(
+            f"cycle {cycle.number}: {counts} samples in contact and beyond the noise of the travel "
+            f"({test.position_noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
+            "branch"
+        )
+    edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, 120)) + 1)
     nodes = 0.5 * (edges[1:] + edges[:-1])
-    levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in branches]
+    levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
     in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
     middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
-    steps = np.diff(test.time_s[np.isfinite(test.time_s)])
     halfway = 0.5 * (cycle.loading.start + cycle.unloading.stop)
     return PressCurve(
-        test=test.label,
+        recorded=test,
         cycle=cycle.number,
-        n_cycles=max(len(cycles), 1),
-        temperature_degC=test.temperature_degC,
         position_m=nodes,
         middle_N_m=middle,
         turn_N_m=turn,
         branches=branches,
-        fit_range_m=(low, high),
+        fitted=fitted,
         touch_m=_contact_begin(branches[0], threshold),
         top_position_m=max(_steady_max(b.position_m) for b in whole),
         top_force_N_m=max(_steady_max(b.force_N_m) for b in whole),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
-        sample_interval_s=float(np.median(steps)) if steps.size else float("nan"),
-        hold_force_N_m=hold / segment_length_m,
-        virgin_share=_virgin_share(test, cycle, cycles),
-        free_travel=test.free_travel,
+        hold_force_N_m=hold_N / segment_length_m,
+        virgin_share=_virgin_share(test, cycle),
         drift_N_m=test.drift_N / segment_length_m * halfway / test.force_N.size,
-        travel_sign=test.travel_sign,
     )
-
-
-def _require_enough(counts: Sequence[int], test: PressTest, cycle: PressCycle) -> None:
-    """Raise :class:`InputError` if a branch has too few samples."""
-    if min(counts) < MIN_BRANCH_SAMPLES:
-        names = ("loading", "unloading")[: len(counts)]
-        sizes = ", ".join(f"{n} {name}" for n, name in zip(counts, names, strict=True))
-        raise InputError(
-            f"test {test.label}: cycle {cycle.number}: {sizes} samples in contact and beyond the "
-            f"noise of the travel ({test.position_noise_m * 1e6:.2g} µm), must be at least "
-            f"{MIN_BRANCH_SAMPLES} per branch"
-        )
 
 
 def _without_hold(
@@ -257,11 +243,13 @@ def _without_hold(
     return (slice(begin, first + 1), slice(last - 1, stop)), float(np.median(tail))
 
 
-def _virgin_share(test: PressTest, cycle: PressCycle, cycles: Sequence[PressCycle]) -> float:
+def _virgin_share(test: PressTest, cycle: PressCycle) -> float:
     """Return the force of the first loading over that of this cycle at equal position, minus 1."""
-    if len(cycles) < 2 or cycle.number == 1:
+    if len(test.cycles) < 2 or cycle.number == 1:
         return float("nan")
-    loadings = [(test.position_m[c.loading], test.force_N[c.loading]) for c in (cycles[0], cycle)]
+    loadings = [
+        (test.position_m[c.loading], test.force_N[c.loading]) for c in (test.cycles[0], cycle)
+    ]
     low = max(float(x[f > CONTACT_SHARE * cycle.peak_force_N][0]) for x, f in loadings)
     high = min(float(np.max(x)) for x, _ in loadings)
     at = low + np.linspace(0.3, 0.95, 50) * (high - low)
@@ -285,27 +273,22 @@ def _contact_begin(branch: BranchSamples, threshold: float) -> float:
     return float(position[start + int(below[0])]) if below.size else -_steady_max(-position)
 
 
-def _branch_at_nodes(position: Array, force: Array, edges: Array) -> Array:
-    """Interpolate the force of a branch to the centres of the bins [N/m], shape (m,).
+def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
+    """Interpolate the force f of a branch to the centres of the bins [N/m], shape (m,).
 
     A polynomial follows the shape of the branch, so that the distribution of samples within a bin
     does not matter. The bin means of its residuals are added, so that it need not be exact.
     """
-    inside = (position >= edges[0]) & (position <= edges[-1])
-    x, f = position[inside], force[inside]
     centre, half = 0.5 * (edges[0] + edges[-1]), 0.5 * (edges[-1] - edges[0])
     degree = 5 if x.size >= 24 else 3
     nodes = 0.5 * (edges[1:] + edges[:-1])
-    columns, at_nodes = (
-        np.polynomial.chebyshev.chebvander((at - centre) / half, degree) for at in (x, nodes)
+    at_samples, at_nodes = (chebvander((at - centre) / half, degree) for at in (x, nodes))
+    fit = solve_linear(at_samples, f)
+    filled, bins, count = np.unique(
+        np.digitize(x, edges[1:-1]), return_inverse=True, return_counts=True
     )
-    fit = solve_linear(columns, f)
-    bins = np.minimum(np.searchsorted(edges, x, side="right") - 1, nodes.size - 1)
-    count = np.bincount(bins, minlength=nodes.size)
-    total = np.bincount(bins, weights=fit.residuals, minlength=nodes.size)
-    filled = count > 0
-    rest = np.interp(nodes, nodes[filled], total[filled] / count[filled])
-    return at_nodes @ fit.parameters + rest
+    rest = np.bincount(bins, weights=fit.residuals) / count
+    return at_nodes @ fit.parameters + np.interp(nodes, nodes[filled], rest)
 
 
 def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tuple[Array, Array]:

@@ -50,7 +50,7 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
     curves = [c for c in curves if c.unloads]
     if not curves:
         raise InputError("press recording: no test was unloaded, so the hysteresis is unknown")
-    without_clock = sorted({c.test for c in curves if not c.sample_interval_s > 0.0})
+    without_clock = sorted({c.test for c in curves if not c.recorded.sample_interval_s > 0.0})
     if without_clock:
         raise InputError(
             [f"test {t}: the clock does not run, so the speed is unknown" for t in without_clock]
@@ -82,7 +82,7 @@ def approach(curve: PressCurve) -> tuple[float, float]:
     counts[-1] = np.median(counts)  # the crosshead dwells or turns in the last bin
     if counts.min() < 3:
         counts[:] = np.mean(counts)
-    interval = curve.sample_interval_s
+    interval = curve.recorded.sample_interval_s
     durations = counts * (interval if interval > 0.0 else math.nan)
     return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -63,7 +63,7 @@ class Nodes:
         numbers = {label: i for i, label in enumerate(dict.fromkeys(c.test for c in curves))}
         tests = np.array([numbers[c.test] for c in curves], dtype=np.intp)
         sizes = [c.position_m.size for c in curves]
-        unchecked = np.unique([numbers[c.test] for c in curves if not c.free_travel])
+        unchecked = np.unique([numbers[c.test] for c in curves if not c.recorded.free_travel])
         F = 0.5 * min(float(np.max(c.middle_N_m)) for c in curves)
         span = max(float(np.ptp(c.position_m)) for c in curves)
         return cls(
@@ -81,6 +81,11 @@ class Nodes:
     def n_tests(self) -> int:
         """Number of tests."""
         return int(self.owner.max()) + 1
+
+    @property
+    def is_own(self) -> Mask:
+        """Whether a node belongs to a test, shape (n, tests)."""
+        return self.owner[:, None] == np.arange(self.n_tests)
 
     def only(self, kept: Mask) -> Nodes:
         """Select some of the nodes and renumber the tests."""
@@ -104,37 +109,65 @@ class Nodes:
         return positions
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class FittedLaw:
-    """Law fitted to n nodes, in scaled units."""
+    """Law in scaled units: coefficients from linear least squares at given contact points.
 
-    name: LawName
-    data: Nodes  # the fitted nodes
-    K: Array  # coefficients of its terms, shape (terms,)
-    exponents: Array  # powers of the terms, shape (terms,)
-    contact: Array  # position of the contact point of each test, shape (tests,)
-    residuals: Array  # nodes minus law, shape (n,)
-    sum_of_squares: float  # residuals, and zeros relative to their prior
-    sensitivity: Array
-    """Derivatives of K (and the free exponent) with respect to the node forces and the prior of the
-    zeros, shape (parameters, n + unchecked); a coefficient held at 0 is treated as free."""
-    tangent: Array  # derivatives of the nodes with respect to the free unknowns, (n + unchecked, m)
-    tau: float  # integrated autocorrelation time of the residuals [nodes]
+    Parameters
+    ----------
+    name : str
+        Name of the law.
+    data : Nodes
+        The n nodes to fit.
+    theta : ndarray
+        Position of the contact point of each test, and the exponent of the power law.
 
-    @property
-    def units(self) -> Array:
-        """SI units of the coefficients [N/m^(1+n)]."""
-        return np.asarray(self.data.F_N_m / self.data.span_m**self.exponents)
+    Attributes
+    ----------
+    K, exponents : ndarray
+        Coefficients of the terms, and their powers, shape (terms,).
+    contact : ndarray
+        Position of the contact point of each test, shape (tests,).
+    y : ndarray
+        Penetration of each node, negative before contact, shape (n,).
+    residuals : ndarray
+        Nodes minus law, shape (n,).
+    misfit : ndarray
+        The residuals, and zeros relative to their prior, shape (n + unchecked,).
+    """
 
-    @property
-    def y(self) -> Array:
-        """Scaled penetration of each node, negative before contact."""
-        return self.data.x - self.contact[self.data.owner]
+    def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
+        self.name, self.data, self.theta = name, data, theta
+        self.contact = theta[: data.n_tests]
+        self.exponents = np.arange(1.0, TERMS[name] + 1.0)
+        if name == "power":
+            self.exponents = theta[data.n_tests :]
+        self.y = data.x - self.contact[data.owner]
+        zeros = (data.owner[:, None] == data.unchecked).astype(float)
+        n_zeros, q = data.unchecked.size, self.exponents.size
+        # prior rows; the sum of their squares is c' (I + 1 1')^-1 c
+        prior = data.zero_weight * np.linalg.inv(np.linalg.cholesky(np.eye(n_zeros) + 1.0))
+        terms = np.pad(basis(self.y, self.exponents), ((0, n_zeros), (0, 0)))
+        self._design = np.column_stack([terms, np.vstack([zeros, prior])])
+        observed = np.pad(data.f, (0, n_zeros))
+        free = np.ones(self._design.shape[1], dtype=bool)
+        scaled, length = unit_columns(self._design)
+        solution = np.zeros(free.size)
+        for _ in range(q + 1):  # active set of the bounds K >= 0
+            solution[:] = 0.0
+            at_free = np.linalg.lstsq(scaled[:, free], observed, rcond=1e-13)[0]
+            solution[free] = at_free / length[free]
+            worst = int(np.argmin(solution[:q]))
+            if solution[worst] >= 0.0:
+                break
+            free[worst] = False
+        self._free, self._scaled = free, scaled[:, free]
+        self.K = solution[:q]
+        self.misfit = observed - self._design @ solution
+        self.residuals = self.misfit[: data.x.size]
 
-    @property
-    def values(self) -> Array:
-        """Parameters: K, and for the power law the exponent."""
-        return np.append(self.K, self.exponents) if self.name == "power" else self.K
+    def force(self, y: Array) -> Array:
+        """Calculate the scaled force at a scaled penetration."""
+        return basis(y, self.exponents) @ self.K
 
     @property
     def active_bound(self) -> Mask:
@@ -143,12 +176,96 @@ class FittedLaw:
 
     @property
     def n_unknowns(self) -> int:
-        """Number of parameters and contact points."""
-        return self.values.size + self.contact.size
+        """Number of coefficients, contact points and free exponents."""
+        return self.K.size + self.theta.size
 
-    def force(self, y: Array) -> Array:
-        """Calculate the scaled force at a scaled penetration."""
-        return basis(y, self.exponents) @ self.K
+    @property
+    def sum_of_squares(self) -> float:
+        """Sum of squares of the residuals, and of zeros relative to their prior."""
+        return float(self.misfit @ self.misfit)
+
+    @cached_property
+    def tau(self) -> float:
+        """Integrated autocorrelation time of the residuals [nodes]."""
+        return correlation_time(self.residuals, self.data)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """Derivatives of the nodes with respect to the free unknowns, (n + unchecked, m)."""
+        return np.column_stack([self._design[:, self._free], self._nonlinear_columns()])
+
+    @property
+    def values(self) -> Array:
+        """Coefficients [N/m^(1+n)], and for the power law the exponent, shape (p,)."""
+        k = self.K * self.units
+        return np.append(k, self.exponents) if self.name == "power" else k
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """Derivatives of the values with respect to scaled observations, (p, n + unchecked).
+
+        The observations are the forces of the nodes and the prior of the zeros. A coefficient held
+        at 0 is treated as free.
+        """
+        if self.name == "quadratic" and self.K[0] < self.K[1]:
+            return self._by_vertex() * self.units[:, None]
+        inverse = pseudo_inverse(np.column_stack([self._design, self._nonlinear_columns()]))
+        by_K = inverse[: self.K.size] * self.units[:, None]
+        if self.name != "power":
+            return by_K
+        # k = K F / span^n: the unit of k contains the exponent
+        by_n = inverse[-1:]
+        return np.vstack([by_K - self.values[:1] * math.log(self.data.span_m) * by_n, by_n])
+
+    def change_by(self, force: Array) -> Array:
+        """Return the change of the values by a change of the scaled force at every node."""
+        return np.asarray(self.sensitivity[:, : force.size] @ force)
+
+    @property
+    def contact_m(self) -> Array:
+        """Position of the contact point of each curve [m]."""
+        first_nodes = np.unique(self.data.part, return_index=True)[1]
+        return self.contact[self.data.owner[first_nodes]] * self.data.span_m
+
+    @property
+    def units(self) -> Array:
+        """SI units of the coefficients [N/m^(1+n)]."""
+        return np.asarray(self.data.F_N_m / self.data.span_m**self.exponents)
+
+    def jacobian(self) -> Array:
+        """Differentiate the misfit by theta, linear part projected out (Kaufman)."""
+        columns = self._nonlinear_columns()
+        part = np.linalg.lstsq(self._scaled, columns, rcond=1e-13)[0]
+        return -(columns - self._scaled @ part)
+
+    def _nonlinear_columns(self) -> Array:
+        """Differentiate the law with respect to theta, (n + unchecked, .)."""
+        slope = -_slopes(self.y, self.exponents) @ self.K
+        columns = np.where(self.data.is_own, slope[:, None], 0.0)
+        if self.name == "power":
+            by_n = self.force(self.y) * np.log(np.maximum(self.y, SMALLEST))
+            columns = np.column_stack([columns, by_n])
+        return np.pad(columns, ((0, self.misfit.size - self.y.size), (0, 0)))
+
+    def _by_vertex(self) -> Array:
+        """Differentiate (k1, k2) with respect to the nodes if k1 is small, with q = k1² >= 0.
+
+        About the vertices v_j = p_j - k1/(2 k2) the law is k2 (x - v_j)² - q/(4 k2), whose
+        derivatives stay regular at k1 = 0. There dk1 = dq/(2 k1) is unbounded; replacing 2 k1 by
+        sqrt(4 q + se(q)) makes the standard error of k1 that of the root of q.
+        """
+        k1, k2 = self.K
+        n, zeros = self.y.size, self._design[:, 2:]
+        y = self.y + 0.5 * k1 / k2
+        columns = np.zeros((self.misfit.size, 2 + self.contact.size))
+        columns[:n, 0] = -0.25 / k2
+        columns[:n, 1] = y**2 + 0.25 * (k1 / k2) ** 2
+        columns[:n, 2:] = self.data.is_own * (-2.0 * k2 * y)[:, None]
+        rows = pseudo_inverse(np.column_stack([columns, zeros]))[:2]
+        dof = max(self.misfit.size - self.theta.size, 1)
+        se = float(np.linalg.norm(rows[0]) * np.linalg.norm(self.misfit)) / dof**0.5
+        rows[0] /= np.sqrt(4.0 * k1**2 + se)
+        return rows
 
 
 def basis(y: Array, exponents: Array) -> Array:
@@ -162,55 +279,6 @@ def _slopes(y: Array, exponents: Array) -> Array:
     return np.where(y[:, None] > 0.0, exponents * inside ** (exponents - 1.0), 0.0)
 
 
-class _Projection:
-    """Linear part of a fit at given contact points and exponent."""
-
-    def __init__(self, name: LawName, data: Nodes, theta: Array) -> None:
-        self.theta, self.free_exponent = theta, name == "power"
-        self.p = theta[: data.n_tests]
-        self.exponents = np.arange(1.0, TERMS[name] + 1.0)
-        if self.free_exponent:
-            self.exponents = theta[data.n_tests :]
-        self.y = data.x - self.p[data.owner]
-        zeros = (data.owner[:, None] == data.unchecked).astype(float)
-        n_zeros, q = data.unchecked.size, self.exponents.size
-        # prior rows; the sum of their squares is c' (I + 1 1')^-1 c
-        prior = data.zero_weight * np.linalg.inv(np.linalg.cholesky(np.eye(n_zeros) + 1.0))
-        terms = np.pad(basis(self.y, self.exponents), ((0, n_zeros), (0, 0)))
-        self.design = np.column_stack([terms, np.vstack([zeros, prior])])
-        self.observed = np.pad(data.f, (0, n_zeros))
-        self.free = np.ones(self.design.shape[1], dtype=bool)
-        scaled, length = unit_columns(self.design)
-        self.c = np.zeros(self.free.size)
-        for _ in range(q + 1):  # active set of the bounds K >= 0
-            self.c[:] = 0.0
-            solution = np.linalg.lstsq(scaled[:, self.free], self.observed, rcond=1e-13)[0]
-            self.c[self.free] = solution / length[self.free]
-            worst = int(np.argmin(self.c[:q]))
-            if self.c[worst] >= 0.0:
-                break
-            self.free[worst] = False
-        self.scaled = scaled[:, self.free]
-        self.K = self.c[:q]
-        self.residuals = self.observed - self.design @ self.c
-        self.own = data.owner[:, None] == np.arange(data.n_tests)
-
-    def nonlinear_columns(self) -> Array:
-        """Differentiate the law with respect to contact points and exponent, (n + unchecked, .)."""
-        slope = -_slopes(self.y, self.exponents) @ self.K
-        columns = np.where(self.own, slope[:, None], 0.0)
-        if self.free_exponent:
-            by_n = basis(self.y, self.exponents) @ self.K * np.log(np.maximum(self.y, SMALLEST))
-            columns = np.column_stack([columns, by_n])
-        return np.pad(columns, ((0, self.observed.size - self.y.size), (0, 0)))
-
-    def jacobian(self) -> Array:
-        """Return the derivatives of the residuals, linear part projected out (Kaufman)."""
-        columns = self.nonlinear_columns()
-        part = np.linalg.lstsq(self.scaled, columns, rcond=1e-13)[0]
-        return -(columns - self.scaled @ part)
-
-
 def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     """Fit one law to the nodes, with a free contact point for each test.
 
@@ -220,87 +288,33 @@ def fit_law(name: LawName, data: Nodes) -> FittedLaw:
     q, J = TERMS[name] + (name == "power"), data.n_tests
     if data.x.size <= q + J:
         raise FitError(f"{name} law: {data.x.size} nodes, must be more than {q + J}")
-    reference = data.reference_positions()
-    starts = [reference - d for d in DISTANCES]
+    starts = [data.reference_positions() - d for d in DISTANCES]
     low, high = np.full(J, -np.inf), np.full(J, np.inf)
     if name == "power":
         starts = [np.append(s, n) for s in starts for n in EXPONENTS]
         low, high = np.append(low, 0.2), np.append(high, 12.0)
-    last = min(
-        (_Projection(name, data, s) for s in starts), key=lambda p: p.residuals @ p.residuals
-    )
+    law = min((FittedLaw(name, data, s) for s in starts), key=lambda law: law.sum_of_squares)
 
-    def projection(theta: Array) -> _Projection:
-        """Return the projection at theta; reuse the last one for its Jacobian."""
-        nonlocal last
-        if not np.array_equal(theta, last.theta):
-            last = _Projection(name, data, theta.copy())
-        return last
+    def at(theta: Array) -> FittedLaw:
+        """Return the law at theta; reuse the last one for its Jacobian."""
+        nonlocal law
+        if not np.array_equal(theta, law.theta):
+            law = FittedLaw(name, data, theta.copy())
+        return law
 
     minimum = solve_nonlinear(
-        lambda theta: projection(theta).residuals,
-        lambda theta: projection(theta).jacobian(),
-        last.theta,
-        (low, high),
+        lambda theta: at(theta).misfit, lambda theta: at(theta).jacobian(), law.theta, (low, high)
     )
-    at = projection(minimum.parameters)
-    if not np.any(at.K > 0.0):
+    law = at(minimum.parameters)
+    if not np.any(law.K > 0.0):
         raise FitError(f"{name} law: the force falls with penetration, must rise")
-    tangent = np.column_stack([at.design[:, at.free], at.nonlinear_columns()])
-    residuals = at.residuals[: data.x.size]
-    return FittedLaw(
-        name=name,
-        data=data,
-        K=at.K,
-        exponents=at.exponents,
-        contact=at.p,
-        residuals=residuals,
-        sum_of_squares=float(at.residuals @ at.residuals),
-        sensitivity=_sensitivity(name, at),
-        tangent=tangent,
-        tau=correlation_time(residuals, data),
-    )
-
-
-def _sensitivity(name: LawName, at: _Projection) -> Array:
-    """Differentiate coefficients and free exponent with respect to the observations."""
-    if name == "quadratic" and at.K[0] < at.K[1]:
-        return _by_vertex(at)
-    # a coefficient at its bound gets the error of a free one
-    inverse = pseudo_inverse(np.column_stack([at.design, at.nonlinear_columns()]))
-    return np.asarray(inverse[[*range(at.K.size), *([-1] if name == "power" else [])]])
-
-
-def _by_vertex(at: _Projection) -> Array:
-    """Differentiate (k1, k2) with respect to the nodes if k1 is small, with q = k1² >= 0.
-
-    About the vertices v_j = p_j - k1/(2 k2) the law is k2 (x - v_j)² - q/(4 k2), whose derivatives
-    stay regular at k1 = 0. There dk1 = dq/(2 k1) is unbounded; replacing 2 k1 by sqrt(4 q + se(q))
-    makes the standard error of k1 that of the root of q.
-    """
-    k1, k2 = at.K
-    n, zeros = at.y.size, at.design[:, 2:]
-    y = at.y + 0.5 * k1 / k2
-    columns = np.zeros((at.observed.size, 2 + at.p.size))
-    columns[:n, 0] = -0.25 / k2
-    columns[:n, 1] = y**2 + 0.25 * (k1 / k2) ** 2
-    columns[:n, 2:] = at.own * (-2.0 * k2 * y)[:, None]
-    rows = pseudo_inverse(np.column_stack([columns, zeros]))[:2]
-    dof = max(at.residuals.size - at.theta.size, 1)
-    se = float(np.linalg.norm(rows[0]) * np.linalg.norm(at.residuals)) / dof**0.5
-    rows[0] /= np.sqrt(4.0 * k1**2 + se)
-    return rows
-
-
-def fit_quadratic(curves: Sequence[PressCurve], noise: float = 0.0) -> FittedLaw:
-    """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
-    unchecked = any(not c.free_travel for c in curves)
-    return _fit_quadratic(tuple(curves), math.sqrt(noise) if unchecked else 0.0)
+    return law
 
 
 @lru_cache(maxsize=64)  # the same tests and groups are fitted repeatedly
-def _fit_quadratic(curves: tuple[PressCurve, ...], noise_N_m: float) -> FittedLaw:
-    return fit_law("quadratic", Nodes.of(curves, noise_N_m))
+def fit_quadratic(curves: tuple[PressCurve, ...], noise: float = 0.0) -> FittedLaw:
+    """Fit the quadratic law to curves; `noise` [N²/m²] sets the weight of the zeros' prior."""
+    return fit_law("quadratic", Nodes.of(curves, math.sqrt(noise)))
 
 
 def correlation_time(residuals: Array, data: Nodes) -> float:
@@ -316,7 +330,6 @@ def predicted(law: FittedLaw, data: Nodes) -> Array:
 
     The search starts at the mean distance from the contact point in the fitted tests.
     """
-    own = data.owner[:, None] == np.arange(data.n_tests)
     starts = data.reference_positions() - np.mean(law.data.reference_positions() - law.contact)
 
     def residuals(p: Array) -> Array:
@@ -324,6 +337,6 @@ def predicted(law: FittedLaw, data: Nodes) -> Array:
 
     def jacobian(p: Array) -> Array:
         slope = _slopes(data.x - p[data.owner], law.exponents) @ law.K
-        return np.where(own, slope[:, None], 0.0)
+        return np.where(data.is_own, slope[:, None], 0.0)
 
     return data.f - solve_nonlinear(residuals, jacobian, starts).residuals

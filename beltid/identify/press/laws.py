@@ -15,7 +15,7 @@ The quadratic law remains the default: simulations and artifacts use it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,6 @@ from beltid.identify.press.fit import (
     FittedLaw,
     LawName,
     Nodes,
-    correlation_time,
     fit_law,
     predicted,
 )
@@ -59,18 +58,31 @@ class LawCandidate:
     """One law in the comparison; figures are nan if it could not be fitted."""
 
     law: LawName
-    parameters: tuple[LawParameter, ...]  # coefficients of the force over the penetration
-    rms_residual_N_m: float  # middle of the branches minus law
-    criterion: float  # AICc minus that of the quadratic law: negative is better
-    cv_error_N_m: float  # root mean square error of prediction
-    cv_ratio: float  # prediction error over that of the quadratic law
-    largest_difference: float  # from the quadratic law, over the largest force
+    parameters: tuple[LawParameter, ...] = ()  # coefficients of the force over the penetration
+    rms_residual_N_m: float = math.nan  # middle of the branches minus law
+    criterion: float = math.nan  # AICc minus that of the quadratic law: negative is better
+    cv_error_N_m: float = math.nan  # root mean square error of prediction
+    cv_ratio: float = math.nan  # prediction error over that of the quadratic law
+    largest_difference: float = math.nan  # from the quadratic law, over the largest force
     note: str = ""  # why figures are missing, or a peculiarity of the law
 
     @property
     def values(self) -> dict[str, float]:
         """Values of the coefficients by name."""
         return {p.name: p.value for p in self.parameters}
+
+    @property
+    def label(self) -> str:
+        """Name of the law, with the exponent of a power law."""
+        exponent = self.values.get("n")
+        return f"{self.law} (exponent {exponent:.3g})" if exponent else self.law
+
+    @property
+    def criterion_text(self) -> str:
+        """Difference in AICc as text."""
+        size = abs(self.criterion)
+        word = "lower" if self.criterion < 0.0 else "higher"
+        return f"(AICc {word} by {size:.{0 if size >= 10 else 1}f})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +97,11 @@ class LawChoice:
 
     def misfits(self, top_force_N_m: float) -> str:
         """Describe the misfit of each law relative to the largest force [N/m]."""
-        parts = []
-        for c in self.laws:
-            exponent = f" (exponent {c.values['n']:.3g})" if "n" in c.values else ""
-            off = f"{100.0 * c.rms_residual_N_m / top_force_N_m:.2g} % of the largest force RMS"
-            parts.append(f"{c.law}{exponent} off by {off}" + (f" ({c.note})" if c.note else ""))
-        return "; ".join(parts)
+        return "; ".join(
+            f"{c.label} off by {100.0 * c.rms_residual_N_m / top_force_N_m:.2g} % of the largest "
+            "force RMS" + (f" ({c.note})" if c.note else "")
+            for c in self.laws
+        )
 
 
 def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
@@ -100,152 +111,110 @@ def choose_normal_law(curves: Sequence[PressCurve]) -> LawChoice:
     """
     data = Nodes.of(curves)
     fits: dict[LawName, FittedLaw] = {}
-    failed: dict[LawName, str] = {}
+    laws: dict[LawName, LawCandidate] = {}
     for name in LAW_NAMES:
         try:
             fits[name] = fit_law(name, data)
         except NumericsError as error:
-            failed[name] = str(error)
-    if "quadratic" not in fits:
-        raise FitError(
-            f"choice of law: the quadratic law could not be fitted: {failed['quadratic']}"
-        )
-    best = min(fits.values(), key=lambda f: f.sum_of_squares)
-    m, nan = data.x.size / correlation_time(best.residuals, data), math.nan
-    errors = _cross_validation(data, fits)
-    criteria = {name: _aicc(f.sum_of_squares, data, f.n_unknowns, m) for name, f in fits.items()}
-    floor = ROUNDING * float(np.max(data.f))
-    reference = max(errors.get("quadratic", nan), floor)
-    laws = []
-    for name in LAW_NAMES:
-        if name in failed:
-            laws.append(LawCandidate(name, (), nan, nan, nan, nan, nan, failed[name]))
-            continue
-        law, cv_error = fits[name], errors.get(name, nan)
-        difference = np.max(np.abs(law.residuals - fits["quadratic"].residuals)) / np.max(data.f)
+            laws[name] = LawCandidate(name, note=str(error))
+    if "quadratic" in laws:
+        problem = "choice of law: the quadratic law could not be fitted"
+        raise FitError(f"{problem}: {laws['quadratic'].note}")
+    quadratic = fits["quadratic"]
+    m = data.x.size / min(fits.values(), key=lambda f: f.sum_of_squares).tau
+    top = float(np.max(data.f))
+    cv_errors = {name: _prediction_error(name, data) for name in fits}
+    reference = max(cv_errors["quadratic"], ROUNDING * top)
+    for name, law in fits.items():
         zero = ", ".join(n for n, active in zip(NAMES, law.active_bound, strict=False) if active)
-        laws.append(
-            LawCandidate(
-                law=name,
-                parameters=_parameters(law),
-                rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
-                criterion=criteria[name] - criteria["quadratic"],
-                cv_error_N_m=data.F_N_m * cv_error,
-                cv_ratio=max(cv_error, floor) / reference,
-                largest_difference=float(difference),
-                note=f"{name} law: {zero} would be negative and is held at zero" if zero else "",
-            )
+        laws[name] = LawCandidate(
+            law=name,
+            parameters=_parameters(law),
+            rms_residual_N_m=data.F_N_m * math.sqrt(law.sum_of_squares / data.x.size),
+            criterion=_aicc(law, m) - _aicc(quadratic, m),
+            cv_error_N_m=data.F_N_m * cv_errors[name],
+            cv_ratio=max(cv_errors[name], ROUNDING * top) / reference,
+            largest_difference=float(np.max(np.abs(law.residuals - quadratic.residuals))) / top,
+            note=f"{name} law: {zero} would be negative and is held at zero" if zero else "",
         )
-    exponent = laws[LAW_NAMES.index("power")].values.get("n")
-    supported, verdict = verdict_of(laws, exponent, m)
-    return LawChoice(tuple(laws), supported, verdict, m)
+    compared = tuple(laws[name] for name in LAW_NAMES)
+    supported, verdict = verdict_of(compared, m)
+    return LawChoice(compared, supported, verdict, m)
 
 
-def _aicc(sum_of_squares: float, data: Nodes, unknowns: int, m: float) -> float:
+def _aicc(law: FittedLaw, m: float) -> float:
     """Calculate the AICc of a fit for m independent nodes; nan if there are too few."""
-    k = unknowns + 1  # plus the variance of the noise
+    k = law.n_unknowns + 1  # plus the variance of the noise
     if m <= k + 1:
         return math.nan
-    floor = (ROUNDING * float(np.max(data.f))) ** 2
-    return m * math.log(max(sum_of_squares / data.x.size, floor)) + 2.0 * k * m / (m - k - 1.0)
+    mean_square = law.sum_of_squares / law.data.x.size
+    floor = (ROUNDING * float(np.max(law.data.f))) ** 2
+    return m * math.log(max(mean_square, floor)) + 2.0 * k * m / (m - k - 1.0)
 
 
 def _parameters(law: FittedLaw) -> tuple[LawParameter, ...]:
     """Return the coefficients in SI, with standard errors from the scatter of the nodes."""
-    names, units = NAMES, UNITS
+    names, units = (("k", "n"), ("N/m^(1+n)", "-")) if law.name == "power" else (NAMES, UNITS)
     dof = max(law.data.x.size / law.tau - law.n_unknowns, 1.0)
-    covariance = law.sensitivity @ law.sensitivity.T * law.sum_of_squares / dof
-    if law.name == "power":
-        k, n = law.values
-        (scale,) = law.units
-        # k = K F / span^n: the unit of k contains the exponent
-        scaling = np.array([[scale, -k * scale * math.log(law.data.span_m)], [0.0, 1.0]])
-        values = np.array([k * scale, n])
-        names, units = ("k", "n"), ("N/m^(1+n)", "-")
-    else:
-        scaling, values = np.diag(law.units), law.K * law.units
-    se = np.sqrt(np.diag(scaling @ covariance @ scaling.T))
-    rows = zip(names, units, values.tolist(), se.tolist(), strict=False)
+    se = np.linalg.norm(law.sensitivity, axis=1) * math.sqrt(law.sum_of_squares / dof)
+    rows = zip(names, units, law.values.tolist(), se.tolist(), strict=False)
     return tuple(LawParameter(*row) for row in rows)
 
 
-def _cross_validation(data: Nodes, fits: Mapping[LawName, FittedLaw]) -> dict[LawName, float]:
-    """Calculate the RMS prediction error of each law [units of F]."""
+def _prediction_error(name: LawName, data: Nodes) -> float:
+    """Calculate the RMS prediction error of a law [units of F]; nan if a fit fails."""
     several = data.n_tests > 1
     if several:
-        n_folds = min(data.n_tests, MOST_FOLDS)
-        fold = data.owner % n_folds
+        fold = data.owner % MOST_FOLDS
     else:
-        n_folds = BLOCKS
-        share = np.argsort(np.argsort(data.x, kind="stable"), kind="stable") / data.x.size
-        fold = np.minimum((share * n_folds).astype(np.intp), n_folds - 1)
-    errors: dict[LawName, float] = {}
-    for name in fits:
-        total = 0.0
+        rank = np.argsort(np.argsort(data.x, kind="stable"), kind="stable")
+        fold = rank * BLOCKS // data.x.size
+    total = 0.0
+    for k in np.unique(fold):
+        target = data.only(fold == k)
         try:
-            for k in range(n_folds):
-                others, target = data.only(fold != k), data.only(fold == k)
-                law = fit_law(name, others)
-                force = law.force(target.x - law.contact[0])
-                if several:
-                    force = predicted(law, target)
-                total += float(np.sum((target.f - force) ** 2))
+            law = fit_law(name, data.only(fold != k))
+            force = predicted(law, target) if several else law.force(target.x - law.contact[0])
         except NumericsError:
-            continue
-        errors[name] = math.sqrt(total / data.x.size)
-    return errors
+            return math.nan
+        total += float(np.sum((target.f - force) ** 2))
+    return math.sqrt(total / data.x.size)
 
 
-def verdict_of(
-    laws: Sequence[LawCandidate], exponent: float | None, n_effective: float
-) -> tuple[bool, str]:
+def verdict_of(laws: Sequence[LawCandidate], n_effective: float) -> tuple[bool, str]:
     """Decide whether the data support the quadratic law, and explain why.
 
-    `exponent` is that of the power law, `n_effective` the number of independent nodes.
+    `n_effective` is the number of independent nodes.
     """
-    others = {c.law: c for c in laws if c.law != "quadratic" and math.isfinite(c.criterion)}
+    others = [c for c in laws if c.law != "quadratic" and math.isfinite(c.criterion)]
     if not others:
         return True, (
             f"No choice of law: {n_effective:.0f} independent nodes are too few to compare laws; "
             "the quadratic law is the default."
         )
-    better = {n: c for n, c in others.items() if c.criterion < -PROVEN and c.cv_ratio < 1.0}
-    relevant = [c for c in better.values() if c.largest_difference >= RELEVANT_DIFFERENCE]
+    better = [c for c in others if c.criterion < -PROVEN and c.cv_ratio < 1.0]
+    relevant = [c for c in better if c.largest_difference >= RELEVANT_DIFFERENCE]
     if relevant:
         best = min(relevant, key=lambda c: c.criterion)
         return False, (
-            f"A {_law_label(best.law, exponent)} law predicts better by "
-            f"{100 * (1 - best.cv_ratio):.2g} %{_criterion(best)}; it differs from the "
-            f"quadratic one by up to {100 * best.largest_difference:.2g} % of the largest "
-            "force: look at the curves. The quadratic law stays the default."
-        )
-    linear = others.get("linear")
-    if linear and (linear.criterion < AS_GOOD or linear.largest_difference < RELEVANT_DIFFERENCE):
-        return False, (
-            f"A linear law does as well: it differs from the quadratic one by at most "
-            f"{100 * linear.largest_difference:.2g} % of the largest force"
-            f"{_criterion(linear)}. The quadratic law stays the default."
+            f"A {best.label} law predicts better by {100 * (1 - best.cv_ratio):.2g} % "
+            f"{best.criterion_text}; it differs from the quadratic one by up to "
+            f"{100 * best.largest_difference:.2g} % of the largest force: look at the curves. The "
+            "quadratic law stays the default."
         )
     findings = []
-    for name, c in others.items():
-        label = _law_label(name, exponent)
-        if name in better:
-            share = f"{100 * c.largest_difference:.2g} % of the largest force only"
-            findings.append(f"a {label} law is provably better but differs by {share}")
-            continue
-        outcome = "adds nothing" if name == "cubic" else "does as well"
-        outcome = "is no better" if c.criterion > AS_GOOD else outcome
-        findings.append(f"a {label} law {outcome}{_criterion(c)}")
+    for c in others:
+        share = f"{100 * c.largest_difference:.2g} % of the largest force"
+        if c.law == "linear" and (
+            c.criterion < AS_GOOD or c.largest_difference < RELEVANT_DIFFERENCE
+        ):
+            return False, (
+                f"A linear law does as well: it differs from the quadratic one by at most {share} "
+                f"{c.criterion_text}. The quadratic law stays the default."
+            )
+        outcome = "adds nothing" if c.law == "cubic" else "does as well"
+        outcome = f"{'is no better' if c.criterion > AS_GOOD else outcome} {c.criterion_text}"
+        if c in better:
+            outcome = f"is provably better but differs by {share} only"
+        findings.append(f"a {c.label} law {outcome}")
     return True, f"The quadratic law is supported: {'; '.join(findings)}."
-
-
-def _law_label(name: str, exponent: float | None) -> str:
-    """Return the name of a law, with the exponent of the power law."""
-    return f"power (exponent {exponent:.3g})" if name == "power" and exponent else name
-
-
-def _criterion(law: LawCandidate) -> str:
-    """Return the difference in AICc as text."""
-    difference = law.criterion
-    word = "lower" if difference < 0.0 else "higher"
-    return f" (AICc {word} by {abs(difference):.{0 if abs(difference) >= 10 else 1}f})"

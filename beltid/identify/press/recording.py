@@ -1,4 +1,4 @@
-"""Preparation of a press recording for the fit: read, clean and split into cycles.
+"""Preparation of a press test for the fit: clean it and split it into cycles.
 
 Sign convention of the results: positions and forces rise while the crosshead compresses the
 belt.
@@ -26,8 +26,7 @@ SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
 MIN_FORCE_OVER_NOISE = 10.0  # rise of the force over its noise that proves contact
-# range allowed for the largest travel and force of a press test
-LIMITS = (("displacement_mm", 1e-6, 1e5, "mm"), ("force_N", 1e-6, 1e9, "N"))
+COLUMNS = ("time_s", "displacement_mm", "force_N", "temperature_degC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +63,17 @@ class StiffnessSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class PressCycle:
+    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
+
+    number: int  # from 1
+    loading: slice
+    unloading: slice
+    peak_force_N: float
+    complete: bool  # whether the belt was unloaded
+
+
+@dataclass(frozen=True, slots=True)
 class PressTest:
     """Press test without missing samples and spikes; n samples, arrays of shape (n,)."""
 
@@ -81,73 +91,50 @@ class PressTest:
     n_spikes: int
     notes: tuple[str, ...]  # changes to the data, for the user
     drift_N: float = 0.0  # force after release minus force before contact; 0 if not seen
+    cycles: tuple[PressCycle, ...] = ()  # in time order
 
-
-@dataclass(frozen=True, slots=True)
-class PressCycle:
-    """Loading up to a reversal and the following unloading, as slices of a test's samples."""
-
-    number: int  # from 1
-    loading: slice
-    unloading: slice
-    peak_force_N: float
-    complete: bool  # whether the belt was unloaded
-
-
-def read_tests(press: Mapping[str, NDArray]) -> dict[str, dict[str, Array]]:
-    """Split the columns by test label; :class:`InputError` names all missing columns."""
-    needed = ("time_s", "displacement_mm", "force_N")
-    absent = [name for name in ("test", *needed) if name not in press]
-    if absent:
-        raise InputError([f"press recording: column {name} is missing" for name in absent])
-    columns = {name: np.asarray(press[name], dtype=float) for name in needed}
-    labels = np.asarray(press["test"]).astype(str)
-    temperature = press.get("temperature_degC", np.full(labels.size, np.nan))
-    columns["temperature_degC"] = np.asarray(temperature, dtype=float)
-    wrong = [f"{name} {v.shape}" for name, v in columns.items() if v.shape != labels.shape]
-    if wrong:
-        raise InputError(
-            f"press recording: columns {', '.join(wrong)}, must be ({labels.size},) as test is"
-        )
-    tests = dict.fromkeys(labels.tolist())
-    return {t: {name: v[labels == t] for name, v in columns.items()} for t in tests}
+    @property
+    def sample_interval_s(self) -> float:
+        """Median step of the clock; 0 or nan if it stands still."""
+        steps = np.diff(self.time_s[np.isfinite(self.time_s)])
+        return float(np.median(steps)) if steps.size else float("nan")
 
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
     `part` holds ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
-    order, shape (n,) each; nan where missing. Raises :class:`InputError` if the clock runs
-    backwards, for too few samples, implausible values, no travel, or no contact.
+    order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
+    travel, no contact, or no loading.
     """
-    _require_forward_clock(label, part["time_s"])
-    displacement_mm = settings.displacement_gain * part["displacement_mm"]
-    force_N = settings.force_gain * part["force_N"]
-    _require_plausible(label, displacement_mm, force_N)
-    missing = ~(np.isfinite(displacement_mm) & np.isfinite(force_N))
-    travel, force = displacement_mm[~missing] * 1e-3, force_N[~missing]
-    _require_samples(label, travel)
+    travel = settings.displacement_gain * part["displacement_mm"] * 1e-3
+    samples = np.array([part["time_s"], travel, settings.force_gain * part["force_N"]])
+    missing = ~np.isfinite(samples[1:]).all(axis=0)
+    _, travel, force = samples = _without(samples, missing)
     spikes = _spikes(travel) | _spikes(force)
-    travel, force, time_s = travel[~spikes], force[~spikes], part["time_s"][~missing][~spikes]
+    _, travel, force = samples = _without(samples, spikes)
     force_sign, travel_sign = _signs(travel, force)
-    travel, force = travel_sign * travel, force_sign * force
+    _, travel, force = samples = samples * [[1.0], [travel_sign], [force_sign]]
     clipped, clipping_text = _clipped(travel, force)
-    travel, force, time_s = travel[~clipped], force[~clipped], time_s[~clipped]
-    _require_samples(label, travel)
-    noise = _noise(force)
-    _require_contact(label, travel, force, noise)
+    time_s, travel, force = _without(samples, clipped)
+    noise = difference_sigma(force, 2)
+    _require_contact(travel, force, noise)
     before, after = _free_samples(travel, force, noise)
-    zero = _load_cell_zero(before)
-    force = force - (zero or 0.0)
-    _require_positive(label, force)
-    position = _plate_position(label, travel, force, settings.machine_compliance_m_N)
+    zero, drift_N = _zero_and_drift(before, after) if before.size else (0.0, 0.0)
+    force = force - zero
+    if np.max(force) <= 0.0:
+        raise InputError(
+            f"the force only rises from {force[0]:.3g} N to {np.max(force):.3g} N, and without "
+            "travel before contact the zero of the load cell is unknown: begin out of contact"
+        )
+    position = _plate_position(travel, force, settings.machine_compliance_m_N)
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (clipped.any(), f"{clipped.sum()} samples left out: {clipping_text}"),
-        (bool(zero), f"zero of the load cell {zero:.3g} N subtracted" if zero else ""),
+        (zero != 0.0, f"zero of the load cell {zero:.3g} N subtracted"),
         (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
         ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
@@ -160,65 +147,35 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         position_m=position,
         force_N=force,
         travel_sign=travel_sign,
-        position_noise_m=_noise(position),
+        position_noise_m=difference_sigma(position, 2),
         force_noise_N=noise,
-        free_travel=zero is not None,
+        free_travel=before.size > 0,
         n_missing=int(missing.sum() + clipped.sum()),
         n_spikes=int(spikes.sum()),
         notes=tuple(text for applies, text in changes if applies),
-        drift_N=0.0 if zero is None else _drift(before, after),
+        drift_N=drift_N,
+        cycles=find_cycles(travel, force),
     )
 
 
-def _require_forward_clock(label: str, time_s: Array) -> None:
-    """Raise :class:`InputError` if the time falls."""
-    clock = time_s[np.isfinite(time_s)]
-    if np.any(np.diff(clock) < 0.0):
-        at = float(clock[:-1][np.diff(clock) < 0.0][0])
-        raise InputError(f"test {label}: time_s falls after {at:g} s, must not run backwards")
+def _without(samples: Array, removed: NDArray[np.bool_]) -> Array:
+    """Remove samples, shape (..., n); :class:`InputError` if too few are left."""
+    samples = samples[..., ~removed]
+    if samples.shape[-1] < MIN_SAMPLES:
+        raise InputError(f"{samples.shape[-1]} usable samples, must be at least {MIN_SAMPLES}")
+    return samples
 
 
-def _require_samples(label: str, travel: Array) -> None:
-    """Raise :class:`InputError` for too few samples."""
-    if travel.size < MIN_SAMPLES:
-        problem = f"{travel.size} usable samples, must be at least {MIN_SAMPLES}"
-        raise InputError(f"test {label}: {problem}")
-
-
-def _require_positive(label: str, force: Array) -> None:
-    """Raise :class:`InputError` if no force is positive."""
-    if np.max(force) <= 0.0:
-        raise InputError(
-            f"test {label}: the force only rises from {force[0]:.3g} N to {np.max(force):.3g} N, "
-            "and without travel before contact the zero of the load cell is unknown: begin out of "
-            "contact"
-        )
-
-
-def _plate_position(label: str, travel: Array, force: Array, compliance_m_N: float) -> Array:
+def _plate_position(travel: Array, force: Array, compliance_m_N: float) -> Array:
     """Return the plate position [m]: crosshead travel minus the deflection of the machine."""
     position = travel - compliance_m_N * force
     pressed = force > 0.5 * np.max(force)
     if compliance_m_N > 0.0 and np.median(position[pressed]) <= np.median(position[~pressed]):
         raise InputError(
-            f"test {label}: machine compliance {compliance_m_N * 1e3:g} mm/N times the "
-            "force exceeds the crosshead travel, must be less"
+            f"machine compliance {compliance_m_N * 1e3:g} mm/N times the force exceeds the "
+            "crosshead travel, must be less"
         )
     return np.asarray(position)
-
-
-def _require_plausible(label: str, displacement_mm: Array, force_N: Array) -> None:
-    """Reject implausible magnitudes, whose squares would overflow or underflow in the fit."""
-    problems = []
-    for (name, low, high, unit), values in zip(LIMITS, (displacement_mm, force_N), strict=True):
-        largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-        if largest > high:
-            problems.append(f"{name} reaches {largest:.3g} {unit}, must be within ±{high:g} {unit}")
-        elif 0.0 < largest < low:
-            problem = f"{name} stays within ±{largest:.3g} {unit}"
-            problems.append(f"{problem}, must reach {low:g} {unit}")
-    if problems:
-        raise InputError([f"test {label}: {problem}" for problem in problems])
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
@@ -230,11 +187,6 @@ def _spikes(x: Array) -> NDArray[np.bool_]:
     deviation = x - running_median(x, SPIKE_WINDOW)
     steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
     return np.abs(deviation) > max(SPIKE * mad_sigma(deviation), steps, 2e-3 * spread(x))
-
-
-def _noise(x: Array) -> float:
-    """Return the standard deviation of the white noise on a ramp."""
-    return difference_sigma(x, order=2)
 
 
 def spread(x: Array) -> float:
@@ -258,18 +210,19 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
     return force_sign, -1.0 if falls else 1.0
 
 
-def _require_contact(label: str, travel: Array, force: Array, noise: float) -> None:
+def _require_contact(travel: Array, force: Array, noise: float) -> None:
     """Raise :class:`InputError` if force or travel do not rise above their noise."""
     rise = float(np.max(force) - np.quantile(force, 0.01))
     if rise <= MIN_FORCE_OVER_NOISE * max(noise, 0.1 * mad_sigma(force)):
         raise InputError(
-            f"test {label}: no contact found: the force rises by {rise:.3g} N over a noise of "
-            f"{noise:.3g} N, must be more than {MIN_FORCE_OVER_NOISE:g} times the noise"
+            f"no contact found: the force rises by {rise:.3g} N over a noise of {noise:.3g} N, "
+            f"must be more than {MIN_FORCE_OVER_NOISE:g} times the noise"
         )
-    if spread(travel) <= 10.0 * _noise(travel):
+    travelled, noise = spread(travel), difference_sigma(travel, 2)
+    if travelled <= 10.0 * noise:
         raise InputError(
-            f"test {label}: the crosshead moves by {spread(travel) * 1e3:.3g} mm with a noise of "
-            f"{_noise(travel) * 1e3:.3g} mm, must move by more than ten times its noise"
+            f"the crosshead moves by {travelled * 1e3:.3g} mm with a noise of {noise * 1e3:.3g} "
+            "mm, must move by more than ten times its noise"
         )
 
 
@@ -288,7 +241,7 @@ def _clipped(travel: Array, force: Array) -> tuple[NDArray[np.bool_], str]:
     moved = float(np.max(travel[at_limit]) - travel[first])
     per_travel = (limit - float(force[start])) / max(float(travel[first] - travel[start]), 1e-12)
     step = limit - float(np.max(force[~at_limit]))
-    if moved * per_travel <= 5.0 * (step + _noise(force[:first])):
+    if moved * per_travel <= 5.0 * (step + difference_sigma(force[:first], 2)):
         return np.zeros(force.size, dtype=bool), ""
     return at_limit, (
         f"the force stays at {limit:.4g} N while the crosshead moves on by {moved * 1e6:.2g} µm: "
@@ -322,28 +275,25 @@ def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Arr
     return force[: end // 2], force[int(pressed[-1]) + 1 :]
 
 
-def _load_cell_zero(free: Array) -> float | None:
-    """Return the load cell zero from the forces before contact [N]; None without such forces.
+def _zero_and_drift(before: Array, after: Array) -> tuple[float, float]:
+    """Return the load cell zero and its drift [N], from the forces before and after contact.
 
     The zero is 0 if it is within four standard errors of zero. Only the first half of the forces is
     used if the second half differs, because the cell drifts or the belt is touched.
     """
-    if not free.size:
-        return None
-    half = free.size // 2
-    first, second = (robust_mean_with_se(part) for part in (free[:half], free[half:]))
-    allowed = 4.0 * float(np.hypot(first.se, second.se)) + 1e-12 * abs(float(np.median(free)))
-    zero = robust_mean_with_se(free) if abs(second.mean - first.mean) <= allowed else first
-    return zero.mean if abs(zero.mean) > 4.0 * zero.se else 0.0
+    half = before.size // 2
+    zero = robust_mean_with_se(before[:half] if _shift(before[:half], before[half:]) else before)
+    is_seen = min(before.size, after.size) >= FEWEST_FREE // 2
+    drift = _shift(before, after) if is_seen else 0.0
+    return zero.mean if abs(zero.mean) > 4.0 * zero.se else 0.0, drift
 
 
-def _drift(before: Array, after: Array) -> float:
-    """Return the force after release minus that before contact [N]; 0 if insignificant (4 s.e.)."""
-    if min(before.size, after.size) < FEWEST_FREE // 2:
-        return 0.0
-    first, last = (robust_mean_with_se(part) for part in (before, after))
-    drift = last.mean - first.mean
-    return drift if abs(drift) > 4.0 * float(np.hypot(first.se, last.se)) else 0.0
+def _shift(first: Array, last: Array) -> float:
+    """Return the change of the mean; 0 if it is within four standard errors."""
+    level, other = robust_mean_with_se(first), robust_mean_with_se(last)
+    shift = other.mean - level.mean
+    rounding = 1e-12 * abs(level.mean)
+    return 0.0 if abs(shift) <= 4.0 * float(np.hypot(level.se, other.se)) + rounding else shift
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
@@ -370,29 +320,28 @@ def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
     return np.array([*start, *turns, end], dtype=np.intp)
 
 
-def find_cycles(test: PressTest) -> tuple[PressCycle, ...]:
+def find_cycles(travel: Array, force: Array) -> tuple[PressCycle, ...]:
     """Split a test into cycles at the reversals of the crosshead, in time order.
 
     Loadings to less than half of the test's largest force (preloads, aborted cycles) are ignored.
     """
-    travel = test.travel_m
-    turns = turning_points(travel, max(0.05 * spread(travel), 10.0 * _noise(travel)))
+    least = max(0.05 * spread(travel), 10.0 * difference_sigma(travel, 2))
+    turns = turning_points(travel, least)
     cycles: list[PressCycle] = []
-    largest = float(np.max(test.force_N))
+    largest = float(np.max(force))
     for k in range(turns.size - 1):
         start, peak = int(turns[k]), int(turns[k + 1])
         if travel[peak] <= travel[start]:
             continue
         stop = int(turns[k + 2]) if k + 2 < turns.size else peak
-        top = float(np.max(test.force_N[start : stop + 1]))
+        top = float(np.max(force[start : stop + 1]))
         if top < 0.5 * largest:
             continue
         loading, unloading = slice(start, peak + 1), slice(peak, stop + 1)
-        complete = stop > peak and float(np.min(test.force_N[unloading])) < 0.5 * top
+        complete = stop > peak and float(np.min(force[unloading])) < 0.5 * top
         cycles.append(PressCycle(len(cycles) + 1, loading, unloading, top, complete))
     if not cycles:
-        problem = "no loading found: the crosshead never moves into the belt"
-        raise InputError(f"test {test.label}: {problem}")
+        raise InputError("no loading found: the crosshead never moves into the belt")
     return tuple(cycles)
 
 

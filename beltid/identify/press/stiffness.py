@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltid.errors import FitError, NumericsError
 from beltid.identify.press.checks import CHECKS, Case, Finding, sole_tests
-from beltid.identify.press.curves import PressCurve, read_recording
+from beltid.identify.press.curves import PressCurve, PressRecording, read_recording
 from beltid.identify.press.dissipation import loss_ratio
 from beltid.identify.press.fit import fit_quadratic
 from beltid.identify.press.laws import choose_normal_law
@@ -99,11 +99,8 @@ class StiffnessResult:
     """Law at the reference temperature: from all tests if temperature does not matter, otherwise
     from the tests nearest to the reference."""
     temperature: TemperatureEffect
-    curves: tuple[PressCurve, ...]  # curves used for the fits
     contact_m: dict[str, float]  # position of the contact point of each test
-    set_aside: tuple[tuple[str, str], ...]  # rejected tests, with the reason
-    n_missing: int  # samples removed from the tests used
-    n_spikes: int
+    recording: PressRecording  # curves used for the fits, and rejected tests
     notes: tuple[str, ...]  # for the user, without the warnings of the pooled law
 
 
@@ -120,35 +117,23 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
     Raises
     ------
     InputError
-        If columns are missing or no test can be used (no contact, too few samples, ...).
+        If no test can be used (no contact, too few samples, ...).
     FitError, ConvergenceError
         If no law with ``k >= 0`` describes the curves; if the contact points are not found.
     """
     recording = read_recording(press, settings)
     curves = recording.curves
     groups = _group_by_temperature(curves)
-    laws: list[LawEstimate] = []
-    problems: list[str] = []
-    for t, group in groups.items():
-        try:
-            laws.append(_estimate(group, t, settings))
-        except FitError as error:
-            problems += [f"press at {t:g} °C: {problem}" for problem in error.problems]
-    if problems:
-        raise _fit_error(problems, curves)
+    laws = _estimates(groups, settings)
     difference, beyond_drift = _largest_difference(laws)
-    effect = temperature_effect(list(groups.values()), list(groups), difference, beyond_drift)
+    effect = temperature_effect(groups, difference, beyond_drift)
     if effect.matters:
         pooled, notes = _at_reference(laws, curves, settings.reference_temperature_degC)
         if all(len(law.tests) == 1 for law in laws):
             finding = sole_tests(difference)
             pooled = replace(pooled, findings=(*pooled.findings, finding))
     else:
-        try:
-            pooled = _estimate(curves, None, settings)
-        except FitError as error:
-            problems = [f"press, all tests: {problem}" for problem in error.problems]
-            raise _fit_error(problems, curves) from error
+        (pooled,) = _estimates({None: curves}, settings)
         notes = ["The pooled law comes from all tests."]
     contact_m = {c.test: c.touch_m for c in curves}
     for law in (*laws, pooled):
@@ -157,22 +142,10 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
         laws=tuple(laws),
         pooled=pooled,
         temperature=effect,
-        curves=curves,
         contact_m=contact_m,
-        set_aside=recording.set_aside,
-        n_missing=recording.n_missing,
-        n_spikes=recording.n_spikes,
+        recording=recording,
         notes=(effect.statement, *notes, *pooled.notes, *recording.notes),
     )
-
-
-def _fit_error(problems: Sequence[str], curves: Sequence[PressCurve]) -> FitError:
-    """Build the error from the problems and the misfits of all laws."""
-    top = max(c.top_force_N_m for c in curves)
-    try:
-        return FitError([*problems, f"the laws compared: {choose_normal_law(curves).misfits(top)}"])
-    except NumericsError:
-        return FitError([*problems])
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
@@ -180,14 +153,14 @@ def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[Pres
 
     A group spans less than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
     """
-    usable = [c for c in curves if math.isfinite(c.temperature_degC)]
+    usable = [c for c in curves if math.isfinite(c.recorded.temperature_degC)]
     groups: list[list[PressCurve]] = []
-    for curve in sorted(usable, key=lambda c: c.temperature_degC):
-        first = groups[-1][0].temperature_degC if groups else -math.inf
-        if curve.temperature_degC - first >= SAME_TEMPERATURE_K:
+    for curve in sorted(usable, key=lambda c: c.recorded.temperature_degC):
+        first = groups[-1][0].recorded.temperature_degC if groups else -math.inf
+        if curve.recorded.temperature_degC - first >= SAME_TEMPERATURE_K:
             groups.append([])
         groups[-1].append(curve)
-    return {round(float(np.mean([c.temperature_degC for c in g])), 1): g for g in groups}
+    return {round(float(np.mean([c.recorded.temperature_degC for c in g])), 1): g for g in groups}
 
 
 def _at_reference(
@@ -201,7 +174,7 @@ def _at_reference(
     if abs(temperatures[nearest] - reference_degC) > REFERENCE_REACH_K:
         reach = f"{REFERENCE_REACH_K:g} K of the reference temperature {reference_degC:g} °C"
         notes.append(f"No test is within {reach}.")
-    tests = {c.test for c in curves if not math.isfinite(c.temperature_degC)}
+    tests = {c.test for c in curves if not math.isfinite(c.recorded.temperature_degC)}
     if tests:
         notes.append(f"Tests not used, temperature unknown: {', '.join(sorted(tests))}.")
     return replace(laws[nearest], temperature_degC=None), notes
@@ -227,23 +200,47 @@ def _largest_difference(laws: Sequence[LawEstimate]) -> tuple[float, float]:
     return float(np.max(spread / mean)), float(np.max((spread - 2.0 * drift_pair) / mean))
 
 
+def _estimates(
+    groups: Mapping[float, Sequence[PressCurve]] | Mapping[None, Sequence[PressCurve]],
+    settings: StiffnessSettings,
+) -> list[LawEstimate]:
+    """Estimate a law for each temperature, or None for all tests; raise with all problems."""
+    laws: list[LawEstimate] = []
+    problems: list[str] = []
+    for t, curves in groups.items():
+        try:
+            laws.append(_estimate(curves, t, settings))
+        except FitError as error:
+            where = "press, all tests" if t is None else f"press at {t:g} °C"
+            problems += [f"{where}: {problem}" for problem in error.problems]
+    if problems:
+        curves = [c for group in groups.values() for c in group]
+        try:
+            misfits = choose_normal_law(curves).misfits(max(c.top_force_N_m for c in curves))
+            problems.append(f"the laws compared: {misfits}")
+        except NumericsError:
+            pass
+        raise FitError(problems)
+    return laws
+
+
 def _estimate(
     curves: Sequence[PressCurve], temperature_degC: float | None, settings: StiffnessSettings
 ) -> LawEstimate:
     """Fit the law to the curves and run all checks."""
     scatter = scatter_of([curves])
-    law = fit_quadratic(curves, scatter.noise)
-    case = Case(curves, law, scatter, settings.cycles, settings.loading_only)
+    law = fit_quadratic(tuple(curves), scatter.noise)
+    case = Case(curves, law, scatter, settings)
     findings = tuple(finding for check in CHECKS for finding in check(case))
-    by_force = law.sensitivity * (law.units / law.data.F_N_m)[:, None]
+    by_force = law.sensitivity / law.data.F_N_m
     covariance = by_force @ by_force.T * scatter.noise * scatter.inflation
     covariance += sum(np.outer(change, change) for f in findings for change in f.changes)
-    elastic = NormalLaw(*case.k.tolist())
-    contact = case.contact_m
+    elastic = NormalLaw(*law.values.tolist())
+    contact = law.contact_m
     squares = [
-        np.mean((b.force_N_m - elastic.force(b.position_m - p))[c.inside(b.position_m)] ** 2)
+        np.mean((b.force_N_m - elastic.force(b.position_m - p)) ** 2)
         for c, p in zip(curves, contact, strict=True)
-        for b in c.branches
+        for b in c.fitted
     ]
     loss = loss_ratio(curves)
     return LawEstimate(
@@ -251,12 +248,12 @@ def _estimate(
         k_linear_N_m2=elastic.k_linear_N_m2,
         k_quadratic_N_m3=elastic.k_quadratic_N_m3,
         covariance=(*covariance[0].tolist(), *covariance[1].tolist()),
-        contact_offset_mm=float(np.mean([c.travel_sign for c in curves] * contact)) * 1e3,
+        contact_offset_mm=float(np.mean([c.recorded.travel_sign for c in curves] * contact)) * 1e3,
         rms_residual_N_m=float(np.sqrt(np.mean(squares))),
         hysteresis_ratio=loss if math.isnan(loss) else max(loss, 0.0),
         max_penetration_m=float(np.max([c.top_position_m for c in curves] - contact)),
         max_force_N_m=max(c.top_force_N_m for c in curves),
-        n_samples=sum(c.n_samples for c in curves),
+        n_samples=sum(b.position_m.size for c in curves for b in c.fitted),
         n_effective=law.data.x.size / law.tau,
         n_cycles=len(curves),
         contact_m=dict(zip((c.test for c in curves), contact.tolist(), strict=True)),

@@ -12,7 +12,7 @@ effect of temperature.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ def _squares(curves: Sequence[PressCurve], noise: float = 0.0) -> tuple[float, f
     Contact points are not counted. If no zero is known, a common shift of all zeros is equivalent
     to a change of k_linear and is not counted either.
     """
-    law = fit_quadratic(curves, noise)
+    law = fit_quadratic(tuple(curves), noise)
     unchecked = law.data.unchecked.size
     n_unknowns = 2 + unchecked - (unchecked == law.data.n_tests)
     return law.sum_of_squares * law.data.F_N_m**2, law.tau, n_unknowns
@@ -93,20 +93,20 @@ def scatter_of(groups: Sequence[Sequence[PressCurve]]) -> Scatter:
 
 
 def temperature_effect(
-    groups: Sequence[Sequence[PressCurve]],
-    temperatures_degC: Sequence[float],
+    curves_at: Mapping[float, Sequence[PressCurve]],
     largest_difference: float,
     beyond_drift: float,
 ) -> TemperatureEffect:
-    """Test one common law against one law per temperature; `groups` are the curves of each.
+    """Test one common law against one law per temperature; `curves_at` has the curves of each [°C].
 
     The reference is the scatter of tests at the same temperature if they differ by more than their
     noise, otherwise the noise. Temperature matters only if the laws also differ enough:
     `largest_difference` is the relative difference of their forces [-], `beyond_drift` the part of
     it that drifting load cells do not explain.
     """
+    groups = list(curves_at.values())
     if len(groups) < 2:
-        where = f"{temperatures_degC[0]:g} °C" if groups else "an unknown temperature"
+        where = "".join(f"{t:g} °C" for t in curves_at) or "an unknown temperature"
         statement = f"All tests are at {where}: no statement on temperature."
         return TemperatureEffect(math.nan, 0.0, math.nan, math.nan, None, statement)
     scatter = scatter_of(groups)
@@ -122,7 +122,7 @@ def temperature_effect(
     p_value = float(fdtrc(dof, dof_within, statistic))
     significant = p_value < 0.01
     matters = significant and beyond_drift >= RELEVANT_DIFFERENCE
-    span = f"{min(temperatures_degC):g} to {max(temperatures_degC):g} °C"
+    span = f"{min(curves_at):g} to {max(curves_at):g} °C"
     test = (
         f"F({dof:g}, {dof_within:.0f}) = {statistic:.3g} against {yardstick}, p = {p_value:.2g}, "
         f"largest difference {100 * largest_difference:.2g} % of the force"

@@ -85,58 +85,48 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             raise RunRejected(record.defect)
         channels = read_channels(record, settings)
         rotation = find_rotation(channels.speed)
-        rest = rest_state(
-            channels.time_s,
-            channels.tight,
-            channels.slack,
-            rotation.first,
-            MIN_SAMPLES,
-            channels.steps,
-        )
+        cells = channels.tight, channels.slack
+        rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
         channels, swapped = unswapped(channels, rotation)
         phase = sliding_phase(channels, rotation)
         if phase.time_s.size - phase.slide < settings.min_plateau_samples:
             raise RunRejected("too short: the record ends before the plateau shows")
+        # from here on, samples start where the pulley begins to turn
+        t = phase.time_s[phase.first :]
+        x = R * _angle(channels, t[: phase.slide - phase.first])
+        offset = -rest.imbalance_N if swapped else rest.imbalance_N
+        difference = phase.tensions[:, 0] - phase.tensions[:, 1] - offset
+        level = SHARE * median(difference[phase.slide :])
+        difference = difference[phase.first : phase.slide]
+        # count instead of stopping at the first sample above: noise adds as many as it removes
+        n = int(np.count_nonzero(difference < level))
+        duration = float(t[n] - t[0]) if n else float(t[0] - rest.last_s)
+        result = replace(
+            result,
+            initial_tension_N=rest.tension_N,
+            pulley_speed_rad_s=rotation.speed_rad_s,
+            n_samples=n,
+            sampling_rate_Hz=max(n, 1) / duration,
+        )
+        if n < FEWEST:
+            needed = _round_up(FEWEST / duration)
+            result = replace(result, needed_rate_Hz=needed)
+            raise RunRejected(
+                f"{n} samples before {100 * SHARE:g} % of the plateau difference, must be "
+                f">= {FEWEST}: sample at {needed:g} Hz or more, or turn the pulley more slowly"
+            )
+        # end where a fitted line crosses the level: the raw count depends on noise near the end
+        line = np.polynomial.Polynomial.fit(x[:n], difference[:n], 1)
+        n = max(int(np.count_nonzero(line(x) < level)), FEWEST)
+        slope, slope_se, steepening = _slope(x[:n], difference[:n], rest, channels.steps)
+        if not slope > 0.0:
+            raise RunRejected(f"the tension difference does not rise: slope {slope:.3g} N/m")
+        if steepening > STEEPENS:  # slip would flatten it
+            raise RunRejected(
+                "the tension difference rises faster and faster: take-up of the bench, or cells lag"
+            )
     except RunRejected as reason:
         return replace(result, status=str(reason))
-    # from here on, samples start where the pulley begins to turn
-    part = slice(phase.first, None)
-    t = phase.time_s[part]
-    offset = -rest.imbalance_N if swapped else rest.imbalance_N
-    difference = phase.tensions[part, 0] - phase.tensions[part, 1] - offset
-    sliding = phase.slide - phase.first
-    level = SHARE * median(difference[sliding:])
-    # count instead of stopping at the first sample above: noise adds as many as it removes
-    n = int(np.count_nonzero(difference[:sliding] < level))
-    duration = float(t[n] - t[0]) if n else float(phase.time_s[phase.first] - rest.last_s)
-    result = replace(
-        result,
-        initial_tension_N=rest.tension_N,
-        pulley_speed_rad_s=rotation.speed_rad_s,
-        n_samples=n,
-        sampling_rate_Hz=max(n, 1) / duration,
-    )
-    if n < FEWEST:
-        needed = _round_up(FEWEST / duration)
-        return replace(
-            result,
-            needed_rate_Hz=needed,
-            status=f"{n} samples before {100 * SHARE:g} % of the plateau difference, must be "
-            f">= {FEWEST}: sample at {needed:g} Hz or more, or turn the pulley more slowly",
-        )
-    x = _travel(channels, t[:sliding], R)
-    # end where a fitted line crosses the level: the raw count depends on noise near the end
-    line = np.polynomial.Polynomial.fit(x[:n], difference[:n], 1)
-    n = max(int(np.count_nonzero(line(x) < level)), FEWEST)
-    slope, slope_se, steepening = _slope(x[:n], difference[:n], rest, channels.steps)
-    if not slope > 0.0:
-        problem = f"the tension difference does not rise: slope {slope:.3g} N/m"
-        return replace(result, status=problem)
-    if steepening > STEEPENS:  # slip would flatten it
-        problem = (
-            "the tension difference rises faster and faster: take-up of the bench, or cells lag"
-        )
-        return replace(result, status=problem)
     return replace(result, slope_N_m=slope, slope_se_N_m=slope_se, n_samples=n)
 
 
@@ -146,11 +136,11 @@ def _round_up(rate: float) -> float:
     return math.ceil(rate / step) * step
 
 
-def _travel(channels: Channels, t: Array, R: float) -> Array:
-    """Return the travel of the pulley's surface at times t [m], from an arbitrary origin."""
+def _angle(channels: Channels, t: Array) -> Array:
+    """Return the angle of the pulley at times t [rad], from an arbitrary origin."""
     speed = np.abs(channels.speed)
     angle = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    return R * np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
+    return np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
 
 
 def _slope(

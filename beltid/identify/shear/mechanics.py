@@ -61,9 +61,55 @@ class LaidBelt:
     end_compliance: Array
     rise: Array
 
+    def build_up_slope(self, k_s: float, arc: Array, span: float) -> Array:
+        """Calculate the slope of T_tight - T_slack over pulley travel in full stick, Eq. (B1).
+
+        Parameters
+        ----------
+        k_s : float
+            Shear stiffness of the ribs [N/m²].
+        arc : ndarray
+            Length of the arc between the tangent points, R beta [m], shape (n,).
+        span : float
+            Effective length of a free span [m]: half the sum of both spans, plus EA times the
+            compliance of a support.
+
+        Returns
+        -------
+        ndarray
+            [N/m], shape (n,).
+        """
+        decay = np.sqrt(self.arc_EA / k_s)
+        contact = arc - 2.0 * self.lift_off
+        ribs = decay / np.tanh(contact / (2.0 * decay)) / self.arc_EA
+        return np.asarray(2.0 / (self._end(span) + ribs))
+
+    def micro_slip(self, k_s: float, arc: Array, span: float) -> Array:
+        """Calculate the relative loss of slope by slip at the ends of the contact, Eq. (B4).
+
+        The loss [-] is that of a line through the build-up up to `SHARE` of the plateau difference,
+        shape (n,); the parameters are those of :meth:`build_up_slope`.
+        """
+        contact = arc - 2.0 * self.lift_off
+        slip_area = SHARE * self.rise * contact
+        decay = np.sqrt(self.arc_EA / k_s + slip_area / 8.0)
+        bend = np.tanh(contact / (2.0 * decay))
+        free = self._end(span) * self.arc_EA
+        return np.asarray(slip_area / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend))
+
+    def _end(self, span: float) -> Array:
+        """Return the compliance of a span and its end of the contact, C of (B1) [m/N]."""
+        return np.asarray(span / self.EA + self.end_compliance + self.lift_off / self.arc_EA)
+
 
 def laid_belt(
-    EA: float, EI: float, T: Array, R: float, span: float, normal_law: tuple[float, float]
+    EA: float,
+    EI: float,
+    T: Array,
+    R: float,
+    span: float,
+    normal_law: tuple[float, float],
+    bending: float = 1.0,
 ) -> LaidBelt:
     """Lay a belt on the pulley, without friction.
 
@@ -82,6 +128,8 @@ def laid_belt(
     normal_law : pair of float
         k_linear [N/m²] and k_quadratic [N/m³] of Eq. (3). Only the linear part acts at the ends
         of the contact.
+    bending : float
+        Factor on (B2) and (B3).
     """
     k, k_quadratic = normal_law
     b = np.sqrt(EI / T)
@@ -93,59 +141,7 @@ def laid_belt(
     return LaidBelt(
         EA=EA,
         arc_EA=1.0 / arc_compliance,
-        lift_off=b - c - (b**2 - soft) / (2.0 * span),
-        end_compliance=(bent - raised) / (8.0 * R**2 * T),
+        lift_off=bending * (b - c - (b**2 - soft) / (2.0 * span)),
+        end_compliance=bending * ((bent - raised) / (8.0 * R**2 * T)),
         rise=np.sqrt(soft),
     )
-
-
-def build_up_slope(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
-    """Calculate the slope of T_tight - T_slack over pulley travel in full stick, Eq. (B1).
-
-    Parameters
-    ----------
-    belt : LaidBelt
-        The belt at n tensions.
-    k_s : float
-        Shear stiffness of the ribs [N/m²].
-    arc : ndarray
-        Length of the arc between the tangent points, R beta [m], shape (n,).
-    span : float
-        Effective length of a free span [m]: half the sum of both spans, plus EA times the
-        compliance of a support.
-
-    Returns
-    -------
-    ndarray
-        [N/m], shape (n,).
-    """
-    decay = np.sqrt(belt.arc_EA / k_s)
-    contact = arc - 2.0 * belt.lift_off
-    ribs = decay / np.tanh(contact / (2.0 * decay)) / belt.arc_EA
-    return np.asarray(2.0 / (_end(belt, span) + ribs))
-
-
-def micro_slip(belt: LaidBelt, k_s: float, arc: Array, span: float) -> Array:
-    """Calculate the relative loss of slope by slip at the ends of the contact, Eq. (B4).
-
-    Parameters
-    ----------
-    belt, k_s, arc, span
-        As in :func:`build_up_slope`.
-
-    Returns
-    -------
-    ndarray
-        [-], for a line through the build-up up to `SHARE` of the plateau difference, shape (n,).
-    """
-    contact = arc - 2.0 * belt.lift_off
-    slip_area = SHARE * belt.rise * contact
-    decay = np.sqrt(belt.arc_EA / k_s + slip_area / 8.0)
-    bend = np.tanh(contact / (2.0 * decay))
-    free = _end(belt, span) * belt.arc_EA
-    return np.asarray(slip_area / (2.0 * decay * bend) ** 2 / (1.0 + free / decay * bend))
-
-
-def _end(belt: LaidBelt, span: float) -> Array:
-    """Return the compliance of a span and its end of the contact, C of (B1) [m/N]."""
-    return np.asarray(span / belt.EA + belt.end_compliance + belt.lift_off / belt.arc_EA)

@@ -8,7 +8,7 @@ contact depends on the tension: runs at several tensions determine it better tha
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -19,19 +19,15 @@ from scipy.optimize import brentq, minimize_scalar
 from beltid.errors import FitError, InputError
 from beltid.identify.estimators.least_squares import pseudo_inverse, solve_linear
 from beltid.identify.shear.build_up import FEWEST, SHARE, BuildUp
-from beltid.identify.shear.mechanics import build_up_slope, laid_belt, micro_slip
+from beltid.identify.shear.mechanics import laid_belt
 
 Array = NDArray[np.float64]
 
 NORMAL_LAW: Final = (6.5e7, 3.0256e11)
 """The normal law of Eq. (3) [N/m², N/m³], used for a ribbed belt whose law is unknown."""
-NORMAL_STIFFNESS_SPREAD: Final = 0.4
-"""Relative standard uncertainty of this law."""
-BENDING_SPREAD: Final = 0.5
-"""Relative standard uncertainty of (B2) and (B3), due to the bending stiffness of a belt at
-rest."""
-MICRO_SLIP_SPREAD: Final = 1.0
-"""Relative standard uncertainty of (B4)."""
+SPREADS: Final = {"normal_stiffness": 0.4, "end_bending": 0.5, "micro_slip": 1.0}
+"""Relative standard uncertainties of what is assumed: this law, (B2) and (B3) due to the bending
+stiffness of a belt at rest, (B4)."""
 MODEL_ERROR: Final = 0.005
 """Relative standard uncertainty of a slope, due to effects that (B1) to (B4) neglect."""
 SHORTEST_CONTACT: Final = 4.0
@@ -48,13 +44,13 @@ GRID: Final = np.log(np.geomspace(1.0e5, 1.0e12, 29))
 SHARED: Final = (
     "axial_stiffness",
     "pulley_radius",
-    "pulley_speed",
-    "tension_gain",
-    "cell_gain",
-    "arc",
-    "normal_stiffness",
-    "end_bending",
-    "micro_slip",
+    "pulley_speed",  # its gain
+    "tension_gain",  # common to both load cells
+    "cell_gain",  # of each load cell
+    "arc",  # common to all arcs [rad]
+    "normal_stiffness",  # common to both coefficients of the normal law
+    "end_bending",  # (B2) and (B3)
+    "micro_slip",  # (B4)
 )
 """Error sources common to all runs, in the order of their unknowns in theta; the errors of the
 arc settings follow."""
@@ -66,7 +62,7 @@ FIRST: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class BenchValues:
-    """Known values of belt and bench, with standard uncertainties (k = 1)."""
+    """Known values of belt and bench, with their standard uncertainties (k = 1)."""
 
     EA: float
     """Axial stiffness [N]."""
@@ -76,28 +72,11 @@ class BenchValues:
     """Radius of the belt's centreline on the pulley [m]."""
     span: float
     """Length of a free span [m], for (B2) and (B3); lower limit of L in (B1)."""
-    axial_stiffness: float = 0.0
-    """Relative uncertainty of EA."""
-    pulley_radius: float = 0.0
-    """Relative uncertainty of R."""
-    pulley_speed: float = 0.0
-    """Relative uncertainty of the pulley speed's gain."""
-    tension_gain: float = 0.0
-    """Relative uncertainty of the gain common to both load cells."""
-    cell_gain: float = 0.0
-    """Relative uncertainty of the individual gain of each load cell."""
-    arc: float = 0.0
-    """Uncertainty common to all arcs [rad]."""
-    arc_setting: float = 0.0
-    """Individual uncertainty of each arc [rad]."""
+    uncertainties: Mapping[str, float]
+    """Relative standard uncertainty by source of `SHARED`, those of `SPREADS` unless stated;
+    ``arc`` and ``arc_setting``, of each arc, in rad."""
     normal_law: tuple[float, float] = NORMAL_LAW
     """Coefficients of Eq. (3) [N/m², N/m³]."""
-    normal_stiffness: float = NORMAL_STIFFNESS_SPREAD
-    """Common relative uncertainty of both coefficients."""
-    end_bending: float = BENDING_SPREAD
-    """Relative uncertainty of (B2) and (B3)."""
-    micro_slip: float = MICRO_SLIP_SPREAD
-    """Relative uncertainty of (B4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,23 +197,21 @@ def not_used(runs: Sequence[BuildUp]) -> list[str]:
     short = [run for run in runs if math.isfinite(run.needed_rate_Hz)]
     if short:
         counts, rates = zip(*((r.n_samples, r.needed_rate_Hz) for r in short), strict=True)
+        low, high = min(counts), max(counts)
         lines.append(
-            f"{len(short)} of {len(runs)} runs have {_range_text(counts)} samples before "
-            f"{100 * SHARE:g} % of the plateau difference, must be >= {FEWEST}: sample at "
-            f"{min(rates):g} Hz for the slowest of them, or {max(rates):g} Hz for all of them, "
-            "or turn the pulley more slowly"
+            f"{len(short)} of {len(runs)} runs have {low}{f' to {high}' if high > low else ''} "
+            f"samples before {100 * SHARE:g} % of the plateau difference, must be >= {FEWEST}: "
+            f"sample at {min(rates):g} Hz for the slowest of them, or {max(rates):g} Hz for all of "
+            "them, or turn the pulley more slowly"
         )
-    others = [run for run in runs if not run.ok and run not in short]
-    for status in dict.fromkeys(run.status for run in others):
-        labels = [run.run for run in others if run.status == status]
-        more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
-        lines.append(f"run {labels[0]}{more} cannot be used: {status}")
+    labels: dict[str, list[str]] = {}
+    for run in runs:
+        if not run.ok and run not in short:
+            labels.setdefault(run.status, []).append(run.run)
+    for status, (first, *others) in labels.items():
+        more = f" and {len(others)} more" if others else ""
+        lines.append(f"run {first}{more} cannot be used: {status}")
     return lines
-
-
-def _range_text(counts: Sequence[int]) -> str:
-    low, high = min(counts), max(counts)
-    return str(low) if low == high else f"{low} to {high}"
 
 
 def _shares(sensitivity: Array, n: int) -> dict[str, float]:
@@ -278,30 +255,28 @@ class _Slopes:
     def fitted(self, theta: Array) -> Array:
         """Calculate the slopes of recorded tension over recorded travel by (B1) to (B4) [N/m]."""
         bench, n = self.bench, FIRST + len(SHARED)
+        stated = {**SPREADS, **bench.uncertainties}
         EA, R, speed, gain, cell, arc, normal, bending, slip = theta[FIRST:n] * [
-            getattr(bench, name) for name in SHARED
+            stated[name] for name in SHARED
         ]
         R_true = bench.R * (1.0 + R)
+        k_linear, k_quadratic = bench.normal_law
         belt = laid_belt(
             bench.EA * (1.0 + EA),
             bench.EI,
             self.tension,
             R_true,
             bench.span,
-            (bench.normal_law[0] * (1.0 + normal), bench.normal_law[1] * (1.0 + normal)),
+            (k_linear * (1.0 + normal), k_quadratic * (1.0 + normal)),
+            1.0 + bending,
         )
-        belt = replace(
-            belt,
-            lift_off=(1.0 + bending) * belt.lift_off,
-            end_compliance=(1.0 + bending) * belt.end_compliance,
-        )
-        length = R_true * (self.arc + arc + bench.arc_setting * theta[n:][self.setting])
+        length = R_true * (self.arc + arc + stated["arc_setting"] * theta[n:][self.setting])
         k_s, span = math.exp(theta[0]), float(theta[1])
-        slip_loss = (1.0 + slip) * micro_slip(belt, k_s, length, span)
+        slip_loss = (1.0 + slip) * belt.micro_slip(k_s, length, span)
         travel = (1.0 + R) * (1.0 + speed)
         # averaging two independent cell gains reduces their error by sqrt(2)
         tensions = 1.0 + gain + cell / math.sqrt(2.0)
-        slope = build_up_slope(belt, k_s, length, span) * (1.0 - slip_loss)
+        slope = belt.build_up_slope(k_s, length, span) * (1.0 - slip_loss)
         return np.asarray(slope * travel / tensions)
 
     def residuals(self, theta: Array) -> Array:

@@ -46,14 +46,14 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
     extra: dict[str, Any] = {}
     notes: list[str] = []
     try:
-        pooled = [c for c in result.curves if c.test in result.pooled.contact_m]
+        pooled = [c for c in result.recording.curves if c.test in result.pooled.contact_m]
         choice = choose_normal_law(pooled)
         extra["law_choice"] = asdict(choice)
         notes.append(choice.verdict)
     except BeltidError as error:
         notes.append(f"No comparison of normal laws: {error}")
     try:
-        loss = estimate_dissipation(result.curves)
+        loss = estimate_dissipation(result.recording.curves)
         extra["dissipation"] = asdict(loss)
         notes.append(loss.statement)
     except BeltidError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +17,9 @@ from beltid.identify.friction.rest import against_stated
 from beltid.identify.friction.run import RunRecord
 from beltid.identify.shear.build_up import build_up
 from beltid.identify.shear.stiffness import (
+    NORMAL_LAW,
+    SHARED,
+    SPREADS,
     BenchValues,
     ShearStiffness,
     fit_shear_stiffness,
@@ -37,7 +39,6 @@ from beltid.stages.tables import press_law
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
-from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "shear"
 KEYS: Final = (
@@ -51,6 +52,8 @@ KEYS: Final = (
     *reading_keys("rig"),
     SECTION,
 )
+STATED: Final = tuple(name for name in (*SHARED, "arc_setting") if name not in SPREADS)
+"""Uncertainties of the bench that the config states."""
 SCATTER_REPORTED: Final = 2.0
 """Scatter of the slopes over their standard errors above which the user is warned."""
 
@@ -122,26 +125,6 @@ def _check_kind(config: Config) -> None:
         )
 
 
-def _bench_values(config: Config, uncertainty: StandardUncertainties) -> BenchValues:
-    """Return belt and bench values of the config; the normal law is that of a usual belt."""
-    names = (
-        "axial_stiffness",
-        "pulley_radius",
-        "pulley_speed",
-        "tension_gain",
-        "cell_gain",
-        "arc",
-        "arc_setting",
-    )
-    return BenchValues(
-        EA=config.belt.axial_stiffness_N,
-        EI=config.belt.bending_stiffness_N_m2,
-        R=config.rig.pulley_radius_m,
-        span=config.rig.span_length_m,
-        **{name: getattr(uncertainty, name) for name in names},
-    )
-
-
 def _outcome(
     records: Iterable[RunRecord], config: Config, press: PressLaw | None
 ) -> Outcome[ShearStiffness]:
@@ -153,14 +136,15 @@ def _outcome(
         if problem:
             raise InputError(problem)
     uncertainty = standard_uncertainties(config)
-    bench, spread = _bench_values(config, uncertainty), None
+    stated = {name: getattr(uncertainty, name) for name in STATED}
+    belt, span_m, law, spread = config.belt, config.rig.span_length_m, NORMAL_LAW, None
     tensions = [run.initial_tension_N for run in runs if run.ok]
     if press is not None and tensions:
         line_force = float(np.median(tensions)) / radius
-        spread = press.stiffness_spread(uncertainty, line_force)
+        spread = stated["normal_stiffness"] = press.stiffness_spread(uncertainty, line_force)
         law = press.law.k_linear_N_m2, press.law.k_quadratic_N_m3
-        bench = replace(bench, normal_law=law, normal_stiffness=spread)
-    shear = fit_shear_stiffness(runs, bench)
+    EA, EI = belt.axial_stiffness_N, belt.bending_stiffness_N_m2
+    shear = fit_shear_stiffness(runs, BenchValues(EA, EI, radius, span_m, stated, law))
     columns = _columns(shear)
     good = columns["status"] == "ok"
     return Outcome(

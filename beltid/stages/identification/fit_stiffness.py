@@ -96,18 +96,18 @@ def _outcome(
             "penetration_m": (0.0, result.pooled.max_penetration_m),
             "force_N_m": (0.0, result.pooled.max_force_N_m),
         },
-        set_aside=[{"test": test, "why": why} for test, why in result.set_aside],
+        set_aside=[{"test": test, "why": why} for test, why in result.recording.set_aside],
         extra={
             "temperature": asdict(result.temperature),
             "n_effective": result.pooled.n_effective,
             "budget": budget,
-            "n_missing": result.n_missing,
-            "n_spikes": result.n_spikes,
+            "n_missing": result.recording.n_missing,
+            "n_spikes": result.recording.n_spikes,
             **alternatives.extra,
         },
         notes=(*notes, *result.notes, *alternatives.notes),
         warnings=(
-            *(f"test {test} set aside: {why}" for test, why in result.set_aside),
+            *(f"test {test} set aside: {why}" for test, why in result.recording.set_aside),
             *result.pooled.warnings,
         ),
     )

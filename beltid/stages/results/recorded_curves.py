@@ -167,7 +167,7 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
 def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
     """Return the branches over the penetration, each thinned to at most 120 means of neighbours."""
     parts: list[dict[str, np.ndarray]] = []
-    for curve in result.curves:
+    for curve in result.recording.curves:
         for branch in curve.branches:
             n = branch.position_m.size
             starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)[:-1]
@@ -177,7 +177,7 @@ def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
             )
             labels = {
                 "test": np.array(curve.test, dtype=object),
-                "temperature_degC": np.array(curve.temperature_degC),
+                "temperature_degC": np.array(curve.recorded.temperature_degC),
                 "cycle": np.array(curve.cycle, dtype=np.int64),
                 "branch": np.array(branch.name, dtype=object),
             }
