@@ -32,7 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
     Parameters
     ----------
     x, z : ndarray (n,)
-        Points, strictly increasing in x, at least two.
+        Points, strictly increasing in x; a single point has its value everywhere.
     at : ndarray (m,)
         Positions, within the range of the points.
 
@@ -89,13 +89,14 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
     -------
     ndarray (m,)
     """
-    y, rows = np.array([0.0, 1.0]), np.repeat(z[:, None], 2, axis=1)
-    slopes, zeros = CubicSpline(x, rows, bc_type="natural")(x, 1), np.zeros_like(rows)
-    zx, zy, zxy, _ = _limit(x, y, rows, slopes, zeros, zeros)
-    cell = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
-    s = (at - x[cell]) / (x[cell + 1] - x[cell])
-    c = hermite_patches(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
-    return ((c[:, 3] * s + c[:, 2]) * s + c[:, 1]) * s + c[:, 0]
+    if x.size == 1:
+        return np.full(at.shape, z[0])
+    # between zero and three times the slope of the chord, the control points stay in the band
+    chords = np.pad(3.0 * np.diff(z) / np.diff(x), 1, mode="edge")
+    low, high = np.minimum(chords, 0.0), np.maximum(chords, 0.0)
+    slopes = CubicSpline(x, z, bc_type="natural")(x, 1)
+    slopes = np.clip(slopes, np.maximum(low[:-1], low[1:]), np.minimum(high[:-1], high[1:]))
+    return np.asarray(CubicHermiteSpline(x, z, slopes)(at))
 
 
 def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:

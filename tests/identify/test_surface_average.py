@@ -17,13 +17,11 @@ SPEEDS = np.array([0.01, 0.02, 0.04])
 
 def curve(arc, speed, f, mu, se=0.01, band=(0.1, 3.0)):
     f, mu = np.array(f, float), np.array(mu, float)
-    return Curve(arc, speed, f, mu, np.full(f.size, se), band)
+    return Curve(arc, SPEEDS[speed], f, mu, np.full(f.size, se), band)
 
 
 def curve_set(*curves):
-    arcs = np.array(sorted({c.arc_deg for c in curves}))
-    speeds = SPEEDS[: max(c.speed for c in curves) + 1]
-    return CurveSet(arcs, speeds, curves)
+    return CurveSet(curves)
 
 
 # Student's t with one, two and four degrees of freedom; as probable as one standard deviation

@@ -128,10 +128,10 @@ def build_surface(
     grid, grid_notes = average(curves, settings.force_nodes, errors_known)
     notes += grid_notes
     arcs = []
-    with_curve = {curve.arc_deg for curve in curves.curves}  # an arc with few runs may have none
-    for arc in () if curves.joined else sorted(with_curve):
+    for arc in () if curves.joined else curves.arcs_deg:
+        of_arc = curves.with_curves(c for c in curves.curves if c.arc_deg == arc)
         try:
-            arc_grid, arc_notes = average(curves.of_arc(arc), settings.force_nodes, errors_known)
+            arc_grid, arc_notes = average(of_arc, settings.force_nodes, errors_known)
         except InputError as error:
             notes += [f"arc {arc:g}°: no surface of this arc alone, {p}" for p in error.problems]
             continue
