@@ -361,32 +361,28 @@ def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
 
 
 def test_runs_without_samples_and_with_one():
-    series = {"a": np.array([np.nan, np.nan]), "b": np.array([2.0]), "c": np.arange(8.0) % 2}
-    found = pooled_means(series, [["a", "b", "c"]])
-    assert math.isnan(found["a"].mean)
-    assert math.isnan(found["a"].se)
-    assert found["b"].mean == 2.0
-    # the variance of c is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
-    assert found["b"].se == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
-    assert found["c"].mean == 0.5
+    runs = [np.array([np.nan, np.nan]), np.array([2.0]), np.arange(8.0) % 2]
+    mean, se, _ = pooled_means(runs, np.zeros(3, dtype=int))
+    assert mean == pytest.approx([np.nan, 2.0, 0.5], nan_ok=True)
+    assert math.isnan(se[0])
+    # the variance is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
+    assert se[1] == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
 
 
 def test_runs_within_two_percent_are_one_series():
-    speeds = {f"{k}": v for k, v in enumerate([10.0, 10.1, 10.15, 10.4, 10.5, 10.55])}
-    assert speed_series(speeds) == (("0", "1", "2"), ("3", "4", "5"))
-    assert speed_series({}) == ((),)
-    unknown = speeds | {"x": math.nan}  # a series of its own, and too short for one
-    assert speed_series(unknown) == (tuple(unknown),)
+    speeds = np.array([10.0, 10.1, 10.15, 10.4, -10.5, 10.55])
+    assert speed_series(speeds).tolist() == [0, 0, 0, 1, 1, 1]
+    unknown = np.append(speeds, np.nan)  # a series of its own, and too short for one
+    assert speed_series(unknown).tolist() == [0] * 7
 
 
 def test_the_noise_of_a_series_is_one_variance():
     """se² = t² sum of squares / (all degrees of freedom) / n, for white noise and equal runs."""
-    runs = {"a": np.array([1.0, 2.0, 0.0]), "b": np.array([5.0, 3.0, 4.0]), "c": np.arange(3.0)}
-    found = pooled_means(runs, [list(runs)])
+    runs = [np.array([1.0, 2.0, 0.0]), np.array([5.0, 3.0, 4.0]), np.arange(3.0)]
+    mean, se, _ = pooled_means(runs, np.zeros(3, dtype=int))
+    assert mean.tolist() == [1.0, 4.0, 1.0]
     # 6 squares over 6 degrees of freedom: s = 1; 68.27 % interval of t with 6 of them: t = 1.0906
-    for label, mean in (("a", 1.0), ("b", 4.0), ("c", 1.0)):
-        assert found[label].mean == mean
-        assert found[label].se == pytest.approx(1.0906 / math.sqrt(3.0), rel=1e-4)
+    assert se == pytest.approx([1.0906 / math.sqrt(3.0)] * 3, rel=1e-4)
 
 
 # --- pulley speeds that a belt needs ---
