@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from beltid.identify.surface.average import SurfaceGrid, average
 from beltid.identify.surface.curves import Curve, CurveSet, Points, build_curves
-from beltid.identify.surface.surface import SurfaceSettings
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
@@ -38,10 +37,10 @@ def published_curves(measured: Measured) -> CurveSet:
     return build_curves(points)
 
 
-def published_grid(measured: Measured, settings: SurfaceSettings) -> SurfaceGrid:
+def published_grid(measured: Measured, force_nodes: int | None) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
     curves = published_curves(measured)
-    return average(curves, settings.force_nodes, errors_known=True)[0]
+    return average(curves, force_nodes, errors_known=True)[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
@@ -59,12 +58,12 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 
 
 def published_changes(
-    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], settings: SurfaceSettings
+    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], force_nodes: int | None
 ) -> Array:
     """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
     columns = [
         changes_at_nodes(
-            nominal, published_grid(measured.corrected(Errors.single(source)), settings)
+            nominal, published_grid(measured.corrected(Errors.single(source)), force_nodes)
         )
         for source in sources
     ]

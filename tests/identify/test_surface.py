@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.surface.surface import (
     SurfaceResult,
-    SurfaceSettings,
     build_surface,
     surface_from_columns,
 )
@@ -44,7 +43,7 @@ def build(
 ) -> SurfaceResult:
     keep = np.ones(data["f"].size, dtype=bool) if keep is None else keep
     columns = (data[k][keep] for k in ("arc_deg", "f", "v", "mu", "se"))
-    return build_surface(*columns, SurfaceSettings(**how))  # type: ignore[arg-type]
+    return build_surface(*columns, **how)  # type: ignore[arg-type]
 
 
 def bench(belt: str) -> dict[str, Array]:
@@ -351,7 +350,7 @@ def test_no_campaign_leaves_its_measurements(
     keep = rng.random(v.size) < kept
     data = {"arc_deg": arc[keep], "f": f[keep], "v": v[keep], "mu": mu[keep]}
     try:
-        result = build_surface(*data.values(), settings=SurfaceSettings(force_nodes=force_nodes))
+        result = build_surface(*data.values(), force_nodes=force_nodes)
     except InputError:  # too little was kept
         return
     assert beyond(result, data) < ROUNDING
