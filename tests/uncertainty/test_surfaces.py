@@ -34,7 +34,6 @@ from beltid.uncertainty.refined import (
 from beltid.uncertainty.sources import Errors, all_sources, rig_sources
 
 
-
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
