@@ -32,13 +32,6 @@ def autoregressive(rng: np.random.Generator, n: int, a: float) -> np.ndarray:
     return lfilter([np.sqrt(1 - a * a)], [1.0, -a], rng.normal(size=n + 400))[400:]
 
 
-@pytest.mark.parametrize("a", [0.0, 0.5, 0.8])
-def test_autocorrelation_time_of_an_autoregressive_process(a):
-    rng = np.random.default_rng(1)
-    times = [integrated_autocorrelation_time(autoregressive(rng, 4000, a)) for _ in range(30)]
-    assert np.mean(times) == pytest.approx((1 + a) / (1 - a), rel=0.06)
-
-
 @pytest.mark.parametrize(
     ("a", "n", "runs"),
     [(0.0, 4, 60), (0.6, 20, 60), (0.6, 50, 60), (0.9, 100, 2), (0.9, 100, 5), (0.9, 300, 5)],
@@ -169,14 +162,6 @@ def test_the_interval_of_one_gaussian_is_its_standard_deviation():
         np.array([0.3, 0.7]), np.zeros((3, 2)), np.array([[2.0, 2.0], [0.5, 0.5], [0.0, 0.0]])
     )
     np.testing.assert_allclose(found, [2.0, 0.5, 0.0], atol=1e-6)
-
-
-def test_what_is_improbable_moves_an_interval_little_however_large_it_is():
-    """Two per cent that are anywhere far off: 95 % are 95/98 of the rest."""
-    half = norm.ppf(0.5 + 0.5 * 0.95 / 0.98)
-    for far in (50.0, 5000.0):
-        found = interval_sd(np.array([0.98, 0.02]), np.array([[0.0, far]]), np.ones((1, 2)))
-        assert found[0] == pytest.approx(half / norm.ppf(0.975), rel=1e-4)
 
 
 def test_the_interval_of_a_mixture_holds_95_percent_of_it():

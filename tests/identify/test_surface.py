@@ -74,7 +74,7 @@ def test_range_is_what_was_measured_at_every_speed_by_some_arc() -> None:
     result = build(data)
     low = max(data["f"][data["v"] == v].min() for v in SPEEDS)
     high = min(data["f"][data["v"] == v].max() for v in SPEEDS)
-    assert result.validity["normal_force_N_m"] == pytest.approx((low, high), rel=1e-12)
+    assert result.surface.validity["normal_force_N_m"] == pytest.approx((low, high), rel=1e-12)
     for grid in result.arcs:
         mine = (data["arc_deg"] == grid.arc_deg)[:, None] & (data["v"][:, None] == SPEEDS)
         low = max(data["f"][m].min() for m in mine.T)
@@ -133,15 +133,6 @@ def test_points_that_cannot_be_used_are_counted_with_their_reason() -> None:
     assert "normal_force_N_m = 0, must be > 0" in result.set_aside[1]
 
 
-@pytest.mark.parametrize(("tensions", "degree"), [(4, 3), (3, 2), (2, 1), (1, 0)])
-def test_few_tensions_lower_the_degree_along_the_force(tensions: int, degree: int) -> None:
-    data = runs()
-    keep = np.tile(np.repeat(np.arange(8) < tensions, 5), 3)
-    result = build(data, keep)
-    assert result.surface.degree == (degree, 3)
-    assert (degree == 3) != any("averaged surface" in note for note in result.notes)
-
-
 def test_speed_measured_at_one_tension_only_is_left_out_and_named() -> None:
     data = runs()
     tension_index = np.tile(np.repeat(np.arange(8), 5), 3)
@@ -153,14 +144,14 @@ def test_speed_measured_at_one_tension_only_is_left_out_and_named() -> None:
 @pytest.mark.parametrize("lost", [1, 2])
 def test_a_few_broken_runs_cost_no_range(lost: int) -> None:
     data = bench("5pk")
-    complete = build(data).validity["normal_force_N_m"]
+    complete = build(data).surface.validity["normal_force_N_m"]
     # the runs of the lowest tension broke off at one speed, or at two
     labels = np.unique(data["v"].round(4), return_inverse=True)[1]
     lowest = data["f"] < 1.6 * data["f"].min()
     broken = lowest & (labels < lost)
     assert 3 <= broken.sum() <= 4 * lost
     found = build(data, ~broken)
-    assert found.validity["normal_force_N_m"] == pytest.approx(complete, rel=0.1)
+    assert found.surface.validity["normal_force_N_m"] == pytest.approx(complete, rel=0.1)
     assert np.isfinite(found.average.mu).all()
     assert np.isfinite(found.average.mu_se).all()
     assert sum(note.startswith("speed") and "N/m only" in note for note in found.notes) == lost

@@ -10,6 +10,8 @@ from repetitions import repetition
 from virtual_bench import GIVEN, SMALL, read_campaign
 
 from beltid.errors import ConvergenceError
+from beltid.identify.surface.average import average
+from beltid.identify.surface.curves import Points, build_curves
 from beltid.uncertainty.monte_carlo import (
     gathered,
     linear_check,
@@ -109,6 +111,16 @@ def test_runs_without_scatter_have_no_factor_and_a_single_run_has_its_own_error(
     curves, grid = published_curves(one), published_grid(one, None)
     factor = scatter_factor(curves, grid, arcs=False)
     np.testing.assert_allclose(np.sqrt(np.sum(factor**2, axis=-1)), SMALL.noise, rtol=1e-6)
+
+
+def test_scatter_at_a_speed_is_that_of_its_own_runs_where_another_speed_is_left_out():
+    v = np.repeat([0.01, 0.02, 0.04], [4, 1, 4])
+    f = np.array([1e3, 2e3, 3e3, 4e3, 2e3, 1e3, 2e3, 3e3, 4e3])
+    curves = build_curves(Points(np.full(9, 40.0), f, v, np.ones(9), 0.01 * v / v[-1]))
+    grid, notes = average(curves, None, errors_known=True)
+    assert "speed 0.02 m/s left out" in notes[0]
+    factor = scatter_factor(curves, grid, arcs=False)
+    assert np.sum(factor**2, axis=2) == pytest.approx((grid.mu_se / grid.mu) ** 2, rel=1e-9)
 
 
 def test_nodes_that_come_or_go_do_not_change_the_published_surface(nominal):

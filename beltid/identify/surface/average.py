@@ -123,8 +123,7 @@ def average(
             f"{change.max():.1%} outside"
         )
     n_arcs = np.isfinite(mu).sum(axis=0)
-    squares = np.nansum((mu - np.nansum(mu, axis=0) / np.maximum(n_arcs, 1)) ** 2, axis=0)
-    sd = np.where(n_arcs >= 2, np.sqrt(squares / np.maximum(n_arcs - 1, 1)), np.nan)
+    sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
     mu_se = _standard_error(mean, se, sd, n_arcs, errors_known)
     arc_deg = float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan")
     grid = SurfaceGrid(arc_deg, nodes, curves.speeds, mean, mu_se, n_arcs, sd)

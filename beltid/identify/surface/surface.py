@@ -45,11 +45,6 @@ class SurfaceResult:
         return self.average.to_surface()
 
     @property
-    def validity(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest measured values of the averaged surface; units in the keys."""
-        return self.surface.validity
-
-    @property
     def rms_arc_spread(self) -> float:
         """Root mean square over the nodes of the relative spread between arcs [-]; nan for one."""
         relative = self.average.mu_spread / self.average.mu

@@ -126,7 +126,7 @@ def _outcome(
         kind=KIND,
         columns={**table, **uncertainty.columns(len(table["mu"]))},
         result=result,
-        validity=dict(result.validity),
+        validity=surface.validity,
         set_aside=aside,
         extra={
             "method": METHOD,
