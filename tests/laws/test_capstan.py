@@ -57,6 +57,13 @@ def test_mean_force_is_the_mean_of_the_force_along_the_arc(
     assert mean == pytest.approx(integral / beta, rel=1e-9)
 
 
+@given(st.floats(1, 1e4), st.floats(1, 1e4))
+def test_mean_force_is_symmetric_and_between_its_ends(a: float, b: float) -> None:
+    mean = float(capstan.mean_normal_force(a, b, R))
+    assert mean == pytest.approx(float(capstan.mean_normal_force(b, a, R)), rel=1e-9)
+    assert min(a, b) / R * (1 - 1e-12) <= mean <= max(a, b) / R * (1 + 1e-12)
+
+
 @pytest.mark.parametrize("x", [0.0, 1e-12, 1e-9, 0.99e-8, 1.01e-8, 1e-6, 1e-4])
 def test_mean_force_of_nearly_equal_tensions_keeps_all_digits(x: float) -> None:
     tight = 270.0 * (1.0 + x)
