@@ -104,15 +104,9 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     se = np.sqrt(sum(part**2 for part in parts))
     n = np.array([np.isfinite(x).sum() for x in losses])
     # a negative torque swaps the roles of the pulleys, as with a generator
-    gain = -loss * np.copysign(1.0, np.where(load * torque < 0.0, -turns * speed, turns * speed))
-    status = np.full(labels.size, OK, dtype=object)
-    for is_so, reason in (  # the last one that holds is stated
-        (gain > SIGNIFICANT * se, GAINS),
-        (_turn_opposite(speed, driven), "the pulleys turn in opposite directions"),
-        (speed == 0.0, "the driver does not turn"),
-        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
-    ):
-        status[is_so] = reason
+    drives = np.where(load * torque < 0.0, -turns * speed, turns * speed)
+    gains = -loss * np.copysign(1.0, drives) > SIGNIFICANT * se
+    status = _status(n, speed, driven, gains)
     status[gross_slip(speed, tension, torque, loss, se, status == OK)] = GROSS_SLIP
     service = status == OK
     clear = service & (np.abs(loss) > SIGNIFICANT * se)
@@ -139,6 +133,21 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         max_slip_run=labels[largest],
         notes=tuple(notes),
     )
+
+
+def _status(
+    n: NDArray[np.intp], speed: Array, driven: Array, gains: NDArray[np.bool_]
+) -> NDArray[np.object_]:
+    """Return why each run cannot be used, or OK."""
+    status = np.full(n.size, OK, dtype=object)
+    for is_so, reason in (  # the last one that holds is stated
+        (gains, GAINS),
+        (_turn_opposite(speed, driven), "the pulleys turn in opposite directions"),
+        (speed == 0.0, "the driver does not turn"),
+        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
+    ):
+        status[is_so] = reason
+    return status
 
 
 def _runs(speedloss: Mapping[str, NDArray], radius: float) -> tuple[NDArray[np.object_], Runs]:
