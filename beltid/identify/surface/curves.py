@@ -145,8 +145,8 @@ def build_curves(points: Points) -> CurveSet:
     """
     speed_label = settings_of(points.v, SPEED_GAP)
     arc_label = settings_of(points.arc_deg, ARC_GAP)
-    speeds = np.array([points.v[speed_label == k].mean() for k in range(speed_label.max() + 1)])
-    arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
+    speeds = np.bincount(speed_label, points.v) / np.bincount(speed_label)
+    arcs = np.bincount(arc_label, points.arc_deg) / np.bincount(arc_label)
     if _is_scattered(points, speed_label, arc_label):
         scattered = _scattered_curves(points, arc_label, arcs)
         if scattered is not None:
@@ -163,24 +163,24 @@ def build_curves(points: Points) -> CurveSet:
     curves: list[Curve] = []
     notes: list[str] = []
     for a, arc in enumerate(arcs):
-        masks = [(arc_label == a) & (speed_label == k) for k in range(speeds.size)]
-        arc_curves = []
-        for k, mask in enumerate(masks):
-            if mask.any():
-                band = float(points.mu[mask].min()), float(points.mu[mask].max())
-                f, mu, se = _without_repetitions(corrected.take(mask))
-                arc_curves.append(Curve(float(arc), float(speeds[k]), f, mu, se, band))
-        missing = [f"{speeds[k]:.4g}" for k, mask in enumerate(masks) if not mask.any()]
+        missing, repeated = [], 0
+        for k, speed in enumerate(speeds):
+            here = (arc_label == a) & (speed_label == k)
+            if not here.any():
+                missing.append(f"{speed:.4g}")
+                continue
+            band = float(points.mu[here].min()), float(points.mu[here].max())
+            f, mu, se = _without_repetitions(corrected.take(here))
+            curves.append(Curve(float(arc), float(speed), f, mu, se, band))
+            repeated += int(here.sum()) - f.size
         if missing:
             more = f" and {len(missing) - 6} other speeds," if len(missing) > 6 else ""
             notes.append(f"arc {arc:g}°: no run at {', '.join(missing[:6])}{more} m/s")
-        repeated = int(np.sum(masks)) - sum(c.f.size for c in arc_curves)
         if repeated:
             notes.append(
                 f"arc {arc:g}°: {repeated} runs repeat the force and speed of another "
                 "and were averaged with it"
             )
-        curves += arc_curves
     return CurveSet(tuple(curves), tuple(notes))
 
 
