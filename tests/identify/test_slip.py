@@ -207,13 +207,6 @@ def test_gaps_spikes_and_useless_runs_are_kept_apart():
     assert len(result.notes) == 3
 
 
-def test_a_driving_generator_has_a_loss_of_the_other_sign():
-    result = fit_slip(drive(torque=-np.arange(0.0, 17.0)), 0.05)
-    assert {p.status for p in result.points} == {"ok"}
-    assert result.points[10].slip_speed_m_s < 0
-    assert result.max_slip_speed_m_s == pytest.approx(0.16 * 0.05, rel=0.02)
-
-
 def test_wrong_inputs_name_every_problem():
     with pytest.raises(InputError) as error:
         fit_slip({"run": np.array(["a"])}, -1.0)

@@ -69,19 +69,6 @@ def test_known_law_comes_back_between_the_scattered_points() -> None:
     assert result.max_arc_spread < 1e-9
 
 
-def test_range_is_what_was_measured_at_every_speed_by_some_arc() -> None:
-    data = runs()
-    result = build(data)
-    low = max(data["f"][data["v"] == v].min() for v in SPEEDS)
-    high = min(data["f"][data["v"] == v].max() for v in SPEEDS)
-    assert result.surface.validity["normal_force_N_m"] == pytest.approx((low, high), rel=1e-12)
-    for grid in result.arcs:
-        mine = (data["arc_deg"] == grid.arc_deg)[:, None] & (data["v"][:, None] == SPEEDS)
-        low = max(data["f"][m].min() for m in mine.T)
-        high = min(data["f"][m].max() for m in mine.T)
-        assert grid.normal_force_N_m[[0, -1]] == pytest.approx([low, high], rel=1e-12)
-
-
 @pytest.mark.parametrize("belt", BELTS)
 def test_full_campaign_of_a_bench_needs_no_remark_but_on_held_nodes(belt: str) -> None:
     result = build(bench(belt))
@@ -131,14 +118,6 @@ def test_points_that_cannot_be_used_are_counted_with_their_reason() -> None:
     assert result.n_points == 117
     assert [text.split(":")[0] for text in result.set_aside] == ["point 3", "point 7", "point 50"]
     assert "normal_force_N_m = 0, must be > 0" in result.set_aside[1]
-
-
-def test_speed_measured_at_one_tension_only_is_left_out_and_named() -> None:
-    data = runs()
-    tension_index = np.tile(np.repeat(np.arange(8), 5), 3)
-    result = build(data, (data["v"] != SPEEDS[2]) | (tension_index == 7))
-    assert result.average.slip_speed_m_s == pytest.approx(np.delete(SPEEDS, 2))
-    assert any("speed 0.0105 m/s left out" in note for note in result.notes)
 
 
 @pytest.mark.parametrize("lost", [1, 2])

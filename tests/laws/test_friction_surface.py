@@ -93,29 +93,6 @@ def test_tables_are_plain_contiguous_double_arrays() -> None:
     assert (T.f_ref, T.v_ref) == (900.0, 0.0025)
 
 
-def test_nearest_measured_value_is_taken_outside() -> None:
-    surface = noisy()
-    inside = np.array([1234.5, 4000.0, 6000.0])
-    assert np.array_equal(surface.mu(inside, 9.0), surface.mu(inside, V[-1]))
-    assert np.array_equal(surface.mu(inside, 0.0), surface.mu(inside, V[0]))
-    assert np.array_equal(surface.mu([-10.0, 0.0, 5.0], 0.03), np.repeat(surface.mu(F[0], 0.03), 3))
-    assert surface.mu(1e9, 1e9) == surface.mu_nodes[-1, -1]
-    assert surface.mu(np.inf, np.inf) == surface.mu_nodes[-1, -1]
-
-
-def test_gradient_is_the_derivative_also_for_backward_sliding() -> None:
-    surface = noisy()
-    rng = np.random.default_rng(5)
-    f, v = rng.uniform(1000, 6500, 300), rng.uniform(0.003, 0.041, 300) * rng.choice([-1, 1], 300)
-    hf, hv = 1e-4 * f, 1e-4 * np.abs(v)
-    dmu_df, dmu_dv = surface.gradient(f, v)
-    by_f = (surface.mu(f + hf, v) - surface.mu(f - hf, v)) / (2 * hf)
-    by_v = (surface.mu(f, v + hv) - surface.mu(f, v - hv)) / (2 * hv)
-    # second-order differences; where a node lies between, the second derivative jumps: h mu''
-    assert np.abs(dmu_df - by_f).max() < 1e-4 * np.abs(dmu_df).max()
-    assert np.abs(dmu_dv - by_v).max() < 1e-4 * np.abs(dmu_dv).max()
-
-
 def test_nan_in_gives_nan_out_and_nothing_else() -> None:
     surface = noisy()
     f = np.array([np.nan, 3000.0, 3000.0])
