@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-COMPLEX_STEP = 1e-30  # relative; nothing is subtracted, so the derivative is exact to rounding
+COMPLEX_STEP = 1e-30  # nothing is subtracted, so the derivative is exact to rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class FrictionLaw:
 
     def terms(self, v: Array, scale: float) -> Array:
         """Evaluate the terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
-        return np.stack(np.broadcast_arrays(v, *self.phi(v, scale))[1:], axis=-1)
+        return np.column_stack([phi_k + 0.0 * v for phi_k in self.phi(v, scale)])
 
     def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
         """Convert amplitudes c, exponent a and speed scale [m/s] to the parameters of the law."""
@@ -64,13 +64,12 @@ class FrictionLaw:
         c = [first, *(first * c_k if self.relative else c_k for c_k in others)]
         terms = self.phi(v, at.get(self.scale, 1.0))
         total = sum(c_k * phi_k for c_k, phi_k in zip(c, terms, strict=True))
-        return np.asarray(f ** -at.get("a", 0.0) * total + np.zeros_like(v))
+        return np.asarray(f ** -at.get("a", 0.0) * total + 0.0 * v)
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
         """Differentiate mu with respect to the parameters, shape (n, p)."""
-        steps = np.diag(COMPLEX_STEP * np.maximum(np.abs(p), 1e-30)).astype(complex)
-        columns = [self.mu(p + 1j * step, f, v).imag / step.sum().real for step in steps]
-        return np.column_stack(columns)
+        steps = 1j * COMPLEX_STEP * np.eye(len(p))
+        return np.column_stack([self.mu(p + step, f, v).imag / COMPLEX_STEP for step in steps])
 
 
 def _stribeck(d: int) -> FrictionLaw:
