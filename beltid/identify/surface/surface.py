@@ -193,14 +193,12 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
     names = (*required[1:], "mu_se") if "mu_se" in columns else required[1:]
     f, v, *values = (np.asarray(columns[name], dtype=float)[rows] for name in names)
-    forces, i = np.unique(f, return_inverse=True)
-    speeds, j = np.unique(v, return_inverse=True)
-    count = np.zeros((forces.size, speeds.size), dtype=int)
-    np.add.at(count, (i, j), 1)
-    if not np.all(count == 1):
+    forces, speeds = np.unique(f), np.unique(v)
+    shape = forces.size, speeds.size
+    if not f.size == len(set(zip(f, v, strict=True))) == forces.size * speeds.size:
         raise InputError(
             f"surface: {rows.sum()} averaged rows for {forces.size} forces and {speeds.size} "
             "speeds, must have each combination once"
         )
     order = np.lexsort((v, f))
-    return FrictionSurface(forces, speeds, *(x[order].reshape(count.shape) for x in values))
+    return FrictionSurface(forces, speeds, *(x[order].reshape(shape) for x in values))
