@@ -291,6 +291,7 @@ def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     assert backward.notes[0].startswith("the drive turns backwards in all runs: sign of the speeds")
     assert ("torque" in backward.notes[0]) == signed_torque
     assert not any("backwards" in note for note in forward.notes)
+    assert len(backward.notes) == len(forward.notes) + 1
 
 
 def test_a_load_that_is_counted_as_negative_is_a_load():

@@ -131,6 +131,24 @@ def test_a_speed_that_ends_early_is_held_with_the_change_of_the_others_in_doubt(
     assert grid.mu_se[1, 2] == pytest.approx(0.01, rel=1e-9)
 
 
+def test_one_tension_gives_a_surface_over_the_speed_alone():
+    """Its force differs between arcs and speeds: the node is their geometric mean."""
+    grid, notes = average(
+        curve_set(
+            curve(40.0, 0, [1000.0], [1.0]),
+            curve(40.0, 1, [1000.0], [1.2]),
+            curve(80.0, 0, [1600.0], [0.9]),
+            curve(80.0, 1, [1600.0], [1.1]),
+        ),
+        None,
+        True,
+    )
+    assert notes == ()
+    assert grid.normal_force_N_m == pytest.approx([math.sqrt(1000.0 * 1600.0)])
+    assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]))
+    assert np.all(grid.n_arcs == 2)
+
+
 def test_nodes_are_put_where_the_points_are():
     f_1, f_2 = (
         np.array([1000.0, 1500.0, 2500.0, 4000.0]),

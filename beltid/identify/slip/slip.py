@@ -247,7 +247,7 @@ def _directions(
     A torque that is negative overall was recorded about the axis of the pulleys; its sign is
     reversed too. A torque that stays positive was recorded in the direction of rotation.
     """
-    backward = (driver < 0.0) & np.isfinite(driven) & ~_turn_opposite(driver, driven)
+    backward = (driver < 0.0) & ~_turn_opposite(driver, driven)
     turns = np.where(backward, -1.0, 1.0)
     if not backward.any():
         return turns, turns, []
