@@ -80,7 +80,8 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) ->
     relative = np.where(np.isfinite(grid.mu_se), grid.mu_se, 0.0) / grid.mu
     # the grid may lack speeds of the curves
     at = np.abs(np.subtract.outer(grid.slip_speed_m_s, curves.speeds)).argmin(axis=1)
-    run_covariances = [_run_covariance(curves.by_speed[k], grid.normal_force_N_m) for k in at]
+    by_speed = curves.by_speed
+    run_covariances = [_run_covariance(by_speed[k], grid.normal_force_N_m) for k in at]
     covariance = np.zeros((nf, nv, nf, nv))
     excess = np.zeros((nf, nv))
     for k, by_runs in enumerate(run_covariances):
