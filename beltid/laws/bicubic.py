@@ -28,11 +28,9 @@ surface *is* the C2 spline; elsewhere it is C1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -81,7 +79,7 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
     Parameters
     ----------
     x, z : ndarray (n,)
-        Points, strictly increasing in x, at least two.
+        Points, strictly increasing in x; a single point has its value everywhere.
     at : ndarray (m,)
         Positions, within the range of the points.
 
@@ -89,13 +87,14 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
     -------
     ndarray (m,)
     """
-    y, rows = np.array([0.0, 1.0]), np.repeat(z[:, None], 2, axis=1)
-    slopes, zeros = CubicSpline(x, rows, bc_type="natural")(x, 1), np.zeros_like(rows)
-    zx, zy, zxy, _ = _limit(x, y, rows, slopes, zeros, zeros)
-    cell = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
-    s = (at - x[cell]) / (x[cell + 1] - x[cell])
-    c = hermite_patches(x, y, rows, zx, zy, zxy)[cell, 0, :, 0]
-    return ((c[:, 3] * s + c[:, 2]) * s + c[:, 1]) * s + c[:, 0]
+    if x.size == 1:
+        return np.full(at.shape, z[0])
+    # between zero and three times the slope of the chord, the control points stay in the band
+    chords = np.pad(3.0 * np.diff(z) / np.diff(x), 1, mode="edge")
+    low, high = np.minimum(chords, 0.0), np.maximum(chords, 0.0)
+    slopes = CubicSpline(x, z, bc_type="natural")(x, 1)
+    slopes = np.clip(slopes, np.maximum(low[:-1], low[1:]), np.minimum(high[:-1], high[1:]))
+    return np.asarray(CubicHermiteSpline(x, z, slopes)(at))
 
 
 def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -135,40 +134,24 @@ def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Arr
     return np.ascontiguousarray(_HERMITE @ corner @ _HERMITE.T)
 
 
-def _cell_bands(z: Array) -> tuple[Array, Array]:
-    """Return the smallest and largest corner value of every cell, each (nx - 1, ny - 1)."""
-    corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
-    return corners.min(axis=0), corners.max(axis=0)
+def _quadrants(x: Array, y: Array, z: Array) -> tuple[Array, ...]:
+    """Return the permitted range of the control points of each node in its four cells (4, nx, ny).
 
-
-@dataclass(frozen=True, slots=True)
-class _Quadrants:
-    """Permitted range of the control points next to each node in its four cells (4, nx, ny).
-
-    ``low`` and ``high`` are the band of the cell minus the value of the node (``low <= 0 <= high``,
-    infinite where there is no cell); ``dx`` and ``dy`` are a third of the signed cell widths.
+    `low` and `high` are the band of the cell minus the value of the node (``low <= 0 <= high``,
+    infinite where there is no cell); `dx` and `dy` are a third of the signed cell widths.
     """
-
-    low: Array
-    high: Array
-    dx: Array
-    dy: Array
-
-
-def _quadrants(x: Array, y: Array, z: Array) -> _Quadrants:
-    lo, hi = _cell_bands(z)
-    lo = np.pad(lo, 1, constant_values=-np.inf)
-    hi = np.pad(hi, 1, constant_values=np.inf)
+    corners = np.stack([z[:-1, :-1], z[1:, :-1], z[:-1, 1:], z[1:, 1:]])
+    low = np.pad(corners.min(axis=0), 1, constant_values=-np.inf)
+    high = np.pad(corners.max(axis=0), 1, constant_values=np.inf)
     hx = np.pad(np.diff(x), 1, constant_values=1.0)[:, None] / 3.0
     hy = np.pad(np.diff(y), 1, constant_values=1.0)[None, :] / 3.0
     sides = ((-1.0, slice(None, -1)), (1.0, slice(1, None)))
     parts = [
-        (lo[ix, iy] - z, hi[ix, iy] - z, sx * hx[ix] + 0.0 * z, sy * hy[:, iy] + 0.0 * z)
+        np.broadcast_arrays(low[ix, iy] - z, high[ix, iy] - z, sx * hx[ix], sy * hy[:, iy])
         for sx, ix in sides
         for sy, iy in sides
     ]
-    low, high, dx, dy = (np.stack(column) for column in zip(*parts, strict=True))
-    return _Quadrants(low, high, dx, dy)
+    return tuple(np.stack(column) for column in zip(*parts, strict=True))
 
 
 def _interval(low: Array, high: Array, step: Array) -> tuple[Array, Array]:
@@ -186,19 +169,19 @@ def _limit(
     ``z + p + q + r`` with ``p = dx z_x``, ``q = dy z_y``, ``r = dx dy z_xy``. First p and q are
     clipped to the band, then r; where no r is possible, p and q shrink together.
     """
-    room = _quadrants(x, y, z)
-    gx = np.clip(zx, *_interval(room.low, room.high, room.dx))
-    gy = np.clip(zy, *_interval(room.low, room.high, room.dy))
+    low, high, dx, dy = _quadrants(x, y, z)
+    gx = np.clip(zx, *_interval(low, high, dx))
+    gy = np.clip(zy, *_interval(low, high, dy))
 
     def twist_range() -> tuple[Array, Array]:
-        base = room.dx * gx + room.dy * gy
-        return _interval(room.low - base, room.high - base, room.dx * room.dy)
+        base = dx * gx + dy * gy
+        return _interval(low - base, high - base, dx * dy)
 
     lowest, highest = twist_range()
     infeasible = lowest > highest
     if np.any(infeasible):
-        base = room.dx * gx + room.dy * gy
-        limit = np.where(base > 0.0, room.high, room.low)
+        base = dx * gx + dy * gy
+        limit = np.where(base > 0.0, high, low)
         share = np.divide(limit, base, out=np.ones_like(base), where=base != 0.0).min(axis=0)
         share = np.where(infeasible, np.minimum(share, 1.0), 1.0)
         gx, gy = gx * share, gy * share
@@ -206,7 +189,7 @@ def _limit(
         # equal except for rounding
         lowest, highest = np.minimum(lowest, highest), np.maximum(lowest, highest)
     gxy = np.clip(zxy, lowest, highest)
-    step_x, step_y = np.abs(room.dx).max(axis=0), np.abs(room.dy).max(axis=0)
+    step_x, step_y = np.abs(dx).max(axis=0), np.abs(dy).max(axis=0)
     change = (
         np.abs(gx - zx) * step_x + np.abs(gy - zy) * step_y + np.abs(gxy - zxy) * step_x * step_y
     )

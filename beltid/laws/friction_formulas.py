@@ -1,12 +1,11 @@
-# ruff: noqa: D102 (the overridden methods are documented in Coulomb)
 """Parametric friction laws mu(f, v), for codes that take a formula in place of a surface.
 
-=======================  =========================================================================
-:class:`Coulomb`         mu = mu0
-:class:`Power`           mu = mu0 (f/f0)^(-a)
-:class:`PowerLog`        mu = mu0 (f/f0)^(-a) [1 + b ln(1 + v/v0)]
-:class:`PowerStribeck`   mu = (f/f0)^(-a) [mu_k + (mu_s - mu_k) exp(-(v/v_s)^d) + c v], d = 1 or 2
-=======================  =========================================================================
+===================  =========================================================================
+coulomb              mu = mu0
+power                mu = mu0 (f/f0)^(-a)
+power_log            mu = mu0 (f/f0)^(-a) [1 + b ln(1 + v/v0)]
+power_stribeck_d     mu = (f/f0)^(-a) [mu_k + (mu_s - mu_k) exp(-(v/v_s)^d) + c v], d = 1 or 2
+===================  =========================================================================
 
 f is the normal force per length of belt [N/m], v >= 0 the sliding speed [m/s], and f0 a chosen
 reference force [N/m]. For a given exponent a and speed scale (v0 or v_s), every law is linear in
@@ -15,42 +14,32 @@ amplitudes c: ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` with the terms phi_k of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+COMPLEX_STEP = 1e-30  # nothing is subtracted, so the derivative is exact to rounding
 
 
-class Coulomb:
-    """A constant coefficient; base class of all laws.
+@dataclass(frozen=True, slots=True)
+class FrictionLaw:
+    """A law ``mu = (f/f0)^(-a) sum_k c_k phi_k(v)`` without the values of its parameters."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the law.
-    units : dict of str to str
-        Units by parameter, in order; empty for a dimensionless parameter.
-    scale : str
-        Name of the parameter that is a speed scale; empty if there is none.
-    reach : float
-        Factor by which the search range of the scale extends beyond the measured speeds each way.
-    speeds_needed : int
-        Least number of speeds that determines the dependence on speed.
-    open_below, open_above : tuple of str
-        Parameters that are undetermined if the speed scale may lie far below or above all speeds.
-    """
-
-    name: str = "coulomb"
-    units: ClassVar[Mapping[str, str]] = {"mu0": ""}
-    scale: str = ""
-    reach: float = 1.0
-    speeds_needed: int = 1
-    open_below: tuple[str, ...] = ()
-    open_above: tuple[str, ...] = ()
+    name: str
+    units: Mapping[str, str]  # by parameter, in order; empty for a dimensionless parameter
+    pattern: str  # the law as text, with the names of its parameters and f0 in braces
+    phi: Callable[..., Sequence[Any]]  # terms at speeds v and a speed scale, both [m/s]
+    amplitudes: tuple[str, ...] = ("mu0",)  # parameters c_k
+    relative: bool = False  # whether all amplitudes but the first are given in units of the first
+    scale: str = ""  # parameter that is a speed scale, if there is one
+    reach: float = 1.0  # factor by which the scale is sought beyond the measured speeds each way
+    speeds_needed: int = 1  # least number of speeds that determines the dependence on speed
+    open_below: tuple[str, ...] = ()  # undetermined if the scale may lie far below all speeds
+    open_above: tuple[str, ...] = ()  # undetermined if it may lie far above them
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -59,122 +48,72 @@ class Coulomb:
 
     def terms(self, v: Array, scale: float) -> Array:
         """Evaluate the terms phi_k at speeds v [m/s] for a speed scale [m/s], shape (n, m)."""
-        return np.ones((v.size, 1))
+        return np.column_stack([phi_k + 0.0 * v for phi_k in self.phi(v, scale)])
 
     def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
         """Convert amplitudes c, exponent a and speed scale [m/s] to the parameters of the law."""
-        return np.array([c[0]])
+        values = {"a": a, self.scale: scale, **dict(zip(self.amplitudes, c, strict=True))}
+        if self.relative:
+            values |= {name: values[name] / c[0] for name in self.amplitudes[1:]}
+        return np.array([values[name] for name in self.parameters])
 
     def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
         """Evaluate mu [-] with parameters p at forces f [in f0] and speeds v [m/s]."""
-        return np.full(np.broadcast(f, v).shape, p[0])
+        at = dict(zip(self.parameters, p, strict=True))
+        first, *others = (at[name] for name in self.amplitudes)
+        c = [first, *(first * c_k if self.relative else c_k for c_k in others)]
+        terms = self.phi(v, at.get(self.scale, 1.0))
+        total = sum(c_k * phi_k for c_k, phi_k in zip(c, terms, strict=True))
+        return np.asarray(f ** -at.get("a", 0.0) * total + 0.0 * v)
 
     def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
         """Differentiate mu with respect to the parameters, shape (n, p)."""
-        return np.ones((v.size, 1))
-
-    def text(self, p: Sequence[str], f0: str) -> str:
-        """Format the law with its numbers; f in N/m, v in m/s."""
-        return f"mu = {p[0]}"
+        steps = 1j * COMPLEX_STEP * np.eye(len(p))
+        return np.column_stack([self.mu(p + step, f, v).imag / COMPLEX_STEP for step in steps])
 
 
-class Power(Coulomb):
-    """A coefficient that decreases with a power of the force."""
+def _stribeck(d: int) -> FrictionLaw:
+    def phi(v: Array, scale: float) -> tuple[Array, Array, Array]:
+        decay = np.exp(-((v / scale) ** d))
+        return decay, 1.0 - decay, v
 
-    name = "power"
-    units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": ""}
-
-    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
-        return np.array([c[0], a])
-
-    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        return p[0] * f ** -p[1] * np.ones_like(v)
-
-    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        force_power = f ** -p[1]
-        return np.column_stack([force_power, -np.log(f) * p[0] * force_power])
-
-    def text(self, p: Sequence[str], f0: str) -> str:
-        return f"mu = {p[0]} * (f / {f0})^(-({p[1]}))"
-
-
-class PowerLog(Coulomb):
-    """A power of the force and a logarithm of the speed above a scale v0."""
-
-    name = "power_log"
-    units: ClassVar[Mapping[str, str]] = {"mu0": "", "a": "", "b": "", "v0": "m/s"}
-    scale = "v0"
-    reach = 1.0e3
-    speeds_needed = 3
-    open_below = ("v0", "mu0", "b")
-    open_above = ("v0", "b")
-
-    def terms(self, v: Array, scale: float) -> Array:
-        return np.column_stack([np.ones_like(v), np.log1p(v / scale)])
-
-    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
-        return np.array([c[0], a, c[1] / c[0], scale])
-
-    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        return p[0] * f ** -p[1] * (1.0 + p[2] * np.log1p(v / p[3]))
-
-    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        mu0, a, b, v0 = p
-        force_power, log = f**-a, np.log1p(v / v0)
-        speed_factor = 1.0 + b * log
-        by_scale = -b * v / (v0 * (v0 + v))
-        columns = [speed_factor, -np.log(f) * mu0 * speed_factor, mu0 * log, mu0 * by_scale]
-        return force_power[:, None] * np.column_stack(columns)
-
-    def text(self, p: Sequence[str], f0: str) -> str:
-        mu0, a, b, v0 = p
-        return f"mu = {mu0} * (f / {f0})^(-({a})) * (1 + ({b}) * ln(1 + v / {v0}))"
+    return FrictionLaw(
+        name=f"power_stribeck_{d}",
+        units={"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"},
+        pattern="mu = (f / {f0})^(-({a})) * "
+        f"({{mu_k}} + ({{mu_s}} - {{mu_k}}) * exp(-(v / {{v_s}})^{d}) + ({{c}}) * v)",
+        phi=phi,
+        amplitudes=("mu_s", "mu_k", "c"),
+        scale="v_s",
+        reach=10.0,
+        speeds_needed=4,
+        open_below=("v_s", "mu_s"),
+        open_above=("v_s", "mu_k", "c"),
+    )
 
 
-class PowerStribeck(Coulomb):
-    """A power of the force and a Stribeck curve of the speed with exponent d."""
-
-    units: ClassVar[Mapping[str, str]] = {"mu_s": "", "mu_k": "", "a": "", "v_s": "m/s", "c": "s/m"}
-    scale = "v_s"
-    reach = 10.0
-    speeds_needed = 4
-    open_below = ("v_s", "mu_s")
-    open_above = ("v_s", "mu_k", "c")
-
-    def __init__(self, d: int) -> None:
-        self.d, self.name = d, f"power_stribeck_{d}"
-
-    def terms(self, v: Array, scale: float) -> Array:
-        decay = np.exp(-((v / scale) ** self.d))
-        return np.column_stack([decay, 1.0 - decay, v])
-
-    def from_amplitudes(self, c: Array, a: float, scale: float) -> Array:
-        return np.array([c[0], c[1], a, scale, c[2]])
-
-    def mu(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        mu_s, mu_k, a, v_s, c = p
-        return f**-a * (mu_k + (mu_s - mu_k) * np.exp(-((v / v_s) ** self.d)) + c * v)
-
-    def gradient(self, p: Sequence[float] | Array, f: Array, v: Array) -> Array:
-        mu_s, mu_k, a, v_s, _ = p
-        power = (v / v_s) ** self.d
-        decay = np.exp(-power)
-        by_scale = (mu_s - mu_k) * decay * self.d * power / v_s
-        by_a = -np.log(f) * self.mu(p, np.ones_like(f), v)
-        columns = [decay, 1.0 - decay, by_a, by_scale, v]
-        return (f**-a)[:, None] * np.column_stack(columns)
-
-    def text(self, p: Sequence[str], f0: str) -> str:
-        mu_s, mu_k, a, v_s, c = p
-        return (
-            f"mu = (f / {f0})^(-({a})) * ({mu_k} + ({mu_s} - {mu_k}) * exp(-(v / {v_s})^{self.d}) "
-            f"+ ({c}) * v)"
-        )
-
-
-FRICTION_LAWS: Final[Mapping[str, Coulomb]] = {
-    law.name: law for law in (Coulomb(), Power(), PowerLog(), PowerStribeck(1), PowerStribeck(2))
-}
+_LAWS = (
+    FrictionLaw("coulomb", {"mu0": ""}, "mu = {mu0}", lambda v, scale: [1.0]),
+    FrictionLaw(
+        "power", {"mu0": "", "a": ""}, "mu = {mu0} * (f / {f0})^(-({a}))", lambda v, scale: [1.0]
+    ),
+    FrictionLaw(
+        name="power_log",
+        units={"mu0": "", "a": "", "b": "", "v0": "m/s"},
+        pattern="mu = {mu0} * (f / {f0})^(-({a})) * (1 + ({b}) * ln(1 + v / {v0}))",
+        phi=lambda v, scale: [1.0, np.log1p(v / scale)],
+        amplitudes=("mu0", "b"),
+        relative=True,
+        scale="v0",
+        reach=1.0e3,
+        speeds_needed=3,
+        open_below=("v0", "mu0", "b"),
+        open_above=("v0", "b"),
+    ),
+    _stribeck(1),
+    _stribeck(2),
+)
+FRICTION_LAWS: Final[Mapping[str, FrictionLaw]] = {law.name: law for law in _LAWS}
 """All laws by name, in order of increasing complexity."""
 
 
@@ -206,6 +145,5 @@ class FrictionFormula:
     @property
     def text(self) -> str:
         """The law with its numbers as plain text; f in N/m, v in m/s."""
-        law = FRICTION_LAWS[self.law]
-        values = [f"{self.values[name]:.6g}" for name in law.parameters]
-        return law.text(values, f"{self.reference_force_N_m:g}")
+        values = {name: f"{value:.6g}" for name, value in self.values.items()}
+        return FRICTION_LAWS[self.law].pattern.format(f0=f"{self.reference_force_N_m:g}", **values)

@@ -163,13 +163,14 @@ class FrictionSurface:
         InputError
             If an argument is not numeric, or the shapes cannot be broadcast.
         """
-        at = self._locate(normal_force_N_m, slip_speed_m_s)
-        mu, _, _ = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
+        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
+        cell = by_f.cell, by_v.cell, by_f.local, by_v.local
+        mu, _, _ = evaluate_cell(self._tables.C, *cell)
         mu = np.clip(mu, self.mu_nodes.min(), self.mu_nodes.max())
         # the polynomial matches its node only to rounding: return the node value itself
-        corner_f, corner_v = at.i + (at.s == 1.0), at.j + (at.t == 1.0)
-        mu = np.where(at.on_node, self.mu_nodes[corner_f, corner_v], mu)
-        return np.where(at.valid, mu, np.nan)[()]
+        corner = by_f.cell + (by_f.local == 1.0), by_v.cell + (by_v.local == 1.0)
+        mu = np.where(by_f.on_node & by_v.on_node, self.mu_nodes[corner], mu)
+        return np.where(valid, mu, np.nan)[()]
 
     def gradient(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
@@ -180,10 +181,11 @@ class FrictionSurface:
         the derivative from inside. mu is an even function of the speed, so its derivative is odd
         (at zero speed, the derivative from above).
         """
-        at = self._locate(normal_force_N_m, slip_speed_m_s)
-        _, dmu_ds, dmu_dt = evaluate_cell(self._tables.C, at.i, at.j, at.s, at.t)
-        nan_mask = np.where(at.valid, 0.0, np.nan)
-        return (dmu_ds * at.ds_df + nan_mask)[()], (dmu_dt * at.dt_dv + nan_mask)[()]
+        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
+        cell = by_f.cell, by_v.cell, by_f.local, by_v.local
+        _, mu_s, mu_t = evaluate_cell(self._tables.C, *cell)
+        nan_mask = np.where(valid, 0.0, np.nan)
+        return (mu_s * by_f.slope + nan_mask)[()], (mu_t * by_v.slope + nan_mask)[()]
 
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points lie within the measured range, where no input is clamped."""
@@ -196,48 +198,50 @@ class FrictionSurface:
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the standard error of mu [-] bilinearly; nan where unknown."""
-        at = self._locate(normal_force_N_m, slip_speed_m_s)
-        if self.mu_se_nodes is None:
-            return np.full(at.s.shape, np.nan)[()]
-        total = np.where(at.valid, 0.0, np.nan)
-        for i, j, weight in self._corners(at):  # ignore a nan neighbour with zero weight
-            total = total + np.where(weight > 0.0, weight * self.mu_se_nodes[i, j], 0.0)
-        return total[()]
+        unknown = np.full(self.mu_nodes.shape, np.nan)
+        se = unknown if self.mu_se_nodes is None else self.mu_se_nodes
+        return self._bilinear(se[..., None], normal_force_N_m, slip_speed_m_s)[..., 0][()]
 
     def tables(self) -> SurfaceTables:
         """Return the plain float64 arrays for compiled kernels."""
         return self._tables
 
-    def _locate(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> _Location:
+    def _locate(
+        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
+    ) -> tuple[_Place, _Place, NDArray[np.bool_]]:
+        """Find points along force and signed speed, and whether both inputs are numbers."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
         valid = ~(np.isnan(f) | np.isnan(v))
         f, v = np.where(valid, f, 0.0), np.where(valid, v, 0.0)
         T = self._tables
-        i, s, ds_df, f_node = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
-        j, t, dt_dv, v_node = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
-        dt_dv = np.where(v < 0.0, -dt_dv, dt_dv)
-        return _Location(i, j, s, t, ds_df, dt_dv, f_node & v_node, valid)
+        by_f = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
+        by_v = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
+        return by_f, by_v._replace(slope=np.where(v < 0.0, -by_v.slope, by_v.slope)), valid
 
-    def _corners(self, at: _Location) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
-        """Return the nodes around points and their weights in bilinear interpolation."""
-        i1 = np.minimum(at.i + 1, self.normal_force_N_m.size - 1)
-        j1 = np.minimum(at.j + 1, self.slip_speed_m_s.size - 1)
-        return [
-            (i, j, weight_f * weight_v)
-            for i, weight_f in ((at.i, 1.0 - at.s), (i1, at.s))
-            for j, weight_v in ((at.j, 1.0 - at.t), (j1, at.t))
-        ]
+    def _bilinear(
+        self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
+    ) -> Array:
+        """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""
+        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
+        total = np.where(valid[..., None], np.zeros(nodes.shape[2]), np.nan)
+        for i, weight_f in ((by_f.cell, 1.0 - by_f.local), (by_f.cell + 1, by_f.local)):
+            for j, weight_v in ((by_v.cell, 1.0 - by_v.local), (by_v.cell + 1, by_v.local)):
+                weight = (weight_f * weight_v)[..., None]
+                corner = nodes[np.minimum(i, len(nodes) - 1), np.minimum(j, nodes.shape[1] - 1)]
+                # ignore a nan neighbour with zero weight
+                total = total + np.where(weight > 0.0, weight * corner, 0.0)
+        return total
+
+    @property
+    def _given(self) -> tuple[Array, Array, Array, Array | None]:
+        return self.normal_force_N_m, self.slip_speed_m_s, self.mu_nodes, self.mu_se_nodes
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FrictionSurface):
             return NotImplemented
-        se, other_se = self.mu_se_nodes, other.mu_se_nodes
-        return (
-            np.array_equal(self.normal_force_N_m, other.normal_force_N_m)
-            and np.array_equal(self.slip_speed_m_s, other.slip_speed_m_s)
-            and np.array_equal(self.mu_nodes, other.mu_nodes)
-            and (se is None) == (other_se is None)
-            and (se is None or np.array_equal(se, other_se, equal_nan=True))  # type: ignore[arg-type]
+        return all(
+            a is b or (a is not None and b is not None and np.array_equal(a, b, equal_nan=True))
+            for a, b in zip(self._given, other._given, strict=True)
         )
 
     def __hash__(self) -> int:
@@ -257,12 +261,7 @@ class FrictionSurface:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # rebuild from the nodes: unpickled arrays would be writable
-        return type(self), (
-            self.normal_force_N_m,
-            self.slip_speed_m_s,
-            self.mu_nodes,
-            self.mu_se_nodes,
-        )
+        return type(self), self._given
 
 
 def _to_array(name: str, values: ArrayLike) -> Array:
@@ -293,20 +292,19 @@ def _axis_problems(name: str, nodes: Array) -> list[str]:
 
 def _value_problems(f: Array, v: Array, mu: Array, mu_se: Array | None) -> list[str]:
     """List the problems of the node values and their standard errors."""
-    problems = []
-    allowed = f"must be {(f.size, v.size)}: a row per force node, a column per speed node"
-    if mu.shape != (f.size, v.size):
-        problems.append(f"mu: shape {mu.shape}, {allowed}")
-    problems += [
-        f"mu[{', '.join(map(str, k))}] = {mu[tuple(k)]:g}, must be > 0 and finite"
-        for k in np.argwhere(~(np.isfinite(mu) & (mu > 0.0)))
-    ]
+    shape, problems = (f.size, v.size), []
+    checked = [("mu", mu, ~(np.isfinite(mu) & (mu > 0.0)), "> 0 and finite")]
     if mu_se is not None:
-        if mu_se.shape != (f.size, v.size):
-            problems.append(f"mu_se: shape {mu_se.shape}, {allowed}")
+        checked.append(("mu_se", mu_se, (mu_se < 0.0) | np.isinf(mu_se), ">= 0 or nan"))
+    for name, values, wrong, allowed in checked:
+        if values.shape != shape:
+            problems.append(
+                f"{name}: shape {values.shape}, must be {shape}: a row per force node, a column "
+                "per speed node"
+            )
         problems += [
-            f"mu_se[{', '.join(map(str, k))}] = {mu_se[tuple(k)]:g}, must be >= 0 or nan"
-            for k in np.argwhere((mu_se < 0.0) | np.isinf(mu_se))
+            f"{name}[{', '.join(map(str, k))}] = {values[tuple(k)]:g}, must be {allowed}"
+            for k in np.argwhere(wrong)
         ]
     return problems
 
@@ -325,26 +323,20 @@ def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Arr
     return f, v
 
 
-class _Location(NamedTuple):
-    """Cells and local coordinates of points, all in the broadcast shape."""
+class _Place(NamedTuple):
+    """Places of points along an axis, all in the broadcast shape."""
 
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    s: Array
-    t: Array
-    ds_df: Array
-    dt_dv: Array
-    on_node: NDArray[np.bool_]
-    valid: NDArray[np.bool_]
+    cell: NDArray[np.intp]
+    local: Array  # coordinate in the cell, 0 to 1
+    slope: Array  # its derivative with respect to the value
+    on_node: NDArray[np.bool_]  # whether the clamped value is a node
 
 
-def _along_axis(
-    value: Array, nodes: Array, coordinates: Array, reference: float
-) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
-    """Return cell, local coordinate, its derivative, and whether the clamped value is a node."""
+def _along_axis(value: Array, nodes: Array, coordinates: Array, reference: float) -> _Place:
+    """Find values on an axis with the given nodes and their logarithmic coordinates."""
     if nodes.size == 1:
         zero = np.zeros(value.shape)
-        return zero.astype(np.intp), zero, zero, np.ones(value.shape, dtype=bool)
+        return _Place(zero.astype(np.intp), zero, zero, np.ones(value.shape, dtype=bool))
     inside = np.clip(value, nodes[0], nodes[-1])
     cell = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, nodes.size - 2)
     width = coordinates[cell + 1] - coordinates[cell]
@@ -352,7 +344,7 @@ def _along_axis(
     lower, upper = inside == nodes[cell], inside == nodes[cell + 1]
     local = np.where(lower, 0.0, np.where(upper, 1.0, local))
     slope = np.where(inside == value, 1.0 / (width * (reference + inside)), 0.0)
-    return cell, local, slope, lower | upper
+    return _Place(cell, local, slope, lower | upper)
 
 
 def _range_of(nodes: Array) -> tuple[float, float]:

@@ -58,13 +58,7 @@ class UncertainSurface(FrictionSurface):
         sources: Sequence[str] = (),
         members: ArrayLike | None = None,
     ) -> None:
-        FrictionSurface.__init__(
-            self,
-            surface.normal_force_N_m,
-            surface.slip_speed_m_s,
-            surface.mu_nodes,
-            surface.mu_se_nodes,
-        )
+        FrictionSurface.__init__(self, *surface._given)
         S = None if factor is None else np.array(factor, dtype=float)
         M = None if members is None else np.array(members, dtype=float)
         shape = surface.mu_nodes.shape
@@ -109,11 +103,7 @@ class UncertainSurface(FrictionSurface):
         """
         if self.factor is None:
             raise InputError("the surface has no covariance: it was built without uncertainties")
-        at = self._locate(normal_force_N_m, slip_speed_m_s)
-        total = np.zeros((*at.s.shape, self.factor.shape[2]))
-        for i, j, weight in self._corners(at):
-            total += weight[..., None] * self.factor[i, j]
-        return np.where(at.valid[..., None], total, np.nan)
+        return self._bilinear(self.factor, normal_force_N_m, slip_speed_m_s)
 
     def band(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
@@ -163,6 +153,5 @@ class UncertainSurface(FrictionSurface):
         return tuple(FrictionSurface(f, v, mu) for mu in nodes)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        f, v = self.normal_force_N_m, self.slip_speed_m_s
-        plain = FrictionSurface(f, v, self.mu_nodes, self.mu_se_nodes)
+        plain = FrictionSurface(*self._given)
         return type(self), (plain, self.factor, self.sources, self.members)

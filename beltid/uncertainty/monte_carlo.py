@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, ConvergenceError
 from beltid.identify.surface.average import SurfaceGrid
-from beltid.identify.surface.surface import SurfaceSettings
 from beltid.refine.inverse import RefinedSurface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign
@@ -63,8 +62,8 @@ class Nominal:
         Its solution.
     published : SurfaceGrid
         The surface by the published procedure.
-    settings : SurfaceSettings
-        Settings of that procedure.
+    force_nodes : int or None
+        Number of force nodes of that procedure, None for one per point of a curve.
     speeds : ndarray, shape (m,)
         Speeds of the solution [m/s].
     sources : tuple of Source
@@ -82,7 +81,7 @@ class Nominal:
     campaign: Campaign
     refined: RefinedSurface
     published: SurfaceGrid
-    settings: SurfaceSettings
+    force_nodes: int | None
     speeds: Array
     sources: tuple[Source, ...]
     slopes: Array
@@ -114,7 +113,7 @@ def prepare(
     campaign: Campaign,
     refined: RefinedSurface,
     speeds: Array,
-    settings: SurfaceSettings,
+    force_nodes: int | None,
     linear: tuple[Sequence[Source], Array],
 ) -> Nominal:
     """Prepare the starting point of the replicates.
@@ -129,8 +128,8 @@ def prepare(
     return Nominal(
         campaign=campaign,
         refined=refined,
-        published=published_grid(campaign.measured, settings),
-        settings=settings,
+        published=published_grid(campaign.measured, force_nodes),
+        force_nodes=force_nodes,
         speeds=speeds,
         sources=tuple(sources),
         slopes=slopes,
@@ -189,7 +188,7 @@ def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array
     parameters = refined_again(nominal, corrected, errors, (scatter, pull))
     change = on_nodes(nominal.refined, (parameters - nominal.refined.parameters)[:, None])
     noisy = corrected.measured.scattered(measured.mu_se / measured.mu * scatter)
-    again = published_grid(noisy, nominal.settings)
+    again = published_grid(noisy, nominal.force_nodes)
     return change[..., 0], changes_at_nodes(nominal.published, again)
 
 
@@ -429,9 +428,9 @@ def check_of(
                 *found.failed[:SHOWN],
             ]
         )
-    measured, grid, settings = nominal.campaign.measured, nominal.published, nominal.settings
+    measured, grid = nominal.campaign.measured, nominal.published
     published_factors = [
-        published_changes(measured, grid, sources, settings),
+        published_changes(measured, grid, sources, nominal.force_nodes),
         scatter_factor(published_curves(measured), grid, arcs=False),
     ]
     u_published = np.linalg.norm(np.concatenate(published_factors, axis=-1), axis=-1)

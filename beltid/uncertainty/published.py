@@ -15,11 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from beltid.identify.surface.average import SurfaceGrid, average
-from beltid.identify.surface.curves import CurveSet, Points, build_curves
-from beltid.identify.surface.surface import SurfaceSettings
+from beltid.identify.surface.curves import Curve, CurveSet, Points, build_curves
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
@@ -39,10 +37,10 @@ def published_curves(measured: Measured) -> CurveSet:
     return build_curves(points)
 
 
-def published_grid(measured: Measured, settings: SurfaceSettings) -> SurfaceGrid:
+def published_grid(measured: Measured, force_nodes: int | None) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
     curves = published_curves(measured)
-    return average(curves, settings.force_nodes, errors_known=True)[0]
+    return average(curves, force_nodes, errors_known=True)[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
@@ -60,12 +58,12 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 
 
 def published_changes(
-    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], settings: SurfaceSettings
+    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], force_nodes: int | None
 ) -> Array:
     """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
     columns = [
         changes_at_nodes(
-            nominal, published_grid(measured.corrected(Errors.single(source)), settings)
+            nominal, published_grid(measured.corrected(Errors.single(source)), force_nodes)
         )
         for source in sources
     ]
@@ -80,7 +78,10 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) ->
     """
     nf, nv = grid.mu.shape
     relative = np.where(np.isfinite(grid.mu_se), grid.mu_se, 0.0) / grid.mu
-    run_covariances = [_run_covariance(curves, grid.normal_force_N_m, k) for k in range(nv)]
+    # the grid may lack speeds of the curves
+    at = np.abs(np.subtract.outer(grid.slip_speed_m_s, curves.speeds)).argmin(axis=1)
+    by_speed = curves.by_speed
+    run_covariances = [_run_covariance(by_speed[k], grid.normal_force_N_m) for k in at]
     covariance = np.zeros((nf, nv, nf, nv))
     excess = np.zeros((nf, nv))
     for k, by_runs in enumerate(run_covariances):
@@ -95,17 +96,10 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) ->
     return factor_of(flat).reshape(nf, nv, -1)
 
 
-def _run_covariance(curves: CurveSet, force: Array, speed: int) -> Array:
+def _run_covariance(curves: Sequence[Curve], force: Array) -> Array:
     """Return the covariance of ln mu, mean over arcs at one speed (nf, nf), by scatter of runs."""
-    curves_at_speed = [c for c in curves.curves if c.speed == speed]
     total = np.zeros((force.size, force.size))
-    for curve in curves_at_speed:
-        share = np.square(curve.se / curve.mu)
-        if curve.f.size == 1:
-            weights = np.ones((force.size, 1))
-        else:
-            nodes = np.log(curve.f)
-            clipped = np.clip(np.log(force), nodes[0], nodes[-1])
-            weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(clipped)
-        total += (weights * share) @ weights.T / len(curves_at_speed) ** 2
+    for curve in curves:
+        weights = curve.weights(force)
+        total += (weights * np.square(curve.se / curve.mu)) @ weights.T / len(curves) ** 2
     return total

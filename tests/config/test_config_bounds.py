@@ -17,7 +17,6 @@ from beltid.config import Config, load_config
 from beltid.config.fields import Count, ListOf, Number
 from beltid.config.writing import checks_of
 from beltid.errors import ConfigError, InputError
-from beltid.identify.agreement.compare import AgreementSettings
 from beltid.identify.friction.reduction import FrictionSettings
 from beltid.identify.press.stiffness import StiffnessSettings
 from beltid.identify.slip.points import (
@@ -26,7 +25,7 @@ from beltid.identify.slip.points import (
     SlipResult,
     required_pulley_speeds,
 )
-from beltid.identify.surface.surface import SurfaceSettings
+from beltid.identify.surface.surface import build_surface
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
@@ -79,6 +78,11 @@ def with_drive(config: Config) -> tuple[Any, ...]:
     return drive, points_of_config(config) if stated else ()
 
 
+def with_surface(config: Config) -> Any:
+    points = [40.0] * 3, [1e3, 2e3, 3e3], [0.01] * 3, [1.0] * 3
+    return build_surface(*points, **dict(config.surface)).average.mu.shape
+
+
 def with_temperature(config: Config) -> Any:
     runs = np.zeros(2, dtype=int), np.zeros(2), np.array([20.0, 30.0])
     return campaign_effects(*runs, config.friction.reference_temperature_degC)
@@ -94,9 +98,9 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "press": (lambda c: stiffness_settings(c.press),),
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
-    "compare": (lambda c: AgreementSettings(**c.compare.model_dump(exclude={"hold_out"})),),
+    "compare": (lambda c: c.compare,),  # they are compared with as they are
     "friction": (friction_settings, rig_kind, with_temperature),
-    "surface": (lambda c: SurfaceSettings(**c.surface.model_dump()),),
+    "surface": (with_surface,),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
     "drive": (with_drive,),
@@ -191,7 +195,6 @@ def test_the_defaults_are_those_of_the_science() -> None:
     config = Config()
     for section, science in (
         (config.friction, FrictionSettings()),
-        (config.surface, SurfaceSettings()),
         (config.simulation, SimulationSettings()),
         (config.press, StiffnessSettings(segment_length_m=0.04)),
     ):

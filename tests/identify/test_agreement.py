@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import AgreementSettings, compare_points
+from beltid.identify.agreement.compare import compare_points
 
 Columns = dict[str, NDArray[Any]]
 
@@ -139,8 +139,8 @@ def test_each_tolerance_decides(name: str) -> None:
     measured, simulated = pair()
     sign = np.where(np.arange(36) % 2, 1.0, -1.0)  # errors of both signs do not cancel
     simulated["mu_sliding"] = measured["mu_sliding"] * (1 + 0.03 * sign)
-    assert compare_points(measured, simulated, AgreementSettings(**{name: 0.0301})).passed
-    failed = compare_points(measured, simulated, AgreementSettings(**{name: 0.0299}))
+    assert compare_points(measured, simulated, {name: 0.0301}).passed
+    failed = compare_points(measured, simulated, {name: 0.0299})
     assert not failed.passed
     (row,) = failed.verdict_table()
     found = pytest.approx(0.03)

@@ -12,7 +12,6 @@ from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
 from beltid.identify.friction.run import FrictionSettings
 from beltid.identify.press.laws import LawCandidate, LawParameter, verdict_of
 from beltid.identify.press.recording import StiffnessSettings
-from beltid.identify.surface.surface import SurfaceSettings
 
 CLOSED = [
     (FrictionSettings, "min_plateau_samples", 8, 1_000_000),
@@ -44,9 +43,6 @@ def test_a_closed_range_holds_its_ends_and_no_more(kind, name, low, high):
 
 
 def test_other_settings():
-    assert SurfaceSettings(force_nodes=2).force_nodes == 2
-    with pytest.raises(InputError, match="force_nodes = 1, must be >= 2"):
-        SurfaceSettings(force_nodes=1)
     assert StiffnessSettings(0.04, reference_temperature_degC=-273.0).cycles == "last"
     with pytest.raises(InputError, match="reference_temperature_degC"):
         StiffnessSettings(0.04, reference_temperature_degC=-273.15)

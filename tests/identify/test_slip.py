@@ -78,19 +78,6 @@ def test_virtual_bench_gives_the_true_sliding_speeds_within_their_errors(belt):
     assert result.max_slip_run == max(true, key=true.__getitem__)
 
 
-def test_correlated_samples_widen_the_error():
-    white = drive(torque=[8.0], n=4000, noise=1e-3)
-    reference = fit_slip(white, 0.05).points[0].slip_speed_se_m_s
-    ratios = []
-    for seed in range(10):
-        drift = np.repeat(np.random.default_rng(seed).normal(size=200), 20)
-        slow = white | {"driven_speed_rad_s": 62.72 + 1e-3 * drift}
-        ratios.append(fit_slip(slow, 0.05).points[0].slip_speed_se_m_s / reference)
-    # 20 equal samples hold as much as one; the driver's white noise is a fifth of the variance:
-    # sqrt(0.8 * 20 + 0.2) = 4.02, determined to 14 % by one record and to 5 % by ten
-    assert np.mean(ratios) == pytest.approx(4.02, rel=0.15)
-
-
 def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
     columns = drive(ratio=1.03)
     result = fit_slip(columns, 0.05)
@@ -100,16 +87,6 @@ def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
     assert loss == pytest.approx(0.01 * np.arange(17.0), abs=4e-3)
     assert any("ratio of the pulleys" in note for note in result.notes)
     assert min(p.slip_speed_se_m_s for p in result.points) > 62.0 * 0.05 * result.ratio_se
-
-
-@pytest.mark.parametrize("ratio", [1.0, 1.00003])
-def test_pulleys_that_hardly_differ_are_in_the_errors(ratio):
-    """Three standard errors of the ratio from one run without torque."""
-    z = []
-    for seed in range(20):
-        points = fit_slip(drive(ratio=ratio, seed=seed), 0.05).points
-        z += [(p.slip_speed_m_s - 5e-4 * p.torque_N_m) / p.slip_speed_se_m_s for p in points]
-    assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
 @pytest.mark.parametrize(("step", "ratio"), [(0.1, 0.75), (math.pi / 30.0, 0.75), (0.25, 2.0)])
@@ -178,16 +155,13 @@ def test_pulleys_that_are_swapped_look_like_a_driven_pulley_that_drives():
     assert not fit_slip(drive(torque=np.arange(-8.0, 9.0)), 0.05).notes
 
 
-def test_unequal_pulleys_without_a_run_without_torque_are_named_where_all_runs_fail():
-    with pytest.raises(InputError, match="no run without torque: the pulleys are taken as equal"):
-        fit_slip(drive([2.0, 4.0, 6.0], ratio=2.0), 0.05)
-
-
 def test_without_a_run_without_torque_the_size_of_unequal_pulleys_is_reported():
     (note,) = (n for n in fit_slip(drive([2.0, 4.0, 6.0]), 0.05).notes if "without torque" in n)
     assert note.endswith(
         "radii that differ by 0.1 % would be 0.063 rad/s of the loss at 62.8 rad/s"
     )
+    with pytest.raises(InputError, match="no run without torque: the pulleys are taken as equal"):
+        fit_slip(drive([2.0, 4.0, 6.0], ratio=2.0), 0.05)  # and where all runs fail
 
 
 def test_gross_slip_is_marked_and_not_counted_as_service():
@@ -231,13 +205,6 @@ def test_gaps_spikes_and_useless_runs_are_kept_apart():
     assert points["S08"].slip_speed_m_s == pytest.approx(0.05 * 0.08, abs=1.5e-4)
     assert points["S09"].n_samples == 15
     assert len(result.notes) == 3
-
-
-def test_a_driving_generator_has_a_loss_of_the_other_sign():
-    result = fit_slip(drive(torque=-np.arange(0.0, 17.0)), 0.05)
-    assert {p.status for p in result.points} == {"ok"}
-    assert result.points[10].slip_speed_m_s < 0
-    assert result.max_slip_speed_m_s == pytest.approx(0.16 * 0.05, rel=0.02)
 
 
 def test_wrong_inputs_name_every_problem():
@@ -324,6 +291,7 @@ def test_a_drive_that_turns_backwards_is_the_mirrored_one(signed_torque):
     assert backward.notes[0].startswith("the drive turns backwards in all runs: sign of the speeds")
     assert ("torque" in backward.notes[0]) == signed_torque
     assert not any("backwards" in note for note in forward.notes)
+    assert len(backward.notes) == len(forward.notes) + 1
 
 
 def test_a_load_that_is_counted_as_negative_is_a_load():
@@ -361,32 +329,28 @@ def test_pulleys_that_turn_against_each_other_are_no_gross_slip():
 
 
 def test_runs_without_samples_and_with_one():
-    series = {"a": np.array([np.nan, np.nan]), "b": np.array([2.0]), "c": np.arange(8.0) % 2}
-    found = pooled_means(series, [["a", "b", "c"]])
-    assert math.isnan(found["a"].mean)
-    assert math.isnan(found["a"].se)
-    assert found["b"].mean == 2.0
-    # the variance of c is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
-    assert found["b"].se == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
-    assert found["c"].mean == 0.5
+    runs = [np.array([np.nan, np.nan]), np.array([2.0]), np.arange(8.0) % 2]
+    mean, se, _ = pooled_means(runs, np.zeros(3, dtype=int))
+    assert mean == pytest.approx([np.nan, 2.0, 0.5], nan_ok=True)
+    assert math.isnan(se[0])
+    # the variance is that of all: s² = 2/7; 68.27 % interval of t with 7 degrees: t = 1.0767
+    assert se[1] == pytest.approx(1.0767 * math.sqrt(2.0 / 7.0), rel=1e-4)
 
 
 def test_runs_within_two_percent_are_one_series():
-    speeds = {f"{k}": v for k, v in enumerate([10.0, 10.1, 10.15, 10.4, 10.5, 10.55])}
-    assert speed_series(speeds) == (("0", "1", "2"), ("3", "4", "5"))
-    assert speed_series({}) == ((),)
-    unknown = speeds | {"x": math.nan}  # a series of its own, and too short for one
-    assert speed_series(unknown) == (tuple(unknown),)
+    speeds = np.array([10.0, 10.1, 10.15, 10.4, -10.5, 10.55])
+    assert speed_series(speeds).tolist() == [0, 0, 0, 1, 1, 1]
+    unknown = np.append(speeds, np.nan)  # a series of its own, and too short for one
+    assert speed_series(unknown).tolist() == [0] * 7
 
 
 def test_the_noise_of_a_series_is_one_variance():
     """se² = t² sum of squares / (all degrees of freedom) / n, for white noise and equal runs."""
-    runs = {"a": np.array([1.0, 2.0, 0.0]), "b": np.array([5.0, 3.0, 4.0]), "c": np.arange(3.0)}
-    found = pooled_means(runs, [list(runs)])
+    runs = [np.array([1.0, 2.0, 0.0]), np.array([5.0, 3.0, 4.0]), np.arange(3.0)]
+    mean, se, _ = pooled_means(runs, np.zeros(3, dtype=int))
+    assert mean.tolist() == [1.0, 4.0, 1.0]
     # 6 squares over 6 degrees of freedom: s = 1; 68.27 % interval of t with 6 of them: t = 1.0906
-    for label, mean in (("a", 1.0), ("b", 4.0), ("c", 1.0)):
-        assert found[label].mean == mean
-        assert found[label].se == pytest.approx(1.0906 / math.sqrt(3.0), rel=1e-4)
+    assert se == pytest.approx([1.0906 / math.sqrt(3.0)] * 3, rel=1e-4)
 
 
 # --- pulley speeds that a belt needs ---

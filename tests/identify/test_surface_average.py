@@ -17,13 +17,11 @@ SPEEDS = np.array([0.01, 0.02, 0.04])
 
 def curve(arc, speed, f, mu, se=0.01, band=(0.1, 3.0)):
     f, mu = np.array(f, float), np.array(mu, float)
-    return Curve(arc, speed, f, mu, np.full(f.size, se), band)
+    return Curve(arc, SPEEDS[speed], f, mu, np.full(f.size, se), band)
 
 
 def curve_set(*curves):
-    arcs = np.array(sorted({c.arc_deg for c in curves}))
-    speeds = SPEEDS[: max(c.speed for c in curves) + 1]
-    return CurveSet(arcs, speeds, curves)
+    return CurveSet(curves)
 
 
 # Student's t with one, two and four degrees of freedom; as probable as one standard deviation
@@ -131,6 +129,24 @@ def test_a_speed_that_ends_early_is_held_with_the_change_of_the_others_in_doubt(
     change = 0.5 * ((1 - 0.8 / 0.9) + (1 - 1.0 / 1.1))
     assert grid.mu_se[2, 2] == pytest.approx(1.4 * math.hypot(0.01 / 1.4, change), rel=1e-9)
     assert grid.mu_se[1, 2] == pytest.approx(0.01, rel=1e-9)
+
+
+def test_one_tension_gives_a_surface_over_the_speed_alone():
+    """Its force differs between arcs and speeds: the node is their geometric mean."""
+    grid, notes = average(
+        curve_set(
+            curve(40.0, 0, [1000.0], [1.0]),
+            curve(40.0, 1, [1000.0], [1.2]),
+            curve(80.0, 0, [1600.0], [0.9]),
+            curve(80.0, 1, [1600.0], [1.1]),
+        ),
+        None,
+        True,
+    )
+    assert notes == ()
+    assert grid.normal_force_N_m == pytest.approx([math.sqrt(1000.0 * 1600.0)])
+    assert grid.mu == pytest.approx(np.array([[0.95, 1.15]]))
+    assert np.all(grid.n_arcs == 2)
 
 
 def test_nodes_are_put_where_the_points_are():

@@ -13,7 +13,7 @@ F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 
 
 def curve(mu: np.ndarray, se: np.ndarray) -> Curve:
-    return Curve(68.0, 0, F[: mu.size], mu, se, band=(float(mu.min()), float(mu.max())))
+    return Curve(68.0, 0.01, F[: mu.size], mu, se, band=(float(mu.min()), float(mu.max())))
 
 
 def test_curve_passes_through_its_points_and_ends_there() -> None:

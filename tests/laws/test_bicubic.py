@@ -94,31 +94,6 @@ def test_known_laws_are_met_between_the_nodes_as_documented(belt: str, documente
     assert np.abs(surface.mu(f, v) / law(belt, f, v) - 1).max() < documented
 
 
-def test_error_falls_with_the_fourth_power_of_the_node_distance() -> None:
-    f, v = np.geomspace(900, 6600, 301)[:, None], np.geomspace(0.0025, 0.042, 203)
-    exact = law("4pk", f, v)
-    errors = []
-    for n in (9, 17, 33):
-        forces, speeds = np.geomspace(900, 6600, n), np.geomspace(0.0025, 0.042, n)
-        surface = FrictionSurface(forces, speeds, law("4pk", forces[:, None], speeds))
-        errors.append(np.abs(surface.mu(f, v) / exact - 1).max())
-    rates = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert np.all(rates > 3.5)
-    assert np.all(rates < 5.0)
-
-
-def test_local_peak_of_one_node_is_not_overshot() -> None:
-    mu = np.full((7, 5), 0.8)
-    mu[3, 2] = 1.4
-    surface = FrictionSurface(FORCES[:7], SPEEDS, mu)
-    f, v = np.geomspace(900, 5850, 301)[:, None], np.geomspace(0.0025, 0.042, 203)
-    values = surface.mu(f, v)
-    assert values.min() == 0.8
-    assert values.max() <= 1.4
-    far = (f[:, 0] < FORCES[2]) | (f[:, 0] > FORCES[4])
-    assert np.all(values[far] == 0.8)  # a spline would ring there
-
-
 def test_bounded_cubic_is_the_natural_spline_where_no_bound_acts():
     from scipy.interpolate import CubicSpline
 

@@ -15,10 +15,6 @@ def test_steady_strain_gives_hooke() -> None:
     assert section_force(EA, -1e-3, 0.0, TAU) == pytest.approx(-100.0)
 
 
-def test_rate_adds_stiffness_times_damping_time() -> None:
-    assert section_force(EA, 0.0, 3.0, TAU) == pytest.approx(30.0)
-
-
 def test_cycle_of_strain_loses_pi_EA_tau_omega_amplitude_squared() -> None:
     omega, amplitude = 50.0, 1e-3
     power = []

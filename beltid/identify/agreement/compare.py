@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,34 +35,6 @@ COLUMNS = (
 SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
 """Largest relative difference between measured and simulated settings of matched runs; motors miss
 their speed by about one percent."""
-
-
-@dataclass(frozen=True, slots=True)
-class AgreementSettings:
-    """Tolerances of the comparison, as fractions; None disables a tolerance."""
-
-    max_rms_relative_error: float | None = None  # root mean square of the relative differences
-    max_mean_relative_error: float | None = None  # mean of their magnitudes (no cancelling)
-    max_relative_error: float | None = None  # largest magnitude
-    min_share_compared: float | None = None  # of the usable measured runs
-    max_rms_error_over_uncertainty: float | None = None
-    """Root mean square of the differences over their standard uncertainties. Without uncertainties
-    it is nan and the tolerance fails."""
-
-    def __post_init__(self) -> None:
-        problems = [
-            f"compare.{name} = {value}, must be > 0"
-            for name, value in self.tolerances.items()
-            if not value > 0.0
-        ]
-        if problems:
-            raise InputError(problems)
-
-    @property
-    def tolerances(self) -> dict[str, float]:
-        """Active tolerances by name."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +83,7 @@ class AgreementResult:
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     groups: tuple[Statistics, ...]
     """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each `force_band`."""
-    settings: AgreementSettings
+    tolerances: Mapping[str, float]  # active tolerances, see :func:`compare_points`
     n_measured: int  # number of runs per side
     n_simulated: int
     n_usable: int  # usable measured runs
@@ -172,8 +144,7 @@ class AgreementResult:
     @property
     def within_tolerance(self) -> NDArray[np.bool_]:
         """Points within ``max_relative_error`` (n,); all points without this tolerance."""
-        allowed = self.settings.max_relative_error
-        return np.abs(self.relative_difference) <= (np.inf if allowed is None else allowed)
+        return np.abs(self.relative_difference) <= self.tolerances.get("max_relative_error", np.inf)
 
     def to_columns(self) -> Columns:
         """Return the columns of the comparison table, one row per matched point."""
@@ -188,18 +159,23 @@ class AgreementResult:
             "min_share_compared": self.share_compared,
             "max_rms_error_over_uncertainty": self.rms_error_over_uncertainty,
         }
-        rows: list[dict[str, object]] = []
-        for name, allowed in self.settings.tolerances.items():
-            x = figures[name]
-            holds = bool(x >= allowed if name.startswith("min") else x <= allowed)
-            rows.append({"tolerance": name, "found": x, "allowed": allowed, "holds": holds})
-        return rows
+        return [
+            {
+                "tolerance": name,
+                "found": figures[name],
+                "allowed": allowed,
+                "holds": bool(
+                    figures[name] >= allowed if name.startswith("min") else figures[name] <= allowed
+                ),
+            }
+            for name, allowed in self.tolerances.items()
+        ]
 
 
 def compare_points(
     measured: Mapping[str, ArrayLike],
     simulated: Mapping[str, ArrayLike],
-    settings: AgreementSettings | None = None,
+    tolerances: Mapping[str, float] | None = None,
 ) -> AgreementResult:
     """Compare the reduced runs of the real bench with those of the simulated bench.
 
@@ -208,20 +184,30 @@ def compare_points(
     measured, simulated : mapping of str to array_like (n,)
         Columns of the reduction: run, arc_deg, nominal_tension_N, pulley_speed_rad_s,
         normal_force_N_m, mu_sliding and, optionally, status; only "ok" runs are used.
-    settings : AgreementSettings, optional
-        Tolerances; by default there are none.
+    tolerances : mapping of str to float, optional
+        Tolerances as fractions, by default none: of the relative differences, their root mean
+        square ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest
+        magnitude ``max_relative_error``; ``min_share_compared`` of the usable measured runs; root
+        mean square ``max_rms_error_over_uncertainty`` of the differences over their standard
+        uncertainties, which fails without uncertainties.
 
     Raises
     ------
     InputError
         If a column is missing, or no measured run has a simulated partner.
     """
-    settings = settings or AgreementSettings()
     tables = _run_table(measured, "measured"), _run_table(simulated, "simulated")
     of_measured, of_simulated, left_out = _match(*tables)
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
-        raise _without_partners(n_measured, n_simulated, left_out)
+        counts = Counter(reason for _, reason in left_out).most_common()
+        raise InputError(
+            [
+                "compare: no measured run has a simulated partner, must be at least one "
+                f"({n_measured} measured and {n_simulated} simulated runs)",
+                *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
+            ]
+        )
     real = {name: column[of_measured] for name, column in tables[0].items()}
     mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
     arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
@@ -247,26 +233,12 @@ def compare_points(
             ),
             *(Statistics.of(name, relative[g], force[g]) for name, g in thirds),
         ),
-        settings=settings,
+        tolerances=tolerances or {},
         n_measured=n_measured,
         n_simulated=n_simulated,
         n_usable=int(np.count_nonzero(tables[0]["reason"] == "")),
         not_compared_runs=left_out,
         rows=(of_measured, of_simulated),
-    )
-
-
-def _without_partners(
-    n_measured: int, n_simulated: int, left_out: tuple[tuple[str, str], ...]
-) -> InputError:
-    """Build the error for a comparison without pairs."""
-    counts = Counter(reason for _, reason in left_out).most_common()
-    return InputError(
-        [
-            "compare: no measured run has a simulated partner, must be at least one "
-            f"({n_measured} measured and {n_simulated} simulated runs)",
-            *(f"{counted(count, 'run')}: {reason}" for reason, count in counts),
-        ]
     )
 
 

@@ -205,12 +205,11 @@ def settings_of(values: Array, gap: float) -> NDArray[np.intp]:
 
 def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     """Replace each measured value by the median of its setting; nan stays nan."""
-    settings = np.full(values.shape, np.nan)
-    finite = np.isfinite(values)
-    labels = settings_of(values[finite], gap)
-    for label in np.unique(labels):
-        members = np.flatnonzero(finite)[labels == label]
-        settings[members] = np.median(values[members])
+    settings, finite = np.full(values.shape, np.nan), np.isfinite(values)
+    known = values[finite]
+    labels = settings_of(known, gap)
+    medians = [np.median(known[labels == k]) for k in np.unique(labels)]
+    settings[finite] = np.array(medians)[labels]
     return settings
 
 

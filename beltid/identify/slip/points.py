@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
+
+Array = NDArray[np.float64]
 
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
@@ -57,39 +60,34 @@ class SlipResult:
     notes: tuple[str, ...]  # for the user
 
 
-def mark_gross_slip(points: Sequence[SlipPoint]) -> list[SlipPoint]:
-    """Set the status of all points with gross slip.
+def gross_slip(
+    speed: Array, tension: Array, torque: Array, loss: Array, se: Array, usable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark the usable runs with gross slip; all arrays have one entry per run, nan where unknown.
 
-    A series holds the points of one driver speed and initial tension. Its creep [rad/s per N m] is
+    A series holds the runs of one driver speed and initial tension. Its creep [rad/s per N m] is
     the median loss per torque of its less loaded runs, at least three; with fewer loaded runs there
     is no creep to compare with.
     """
-    speed, tension, torque, loss = np.array(
-        [
-            (p.driver_speed_rad_s, p.initial_tension_N, p.torque_N_m, p.speed_loss_rad_s)
-            for p in points
-        ]
-    ).T
+    torque, loss = np.abs(torque), np.abs(loss)
     settings = np.stack(
         [snap_to_settings(np.abs(speed), SAME_SETTING), snap_to_settings(tension, SAME_SETTING)]
     )
-    settings = np.nan_to_num(settings, nan=-1.0)  # all unknown values form one setting
-    torque, loss = np.abs(torque), np.abs(loss)
-    # torque-free runs, excluded below, carry no information on creep
-    good = np.array([p.status == OK for p in points]) & np.isfinite(torque) & np.isfinite(loss)
-    marked = []
-    for k, p in enumerate(points):
-        series = good & np.all(settings == settings[:, [k]], axis=0)
-        largest = float(np.max(torque[series], initial=0.0))
-        loaded = np.flatnonzero(series & (torque > 0.05 * largest))
+    # all unknown values form one setting
+    _, series = np.unique(np.nan_to_num(settings, nan=-1.0), axis=1, return_inverse=True)
+    gross = loss > GROSS_SLIP_RATIO * np.abs(speed)
+    for k in range(int(series.max()) + 1):
+        rows = series == k
+        good = rows & usable & np.isfinite(torque) & np.isfinite(loss)
+        largest = float(np.max(torque[good], initial=0.0))
+        # torque-free runs carry no information on creep
+        loaded = np.flatnonzero(good & (torque > 0.05 * largest))
         loaded = loaded[np.argsort(torque[loaded], kind="stable")]
         low = loaded[: max(np.count_nonzero(torque[loaded] <= CREEP_SHARE * largest), FEWEST_RUNS)]
         creep = float(np.median(loss[low] / torque[low])) if low.size >= FEWEST_RUNS else 0.0
-        limit = GROSS_OVER_CREEP * creep * torque[k] + SIGNIFICANT * p.speed_loss_se_rad_s
-        too_fast = loss[k] > GROSS_SLIP_RATIO * abs(p.driver_speed_rad_s)
-        gross = p.status == OK and (too_fast or (creep > 0.0 and loss[k] > limit))
-        marked.append(replace(p, status=GROSS_SLIP) if gross else p)
-    return marked
+        if creep > 0.0:
+            gross |= rows & (loss > GROSS_OVER_CREEP * creep * torque + SIGNIFICANT * se)
+    return usable & gross
 
 
 @dataclass(frozen=True, slots=True)

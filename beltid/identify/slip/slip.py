@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,6 @@ from beltid.identify.estimators.signal import (
     noise_before_rounding,
 )
 from beltid.identify.estimators.statistics import (
-    MeanWithError,
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
@@ -40,16 +38,17 @@ from beltid.identify.estimators.statistics import (
     settings_of,
 )
 from beltid.identify.slip.points import (
+    GROSS_SLIP,
     OK,
     SIGNIFICANT,
     SlipPoint,
     SlipResult,
-    mark_gross_slip,
+    gross_slip,
 )
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
-Runs = Mapping[str, Mapping[str, Array]]
+Runs = dict[str, list[Array]]  # samples of each run by column
 
 DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
 SPEEDS = (DRIVER, DRIVEN)
@@ -82,56 +81,77 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     InputError
         If columns are missing, the radius is not positive, or no point can be used.
     """
-    recorded = _runs(speedloss, pulley_radius_m)
-    recorded, notes = _at_speed(recorded)
-    runs, backward_notes = _forward_runs(recorded)
-    notes += [*backward_notes, *_unsteady(runs)]
-    series = speed_series({r: robust_mean_with_se(c[DRIVER]).mean for r, c in runs.items()})
+    labels, runs = _runs(speedloss, pulley_radius_m)
+    notes = _cut_to_speed(labels, runs)
+    of_runs = {name: np.array([robust_mean_with_se(x) for x in runs[name]]).T for name in COLUMNS}
+    tension, torque, speed, driven = (mean for mean, _, _ in of_runs.values())
+    total = np.array([np.nansum(x) for x in runs["torque_N_m"]])
+    turns, load, backward_notes = _directions(labels, speed, driven, total)
+    notes += [*backward_notes, *_unsteady(labels, runs["torque_N_m"])]
+    series = speed_series(speed)
     rounding = _rounding(runs)
-    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series, rounding)
+    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, of_runs, series, rounding)
     notes += ratio_notes
-    losses = pooled_means({r: c[DRIVER] - ratio * c[DRIVEN] for r, c in runs.items()}, series)
-    if _counts_load_as_negative(runs, losses):
-        for run in runs.values():
-            run["torque_N_m"] = -run["torque_N_m"]
+    # from here on, runs that turn backwards are mirrored: of positive speed
+    losses = [a - ratio * b for a, b in zip(*(runs[name] for name in SPEEDS), strict=True)]
+    loss, loss_se, _ = pooled_means(losses, series)
+    loss = turns * loss
+    clear = np.abs(loss) > SIGNIFICANT * loss_se
+    if clear.any() and np.all((loss > 0.0) & (load * total < 0.0) | ~clear):
+        load = -load
         notes.append("the torque of a driving pulley is recorded as negative: sign reversed")
-    points = []
-    for label, run in runs.items():
-        of_driver, of_driven = rounding[label]
-        rounding_of_loss = math.hypot(of_driver, ratio * of_driven)
-        points.append(
-            _point(label, run, losses[label], rounding_of_loss, ratio_se, pulley_radius_m)
-        )
-    points = [
-        replace(  # restore the signs of the recording
-            p,
-            driver_speed_rad_s=robust_mean_with_se(recorded[p.run][DRIVER]).mean,
-            torque_N_m=robust_mean_with_se(recorded[p.run]["torque_N_m"]).mean,
-        )
-        for p in mark_gross_slip(points)
-    ]
-    service = [p for p in points if p.status == OK]
-    clear = [p for p in service if abs(p.speed_loss_rad_s) > SIGNIFICANT * p.speed_loss_se_rad_s]
-    if clear and all(p.speed_loss_rad_s < 0.0 for p in clear):
+    parts = loss_se, rounding[0], ratio * rounding[1], ratio_se * driven
+    se = np.sqrt(sum(part**2 for part in parts))
+    n = np.array([np.isfinite(x).sum() for x in losses])
+    # a negative torque swaps the roles of the pulleys, as with a generator
+    drives = np.where(load * torque < 0.0, -turns * speed, turns * speed)
+    gains = -loss * np.copysign(1.0, drives) > SIGNIFICANT * se
+    status = _status(n, speed, driven, gains)
+    status[gross_slip(speed, tension, torque, loss, se, status == OK)] = GROSS_SLIP
+    service = status == OK
+    clear = service & (np.abs(loss) > SIGNIFICANT * se)
+    if clear.any() and np.all(loss[clear] < 0.0):
         notes.append(
             "the driven pulley gains on the driver in every run with a clear loss: either it "
             "drives, as a negative torque says, or the columns of driver and driven speed are "
             "swapped"
         )
-    if not service or (not clear and any(p.status == GAINS for p in points)):
-        reasons = [f"run {p.run}: {p.status}" for p in points if p.status != OK]
-        raise InputError([*reasons, *ratio_notes])
-    largest = max(service, key=lambda p: abs(p.slip_speed_m_s))
-    for status in dict.fromkeys(p.status for p in points if p.status != OK):
-        labels = ", ".join(p.run for p in points if p.status == status)
-        notes.append(f"{status}: {labels}; ignored for the largest sliding speed")
+    if not service.any() or (not clear.any() and np.any(status == GAINS)):
+        why = zip(labels[~service], status[~service], strict=True)
+        raise InputError([*(f"run {label}: {text}" for label, text in why), *ratio_notes])
+    for text in dict.fromkeys(status[~service]):
+        named = ", ".join(labels[status == text])
+        notes.append(f"{text}: {named}; ignored for the largest sliding speed")
+    v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
+    columns = labels, speed, tension, torque, loss, se, v, v_se, n, status
+    largest = int(np.argmax(np.where(service, np.abs(v), -np.inf)))
     return SlipResult(
-        tuple(points), ratio, ratio_se, abs(largest.slip_speed_m_s), largest.run, tuple(notes)
+        points=tuple(SlipPoint(*row) for row in zip(*(c.tolist() for c in columns), strict=True)),
+        ratio=ratio,
+        ratio_se=ratio_se,
+        max_slip_speed_m_s=abs(float(v[largest])),
+        max_slip_run=labels[largest],
+        notes=tuple(notes),
     )
 
 
-def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str, Array]]:
-    """Check the columns and split them by run, in the order of the recording."""
+def _status(
+    n: NDArray[np.intp], speed: Array, driven: Array, gains: NDArray[np.bool_]
+) -> NDArray[np.object_]:
+    """Return why each run cannot be used, or OK."""
+    status = np.full(n.size, OK, dtype=object)
+    for is_so, reason in (  # the last one that holds is stated
+        (gains, GAINS),
+        (_turn_opposite(speed, driven), "the pulleys turn in opposite directions"),
+        (speed == 0.0, "the driver does not turn"),
+        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
+    ):
+        status[is_so] = reason
+    return status
+
+
+def _runs(speedloss: Mapping[str, NDArray], radius: float) -> tuple[NDArray[np.object_], Runs]:
+    """Check the columns and split them by run; return the labels in the order of the recording."""
     head = "speed-loss recording:"
     needed = ("run", *COLUMNS)
     problems = [f"{head} column {name} is missing" for name in needed if name not in speedloss]
@@ -146,38 +166,38 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> dict[str, dict[str
     wrong = [f"{name} {v.shape}" for name, v in columns.items() if v.shape != labels.shape]
     if wrong:
         raise InputError(f"{head} columns {', '.join(wrong)}, must be {labels.shape} as run is")
-    return {
-        label: {name: values[labels == label] for name, values in columns.items()}
-        for label in dict.fromkeys(labels.tolist())
-    }
+    names = np.array(list(dict.fromkeys(labels.tolist())), dtype=object)
+    rows = [labels == name for name in names]
+    return names, {name: [values[r] for r in rows] for name, values in columns.items()}
 
 
-def _at_speed(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
-    """Cut off the samples before the driver reaches its speed and after it stops."""
-    kept, shortened = {}, []
-    for label, run in runs.items():
-        speed = np.abs(run[DRIVER])
+def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
+    """Cut off the samples before the driver reaches its speed and after it stops; note the runs."""
+    shortened = []
+    for k, label in enumerate(labels):
+        speed = np.abs(runs[DRIVER][k])
         finite = np.isfinite(speed)
-        part = slice(None)
-        if finite.any():
-            # robust to spikes; a quarter of the samples at speed is enough
-            turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
-            at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
-            part = slice(at_speed[0], at_speed[-1] + 1)
-        kept[label] = {name: values[part] for name, values in run.items()}
-        if np.count_nonzero(finite[part]) < np.count_nonzero(finite):
+        if not finite.any():
+            continue
+        # robust to spikes; a quarter of the samples at speed is enough
+        turning = speed[speed >= 0.5 * np.nanquantile(speed, 0.75, method="lower")]
+        at_speed = np.flatnonzero(speed >= AT_SPEED * np.median(turning))
+        part = slice(at_speed[0], at_speed[-1] + 1)
+        for values in runs.values():
+            values[k] = values[k][part]
+        if finite[part].sum() < finite.sum():
             shortened.append(label)
     if not shortened:
-        return kept, []
-    return kept, [f"samples before the driver is up to its speed left out: {', '.join(shortened)}"]
+        return []
+    return [f"samples before the driver is up to its speed left out: {', '.join(shortened)}"]
 
 
-def _unsteady(runs: Runs) -> list[str]:
+def _unsteady(labels: NDArray[np.object_], torques: Sequence[Array]) -> list[str]:
     """Note runs whose torque changes: their mean is not an operating point."""
-    torques = {r: run["torque_N_m"][np.isfinite(run["torque_N_m"])] for r, run in runs.items()}
-    largest = max((float(np.median(np.abs(t))) for t in torques.values() if t.size), default=0.0)
+    torques = [torque[np.isfinite(torque)] for torque in torques]
+    largest = max((float(np.median(np.abs(t))) for t in torques if t.size), default=0.0)
     changing = []
-    for label, torque in torques.items():
+    for label, torque in zip(labels, torques, strict=True):
         if torque.size < 8 * MIN_SAMPLES:
             continue
         means = [float(np.mean(part)) for part in np.array_split(torque, 8)]
@@ -192,19 +212,13 @@ def _unsteady(runs: Runs) -> list[str]:
     ]
 
 
-def _rounding(runs: Runs) -> dict[str, tuple[float, float]]:
-    """Estimate the errors of each run's mean speeds due to coarse readings [rad/s]."""
-    finite = {
-        label: [run[name][np.isfinite(run[name])] for name in SPEEDS] for label, run in runs.items()
-    }
-    driver, driven = (np.concatenate(parts) for parts in zip(*finite.values(), strict=True))
+def _rounding(runs: Runs) -> Array:
+    """Estimate the errors of the mean speeds due to coarse readings [rad/s], rows of SPEEDS."""
+    finite = [[x[np.isfinite(x)] for x in runs[name]] for name in SPEEDS]
+    driver, driven = (np.concatenate(parts) for parts in finite)
     steps = np.maximum(adc_resolution(driver, driven), _common_step(np.append(driver, driven)))
-    errors = {}
-    for label, speeds in finite.items():
-        noise = noise_before_rounding([float(np.std(x)) if x.size else 0.0 for x in speeds], steps)
-        of_driver, of_driven = converter_rounding(noise, steps).tolist()
-        errors[label] = (of_driver, of_driven)
-    return errors
+    recorded = np.array([[np.std(x) if x.size else 0.0 for x in parts] for parts in finite])
+    return converter_rounding(noise_before_rounding(recorded, steps[:, None]), steps[:, None])
 
 
 def _common_step(readings: Array) -> float:
@@ -225,80 +239,55 @@ def _common_step(readings: Array) -> float:
     return 0.0
 
 
-def _forward_runs(runs: Runs) -> tuple[dict[str, dict[str, Array]], list[str]]:
-    """Mirror the runs that turn backwards, and note the signs reversed.
+def _directions(
+    labels: NDArray[np.object_], driver: Array, driven: Array, torque: Array
+) -> tuple[Array, Array, list[str]]:
+    """Return the signs (1 or -1) that mirror speeds and torques of backward runs, and notes.
 
     A torque that is negative overall was recorded about the axis of the pulleys; its sign is
     reversed too. A torque that stays positive was recorded in the direction of rotation.
     """
-    backward = []
-    for label, run in runs.items():
-        speeds = [
-            float(np.median(x)) for x in (run[n][np.isfinite(run[n])] for n in SPEEDS) if x.size
-        ]
-        if len(speeds) == 2 and speeds[0] < 0.0 and not _turns_opposite(*speeds):
-            backward.append(label)
-    forward = {label: dict(run) for label, run in runs.items()}
-    if not backward:
-        return forward, []
-    torque = np.concatenate([runs[label]["torque_N_m"] for label in backward])
-    mirror_torque = bool(np.nansum(torque) < 0.0)
-    for label in backward:
-        for name in (*SPEEDS, "torque_N_m") if mirror_torque else SPEEDS:
-            forward[label][name] = -runs[label][name]
+    backward = (driver < 0.0) & ~_turn_opposite(driver, driven)
+    turns = np.where(backward, -1.0, 1.0)
+    if not backward.any():
+        return turns, turns, []
+    mirror_torque = torque[backward].sum() < 0.0
     quantities = "speeds and of the torque" if mirror_torque else "speeds"
-    labels = "all runs" if len(backward) == len(runs) else ", ".join(backward)
-    return forward, [f"the drive turns backwards in {labels}: sign of the {quantities} reversed"]
+    named = "all runs" if backward.all() else ", ".join(labels[backward])
+    note = f"the drive turns backwards in {named}: sign of the {quantities} reversed"
+    return turns, turns if mirror_torque else np.ones(turns.size), [note]
 
 
-def _counts_load_as_negative(runs: Runs, losses: Mapping[str, MeanWithError]) -> bool:
-    """Tell whether the driven pulley clearly falls behind, but under negative torque only."""
-    clear = [label for label, loss in losses.items() if abs(loss.mean) > SIGNIFICANT * loss.se]
-    return bool(clear) and all(
-        losses[label].mean > 0.0 and np.nansum(runs[label]["torque_N_m"]) < 0.0 for label in clear
-    )
-
-
-def _turns_opposite(driver_rad_s: float, driven_rad_s: float) -> bool:
-    """Tell whether the driven pulley turns against the driver, impossible with an open belt."""
-    return driver_rad_s * driven_rad_s < 0.0 and abs(driven_rad_s) > STANDS * abs(driver_rad_s)
+def _turn_opposite(driver: Array, driven: Array) -> NDArray[np.bool_]:
+    """Tell whether driven pulleys turn against the driver, impossible with an open belt."""
+    return (driver * driven < 0.0) & (np.abs(driven) > STANDS * np.abs(driver))
 
 
 def _pulley_ratio(
-    runs: Runs, series: Sequence[Sequence[str]], rounding: Mapping[str, tuple[float, float]]
+    runs: Runs, of_runs: Mapping[str, Array], series: NDArray[np.intp], rounding: Array
 ) -> tuple[float, float, list[str]]:
     """Return the driver-to-driven speed ratio without torque, its standard error, and notes.
 
     Coarse readings may be wrong by the same amount in all runs: their errors do not average out.
     """
-    torque = {label: robust_mean_with_se(run["torque_N_m"]) for label, run in runs.items()}
-    largest = max((abs(t.mean) for t in torque.values() if math.isfinite(t.mean)), default=0.0)
-    quotients = {
-        label: run[DRIVER] / np.where(np.abs(run[DRIVEN]) > 0.0, run[DRIVEN], np.nan)
-        for label, run in runs.items()
-    }
-    means = pooled_means(quotients, series)
-    idle = [
-        label
-        for label, t in torque.items()
-        if abs(t.mean)
-        <= max(NO_LOAD_SHARE * largest, min(2.0 * t.se, UNSTEADY * largest) if t.se > 0 else 0.0)
-        and means[label].n_eff > 0.0
-        and math.isfinite(means[label].se)
-    ]
-    if not idle:
-        speeds = (abs(robust_mean_with_se(run[DRIVER]).mean) for run in runs.values())
-        fastest = max((speed for speed in speeds if math.isfinite(speed)), default=0.0)
+    torque, torque_se, _ = np.abs(of_runs["torque_N_m"])
+    driver, driven = (np.abs(of_runs[name][0]) for name in SPEEDS)
+    largest = np.fmax.reduce(torque, initial=0.0)
+    noise = np.where(torque_se > 0.0, np.fmin(2.0 * torque_se, UNSTEADY * largest), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quotients = [a / b for a, b in zip(*(runs[name] for name in SPEEDS), strict=True)]
+    ratios, scatter, n_eff = pooled_means(quotients, series)
+    idle = (torque <= np.fmax(NO_LOAD_SHARE * largest, noise)) & (n_eff > 0.0)
+    idle &= np.isfinite(scatter)
+    if not idle.any():
+        fastest = np.fmax.reduce(driver, initial=0.0)
         unequal = (
             f"radii that differ by 0.1 % would be {1e-3 * fastest:.2g} rad/s of the loss at "
             f"{fastest:.3g} rad/s"
         )
         return 1.0, 0.0, [f"no run without torque: the pulleys are taken as equal; {unequal}"]
-    ratios = np.array([means[label].mean for label in idle])
-    scatter = np.array([means[label].se for label in idle])
-    speeds_driven = np.array([abs(robust_mean_with_se(runs[label][DRIVEN]).mean) for label in idle])
-    of_driver, of_driven = np.array([rounding[label] for label in idle]).T
-    coarse = np.hypot(of_driver, ratios * of_driven) / speeds_driven
+    ratios, scatter = ratios[idle], scatter[idle]
+    coarse = np.hypot(rounding[0, idle], ratios * rounding[1, idle]) / driven[idle]
     weights = 1.0 / np.maximum(scatter**2 + coarse**2, 1e-30)
     weights /= weights.sum()
     ratio = float(weights @ ratios)
@@ -307,69 +296,39 @@ def _pulley_ratio(
     return ratio, se, notes if abs(ratio - 1.0) > SIGNIFICANT * se else []
 
 
-def _point(
-    label: str,
-    run: Mapping[str, Array],
-    loss: MeanWithError,
-    rounding: float,
-    ratio_se: float,
-    radius: float,
-) -> SlipPoint:
-    """Evaluate one run."""
-    tension, torque, speed, driven_speed = (robust_mean_with_se(run[n]).mean for n in COLUMNS)
-    n = int(np.count_nonzero(np.isfinite(run[DRIVER]) & np.isfinite(run[DRIVEN])))
-    se = math.hypot(loss.se, rounding, ratio_se * driven_speed)
-    status = OK
-    if n < MIN_SAMPLES:
-        status = f"fewer than {MIN_SAMPLES} usable samples"
-    elif speed == 0.0:
-        status = "the driver does not turn"
-    elif _turns_opposite(speed, driven_speed):
-        status = "the pulleys turn in opposite directions"
-    # a negative torque swaps the roles of the pulleys, as with a generator
-    elif loss.mean * math.copysign(1.0, -speed if torque < 0.0 else speed) < -SIGNIFICANT * se:
-        status = GAINS
-    v, v_se = (float(sliding_speed(w, radius)) for w in (loss.mean, se))
-    return SlipPoint(label, speed, tension, torque, loss.mean, se, v, v_se, n, status)
+def speed_series(speed_rad_s: Array) -> NDArray[np.intp]:
+    """Number the series of runs by speed [rad/s]; one of all runs if any speed has too few."""
+    series = settings_of(np.abs(speed_rad_s), SERIES_WIDTH)
+    one = not np.isfinite(speed_rad_s).all() or np.bincount(series).min() < FEWEST_RUNS
+    return np.zeros_like(series) if one else series
 
 
-def speed_series(speed_rad_s: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
-    """Group the runs by speed [rad/s]; one series of all runs if any speed has too few."""
-    runs = np.array(list(speed_rad_s), dtype=object)
-    speeds = np.abs(np.array(list(speed_rad_s.values()), dtype=float))
-    labels = settings_of(speeds, SERIES_WIDTH)
-    if not np.isfinite(speeds).all() or np.bincount(labels, minlength=1).min() < FEWEST_RUNS:
-        return (tuple(runs),)
-    return tuple(tuple(runs[labels == k]) for k in np.unique(labels))
-
-
-def pooled_means(
-    samples: Mapping[str, Array], series: Sequence[Sequence[str]]
-) -> dict[str, MeanWithError]:
+def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
     """Average each run without its spikes; the standard error comes from the pooled noise.
 
     Parameters
     ----------
-    samples : mapping of str to ndarray
-        Evenly spaced samples of a steady signal for each run, nan where missing, shape (n,).
-    series : sequence of sequence of str
-        Labels of the runs with equal noise.
+    samples : sequence of ndarray
+        Evenly spaced samples of a steady signal for each of R runs, nan where missing, shape (n,).
+    series : ndarray of int
+        Number of the series of each run, shape (R,); the runs of a series have equal noise.
 
     Returns
     -------
-    dict of str to MeanWithError
-        The standard error is ``t sqrt(s² tau / n)`` with the pooled variance s² and correlation
-        time tau [samples]; Student's t for the degrees of freedom of s² widens it to a probability
-        of 68 %. nan if the noise cannot be determined.
+    ndarray, shape (3, R)
+        Means, standard errors and numbers of independent samples. The standard error is
+        ``t sqrt(s² tau / n)`` with the pooled variance s² and correlation time tau [samples];
+        Student's t for the degrees of freedom of s² widens it to a probability of 68 %. nan if the
+        noise cannot be determined.
     """
-    pooled: dict[str, MeanWithError] = {}
-    for labels in series:
-        means = _means_of_series([np.asarray(samples[label], dtype=float) for label in labels])
-        pooled |= zip(labels, means, strict=True)
+    pooled = np.empty((3, series.size))
+    for number in np.unique(series):
+        rows = np.flatnonzero(series == number)
+        pooled[:, rows] = _means_of_series([samples[k] for k in rows.tolist()])
     return pooled
 
 
-def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
+def _means_of_series(recorded: Sequence[Array]) -> Array:
     """Average each run of one series; see :func:`pooled_means`."""
     runs = _without_spikes(recorded)
     n = np.array([np.count_nonzero(np.isfinite(r)) for r in runs], dtype=float)
@@ -398,7 +357,7 @@ def _means_of_series(recorded: Sequence[Array]) -> list[MeanWithError]:
     se = np.full(n.size, np.nan)
     student = stdtrit(np.maximum(dof[usable], 1.0), float(ndtr(1.0)))
     se[usable] = student * np.sqrt(variance[usable] * tau[usable] / n[usable])
-    return [MeanWithError(*map(float, row)) for row in zip(mean, se, n / tau, strict=True)]
+    return np.array([mean, se, n / tau])
 
 
 def _without_spikes(runs: Sequence[Array]) -> list[Array]:

@@ -37,7 +37,7 @@ Student's t at a probability of 68 % widens it (1.84 for two arcs, 1.32 for thre
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -113,9 +113,8 @@ def average(
             "the average may have a step there"
         )
     unlimited = np.nanmean(filled, axis=0)
-    bands = [[c.band for c in curves.curves if c.speed == k] for k in range(curves.speeds.size)]
-    low, high = np.array([(min(b)[0], max(x[1] for x in b)) for b in bands]).T
-    mean = np.clip(unlimited, low, high)
+    bands = [np.array([c.band for c in at_speed]) for at_speed in curves.by_speed]
+    mean = np.clip(unlimited, [b.min() for b in bands], [b.max() for b in bands])
     change = np.abs(mean / unlimited - 1.0)
     if np.any(change > WORTH_A_NOTE):
         notes.append(
@@ -124,8 +123,7 @@ def average(
             f"{change.max():.1%} outside"
         )
     n_arcs = np.isfinite(mu).sum(axis=0)
-    squares = np.nansum((mu - np.nansum(mu, axis=0) / np.maximum(n_arcs, 1)) ** 2, axis=0)
-    sd = np.where(n_arcs >= 2, np.sqrt(squares / np.maximum(n_arcs - 1, 1)), np.nan)
+    sd = np.ma.masked_invalid(mu).std(axis=0, ddof=1).filled(np.nan)
     mu_se = _standard_error(mean, se, sd, n_arcs, errors_known)
     arc_deg = float(curves.arcs_deg[0]) if curves.arcs_deg.size == 1 else float("nan")
     grid = SurfaceGrid(arc_deg, nodes, curves.speeds, mean, mu_se, n_arcs, sd)
@@ -157,18 +155,11 @@ def _on_nodes(curves: CurveSet, nodes: Array) -> tuple[Array, Array, Array]:
     """
     shape = (curves.arcs_deg.size, nodes.size, curves.speeds.size)
     mu, se, filled = (np.full(shape, np.nan) for _ in range(3))
-    arcs = list(curves.arcs_deg)
-    for k in range(curves.speeds.size):
-        group = [c for c in curves.curves if c.speed == k]
-        rows = [arcs.index(c.arc_deg) for c in group]
-        if nodes.size == 1:  # a single tension: use the points directly
-            at = [c.at(np.clip(nodes, c.f[0], c.f[-1])) for c in group]
-            mu[rows, :, k], se[rows, :, k] = np.array(at).transpose(1, 0, 2)
-            filled[rows, :, k] = mu[rows, :, k]
-            continue
+    for k, group in enumerate(curves.by_speed):
+        rows = np.searchsorted(curves.arcs_deg, [c.arc_deg for c in group])
         ends = np.concatenate([c.f[[0, -1]] for c in group])
-        ends = ends[(ends > nodes[0]) & (ends < nodes[-1])]
-        path = np.union1d(nodes, ends)  # an arc is continued from its last point
+        # an arc is continued from its last point
+        path = np.union1d(nodes, ends[(ends > nodes[0]) & (ends < nodes[-1])])
         values, errors = np.array([c.at(path) for c in group]).transpose(1, 0, 2)
         on_node = np.searchsorted(path, nodes)
         mu[rows, :, k], se[rows, :, k] = values[:, on_node], errors[:, on_node]
@@ -246,21 +237,16 @@ def _standard_error(
 
 def _ranges(curves: CurveSet) -> tuple[Array, Array]:
     """Return the lowest and highest force of any arc at each speed [N/m], each (nv,)."""
-    low = np.full(curves.speeds.size, np.inf)
-    high = np.full(curves.speeds.size, -np.inf)
-    for c in curves.curves:
-        low[c.speed] = min(low[c.speed], c.f[0])
-        high[c.speed] = max(high[c.speed], c.f[-1])
-    return low, high
+    forces = [np.concatenate([c.f for c in at_speed]) for at_speed in curves.by_speed]
+    return np.array([f.min() for f in forces]), np.array([f.max() for f in forces])
 
 
 def _covered(curves: CurveSet) -> tuple[Array, NDArray[np.bool_]]:
     """Return the ends of all curves (m + 1,) and which speeds cover the intervals (nv, m)."""
     ends = np.unique([c.f[[0, -1]] for c in curves.curves])
-    covered = np.zeros((curves.speeds.size, ends.size - 1), dtype=bool)
-    for c in curves.curves:
-        covered[c.speed] |= c.covers(0.5 * (ends[:-1] + ends[1:]))
-    return ends, covered
+    middles = 0.5 * (ends[:-1] + ends[1:])
+    covered = [np.any([c.covers(middles) for c in group], axis=0) for group in curves.by_speed]
+    return ends, np.array(covered)
 
 
 def common_range(curves: CurveSet) -> tuple[float, float] | None:
@@ -296,15 +282,18 @@ def with_common_range(curves: CurveSet) -> tuple[CurveSet, list[str]]:
     """Select the largest set of speeds with a common range of forces; list what was left out."""
     forces = np.concatenate([c.f for c in curves.curves])
     if forces.size == len(curves.curves) and forces.max() < ONE_TENSION * forces.min():
-        return curves, []  # one tension at all arcs and speeds: the surface depends on speed only
+        # one tension at all arcs and speeds: the surface depends on speed only
+        f = np.exp([np.mean(np.log(forces))])
+        return curves.with_curves(replace(c, f=f) for c in curves.curves), []
     _, covered = _covered(curves)
     candidates = np.unique(covered.T, axis=0)  # a row of speeds for every interval of the force
     best, extent = curves, (0, 0.0)
-    for speeds in candidates[candidates.any(axis=1)]:
-        subset = curves.with_curves(c for c in curves.curves if speeds[c.speed])
+    for row in candidates[candidates.any(axis=1)]:
+        speeds = curves.speeds[row]
+        subset = curves.with_curves(c for c in curves.curves if c.speed in speeds)
         common = common_range(subset)
-        if common and (int(speeds.sum()), common[1] / common[0]) > extent:
-            best, extent = subset, (int(speeds.sum()), common[1] / common[0])
+        if common and (speeds.size, common[1] / common[0]) > extent:
+            best, extent = subset, (speeds.size, common[1] / common[0])
     if extent[0] == 0:
         raise InputError(
             "no speed was measured over a range of normal forces, must be at least two tensions "

@@ -69,7 +69,7 @@ class Curve:
     """
 
     arc_deg: float
-    speed: int  # index of the speed setting
+    speed: float  # of its setting, the mean of the measured speeds [m/s]
     f: Array  # force of its points [N/m], ascending, (m,)
     mu: Array  # friction coefficient of the points [-]
     se: Array  # its standard error [-]
@@ -80,20 +80,25 @@ class Curve:
         """Return whether forces [N/m] lie between the first and the last point."""
         return (force >= self.f[0] * (1.0 - EDGE)) & (force <= self.f[-1] * (1.0 + EDGE))
 
+    def weights(self, force: Array) -> Array:
+        """Return the weights of the points in the unbounded spline at forces [N/m], (n, m).
+
+        Beyond the points, they are those of the nearest one.
+        """
+        if self.f.size == 1:
+            return np.ones((force.size, 1))
+        spline = CubicSpline(np.log(self.f), np.eye(self.f.size), bc_type="natural")
+        return np.asarray(spline(np.log(np.clip(force, self.f[0], self.f[-1]))))
+
     def at(self, force: Array) -> tuple[Array, Array]:
         """Evaluate mu and its standard error [-] at forces [N/m], nan outside the points.
 
         Standard errors are propagated with the weights of the points in the unbounded spline.
         """
-        inside = self.covers(force)
         clipped = np.clip(force, self.f[0], self.f[-1])
-        if self.f.size == 1:
-            mu, se = np.full(clipped.shape, self.mu[0]), np.full(clipped.shape, self.se[0])
-        else:
-            nodes, x = np.log(self.f), np.log(clipped)
-            mu = np.exp(bounded_cubic(nodes, np.log(self.mu), x))
-            weights = CubicSpline(nodes, np.eye(nodes.size), bc_type="natural")(x)
-            se = mu * np.sqrt(weights**2 @ (self.se / self.mu) ** 2)
+        mu = np.exp(bounded_cubic(np.log(self.f), np.log(self.mu), np.log(clipped)))
+        se = mu * np.sqrt(self.weights(force) ** 2 @ (self.se / self.mu) ** 2)
+        inside = self.covers(force)
         return np.where(inside, mu, np.nan), np.where(inside, se, np.nan)
 
 
@@ -101,23 +106,28 @@ class Curve:
 class CurveSet:
     """All curves of a campaign."""
 
-    arcs_deg: Array  # contact arcs, ascending, (na,)
-    speeds: Array  # speed settings, each the mean of its measured speeds [m/s], ascending, (nv,)
     curves: tuple[Curve, ...]  # at most one for each arc and speed
     notes: tuple[str, ...] = ()  # merged runs and missing combinations
     joined: bool = False  # whether arcs are not settings: each curve is from the runs of all arcs
 
-    def of_arc(self, arc_deg: float) -> CurveSet:
-        """Return the curves of one arc and the speeds that it has."""
-        arc_set = replace(self, arcs_deg=np.array([arc_deg]), notes=())
-        return arc_set.with_curves(c for c in self.curves if c.arc_deg == arc_deg)
+    @property
+    def arcs_deg(self) -> Array:
+        """Contact arcs, ascending, (na,)."""
+        return np.unique([c.arc_deg for c in self.curves])
+
+    @property
+    def speeds(self) -> Array:
+        """Speed settings [m/s], ascending, (nv,)."""
+        return np.unique([c.speed for c in self.curves])
+
+    @property
+    def by_speed(self) -> list[list[Curve]]:
+        """Curves of each speed setting."""
+        return [[c for c in self.curves if c.speed == speed] for speed in self.speeds]
 
     def with_curves(self, curves: Iterable[Curve]) -> CurveSet:
-        """Return the set with other curves, without speeds that have no curve."""
-        kept = tuple(curves)
-        used = sorted({c.speed for c in kept})
-        kept = tuple(replace(c, speed=used.index(c.speed)) for c in kept)
-        return replace(self, speeds=self.speeds[used], curves=kept)
+        """Return a set of these curves, without notes."""
+        return replace(self, curves=tuple(curves), notes=())
 
 
 def build_curves(points: Points) -> CurveSet:
@@ -135,8 +145,8 @@ def build_curves(points: Points) -> CurveSet:
     """
     speed_label = settings_of(points.v, SPEED_GAP)
     arc_label = settings_of(points.arc_deg, ARC_GAP)
-    speeds = np.array([points.v[speed_label == k].mean() for k in range(speed_label.max() + 1)])
-    arcs = np.array([points.arc_deg[arc_label == k].mean() for k in range(arc_label.max() + 1)])
+    speeds = np.bincount(speed_label, points.v) / np.bincount(speed_label)
+    arcs = np.bincount(arc_label, points.arc_deg) / np.bincount(arc_label)
     if _is_scattered(points, speed_label, arc_label):
         scattered = _scattered_curves(points, arc_label, arcs)
         if scattered is not None:
@@ -153,25 +163,25 @@ def build_curves(points: Points) -> CurveSet:
     curves: list[Curve] = []
     notes: list[str] = []
     for a, arc in enumerate(arcs):
-        masks = [(arc_label == a) & (speed_label == k) for k in range(speeds.size)]
-        arc_curves = []
-        for k, mask in enumerate(masks):
-            if mask.any():
-                band = float(points.mu[mask].min()), float(points.mu[mask].max())
-                f, mu, se = _without_repetitions(corrected.take(mask))
-                arc_curves.append(Curve(float(arc), k, f, mu, se, band))
-        missing = [f"{speeds[k]:.4g}" for k, mask in enumerate(masks) if not mask.any()]
+        missing, repeated = [], 0
+        for k, speed in enumerate(speeds):
+            here = (arc_label == a) & (speed_label == k)
+            if not here.any():
+                missing.append(f"{speed:.4g}")
+                continue
+            band = float(points.mu[here].min()), float(points.mu[here].max())
+            f, mu, se = _without_repetitions(corrected.take(here))
+            curves.append(Curve(float(arc), float(speed), f, mu, se, band))
+            repeated += int(here.sum()) - f.size
         if missing:
             more = f" and {len(missing) - 6} other speeds," if len(missing) > 6 else ""
             notes.append(f"arc {arc:g}°: no run at {', '.join(missing[:6])}{more} m/s")
-        repeated = int(np.sum(masks)) - sum(c.f.size for c in arc_curves)
         if repeated:
             notes.append(
                 f"arc {arc:g}°: {repeated} runs repeat the force and speed of another "
                 "and were averaged with it"
             )
-        curves += arc_curves
-    return CurveSet(arcs, speeds, tuple(curves), tuple(notes))
+    return CurveSet(tuple(curves), tuple(notes))
 
 
 def _without_repetitions(points: Points) -> Array:
@@ -263,7 +273,8 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
         mu = np.clip(unlimited, *band)  # limit corners without runs to the measured values
         mu_se = np.hypot(mu * se.reshape(mu.shape), unlimited - mu)
         curves += [
-            Curve(float(arc), k, nodes, mu[:, k], mu_se[:, k], band) for k in range(speeds.size)
+            Curve(float(arc), float(speed), nodes, mu[:, k], mu_se[:, k], band)
+            for k, speed in enumerate(speeds)
         ]
     if not curves:
         return None
@@ -276,7 +287,7 @@ def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) 
         f"the {points.f.size} speeds are not repeated settings: the surface uses {speeds.size} "
         f"speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s, {method}"
     )
-    return CurveSet(arcs, speeds, tuple(curves), (note, *too_few), joined)
+    return CurveSet(tuple(curves), (note, *too_few), joined)
 
 
 def _thinned(points: Points) -> Points:

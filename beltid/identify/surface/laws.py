@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from beltid.errors import InputError, NumericsError
 from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.identify.surface.curves import SPEED_GAP
-from beltid.laws.friction_formulas import FRICTION_LAWS, Coulomb, FrictionFormula
+from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula, FrictionLaw
 
 Array = NDArray[np.float64]
 
@@ -71,18 +71,20 @@ class FrictionLawFit:
     worst_misfit: float  # the largest misfit, with sign
     worst_force_N_m: float  # force of the largest misfit
     law_error: float  # sqrt(q), the error of the law beyond the errors of the points [-]
-    criterion: float  # AICc minus that of the best law [-]; nan with too few points
+    correlation_time: float  # of the whitened misfits along the force [points]
+    deviance: float  # -2 ln likelihood, but for a constant
+    criterion: float = math.nan  # AICc minus that of the best law [-]; nan with too few points
     notes: tuple[str, ...] = ()  # what the user should know
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Values of the parameters by name."""
-        return {p.name: p.value for p in self.parameters}
 
     @property
     def formula(self) -> FrictionFormula:
         """The law with the fitted parameters."""
         return FrictionFormula(self.law, self.reference_force_N_m, self.values)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the parameters by name."""
+        return {p.name: p.value for p in self.parameters}
 
     @property
     def determined(self) -> bool:
@@ -96,9 +98,17 @@ class FrictionLaws:
 
     fits: tuple[FrictionLawFit, ...]
     """Fits of the laws that the points can determine, in order of increasing complexity."""
-    best: str  # law with the lowest criterion
-    verdict: str  # the outcome in plain words
     notes: tuple[str, ...] = ()  # what the user should know
+
+    @property
+    def best(self) -> str:
+        """Law with the lowest criterion."""
+        return min(self.fits, key=lambda f: (math.isnan(f.criterion), f.criterion)).law
+
+    @property
+    def verdict(self) -> str:
+        """The outcome in plain words."""
+        return verdict_of(self.fits)
 
     def fit(self, law: str) -> FrictionLawFit:
         """Return the fit of one law."""
@@ -131,30 +141,23 @@ def fit_friction_laws(
         If arrays differ in length, a value is not > 0, or there are fewer than two points.
     """
     points = _points(normal_force_N_m, slip_speed_m_s, mu, factor)
-    solutions: list[_Solution] = []
+    fits: list[FrictionLawFit] = []
     notes = [] if points.errors_known else ["no standard errors of mu: points have equal weight"]
     for law in FRICTION_LAWS.values():
-        if not _determine(points, law):
-            continue
-        try:
-            solutions.append(_solve(law, points))
-        except NumericsError as error:
-            notes.append(f"{law.name}: {error}")
-    n_effective = points.f.size / min(solutions, key=lambda s: s.deviance).tau
+        if points.determine(law):
+            try:
+                fits.append(_Fit(law, points).solve())
+            except NumericsError as error:
+                notes.append(f"{law.name}: {error}")
+    n_effective = points.f.size / min(fits, key=lambda fit: fit.deviance).correlation_time
     # AICc for n_effective independent points; q counts as a parameter
-    k = np.array([s.p.size + 1.0 for s in solutions])
+    k = np.array([len(fit.parameters) + 1.0 for fit in fits])
     room = n_effective - k - 1.0
     penalty = 2.0 * k * n_effective / np.where(room > 0.0, room, np.nan)
-    criteria = n_effective / points.f.size * np.array([s.deviance for s in solutions]) + penalty
+    criteria = n_effective / points.f.size * np.array([fit.deviance for fit in fits]) + penalty
     criteria -= np.nanmin(criteria) if np.isfinite(criteria).any() else 0.0
-    fits = tuple(_as_fit(s, points, float(c)) for s, c in zip(solutions, criteria, strict=True))
-    best = min(fits, key=lambda f: math.inf if math.isnan(f.criterion) else f.criterion)
-    return FrictionLaws(
-        fits=fits,
-        best=best.law,
-        verdict=verdict_of(fits),
-        notes=tuple(notes),
-    )
+    judged = (replace(fit, criterion=float(c)) for fit, c in zip(fits, criteria, strict=True))
+    return FrictionLaws(tuple(judged), tuple(notes))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,18 +173,18 @@ class _Points:
     variance: Array
     errors_known: bool
 
-    @property
-    def n_speeds(self) -> int:
-        """Number of speed settings."""
-        return int(self.setting.max()) + 1
+    def determine(self, law: FrictionLaw) -> bool:
+        """Return whether the points are numerous and varied enough for the parameters of a law."""
+        one_force = self.f.max() <= (1.0 + FORCE_SPREAD) * self.f.min()
+        return (
+            self.f.size >= len(law.parameters)
+            and self.setting.max() + 1 >= law.speeds_needed
+            and not ("a" in law.parameters and one_force)
+        )
 
     def whitening(self, q: float) -> Array:
         """Compute the symmetric root of ``(C + q I)^-1``; whitened misfits keep their order."""
         return (self.U / np.sqrt(np.maximum(self.variance + q, ROUNDING))) @ self.U.T
-
-    def misfit(self, law: Coulomb, p: Array) -> Array:
-        """Compute the relative misfits ``1 - law/mu``."""
-        return 1.0 - law.mu(p, self.f, self.v) / self.mu
 
 
 def round_reference(force: Array) -> float:
@@ -215,52 +218,192 @@ def _points(f: ArrayLike, v: ArrayLike, mu: ArrayLike, factor: ArrayLike | None)
     return _Points(f0, force / f0, speed, coefficient, setting, U, variance, errors_known)
 
 
-def _determine(points: _Points, law: Coulomb) -> bool:
-    """Return whether points are numerous and varied enough for the parameters of a law."""
-    one_force = points.f.max() <= (1.0 + FORCE_SPREAD) * points.f.min()
-    return (
-        points.f.size >= len(law.parameters)
-        and points.n_speeds >= law.speeds_needed
-        and not ("a" in law.parameters and one_force)
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Solution:
-    """Solution of the fit of one law."""
+class _Fit:
+    """The least-squares problem of one law; W whitens the misfits."""
 
-    law: Coulomb
-    p: Array  # parameters
-    q: float
-    tau: float  # correlation time of the whitened misfits
-    deviance: float
+    law: FrictionLaw
+    points: _Points
 
+    def misfit(self, p: Array) -> Array:
+        """Compute the relative misfits ``1 - law/mu``."""
+        return 1.0 - self.law.mu(p, self.points.f, self.points.v) / self.points.mu
 
-def _solve(law: Coulomb, points: _Points) -> _Solution:
-    """Find the parameters and q of one law."""
-    dof = points.f.size - len(law.parameters)
-    W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
-    minima = [_minimum(law, points, W, start) for start in _starts(law, points, W)]
-    p = min(minima, key=lambda p: float(np.sum((W @ points.misfit(law, p)) ** 2)))
-    q = -1.0
-    for _ in range(MOST_ROUNDS):
-        previous = q
-        q = law_variance(points.U.T @ points.misfit(law, p), points.variance, dof)
-        W = points.whitening(q)
-        if np.ptp(points.variance) == 0.0:
-            break  # q does not change the weights
-        p = _minimum(law, points, W, p)
-        if abs(q - previous) <= 1e-9 * q + ROUNDING:
-            break
-    r = points.misfit(law, p)
-    z = W @ r
-    tau = 1.0
-    # misfits that known errors explain do not count as correlated errors of the law
-    if np.max(np.abs(r)) ** 2 > ROUNDING and not (points.errors_known and q == 0.0):
-        parts = [z[points.setting == k] for k in range(points.n_speeds)]  # along the force
-        tau = integrated_autocorrelation_time(*parts)
-    deviance = float(np.sum(np.log(np.maximum(points.variance + q, ROUNDING))) + z @ z)
-    return _Solution(law, p, q, tau, deviance)
+    def gradient(self, p: Array) -> Array:
+        """Differentiate ``law/mu`` with respect to the parameters."""
+        return self.law.gradient(p, self.points.f, self.points.v) / self.points.mu[:, None]
+
+    @property
+    def scale_at(self) -> list[int]:
+        """Index of the speed scale among the parameters; empty if the law has none."""
+        return [self.law.parameters.index(self.law.scale)] if self.law.scale else []
+
+    @property
+    def scales(self) -> Array:
+        """Speed scales of the scan; the outer ones are the bounds of the search."""
+        v, reach = self.points.v, self.law.reach
+        return np.geomspace(v.min() / reach, v.max() * reach, SCAN)
+
+    def solve(self) -> FrictionLawFit:
+        """Find the parameters and q."""
+        points = self.points
+        dof = points.f.size - len(self.law.parameters)
+        W = points.whitening(max(float(np.mean(points.variance)), ROUNDING))
+        minima = [self.minimum(W, start) for start in self.starts(W)]
+        p = min(minima, key=lambda p: float(np.sum((W @ self.misfit(p)) ** 2)))
+        q = -1.0
+        for _ in range(MOST_ROUNDS):
+            previous = q
+            q = law_variance(points.U.T @ self.misfit(p), points.variance, dof)
+            W = points.whitening(q)
+            if np.ptp(points.variance) == 0.0:
+                break  # q does not change the weights
+            p = self.minimum(W, p)
+            if abs(q - previous) <= 1e-9 * q + ROUNDING:
+                break
+        r = self.misfit(p)
+        z = W @ r
+        tau = 1.0
+        # misfits that known errors explain do not count as correlated errors of the law
+        if np.max(np.abs(r)) ** 2 > ROUNDING and not (points.errors_known and q == 0.0):
+            ends = np.flatnonzero(np.diff(points.setting)) + 1
+            tau = integrated_autocorrelation_time(*np.split(z, ends))  # along the force
+        variance = np.maximum(points.variance + q, ROUNDING)
+        parameters, notes = self.judged(p, *self.standard_errors(p, W, tau, dof))
+        worst = int(np.argmax(np.abs(r)))
+        return FrictionLawFit(
+            law=self.law.name,
+            parameters=parameters,
+            reference_force_N_m=points.f0,
+            rms_misfit=float(np.sqrt(np.mean(r**2))),
+            worst_misfit=-float(r[worst]),
+            worst_force_N_m=float(points.f[worst] * points.f0),
+            law_error=math.sqrt(q),
+            correlation_time=tau,
+            deviance=float(np.sum(np.log(variance)) + z @ z),
+            notes=notes,
+        )
+
+    def starts(self, W: Array) -> list[Array]:
+        """Find start values: best scales of a scan, with the exponent linearised about zero."""
+        grid = self.scales[1:-1] if self.law.scale else np.ones(1)
+        solutions = [self.at_scale(W, 0.0, float(scale)) for scale in grid]
+        padded = [math.inf, *(misfit for _, misfit, _ in solutions), math.inf]
+        lowest = [k for k in range(grid.size) if padded[k + 1] <= min(padded[k], padded[k + 2])]
+        lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
+        return [solutions[k][0] for k in lowest]
+
+    def at_scale(self, W: Array, a: float, scale: float) -> tuple[Array, float, bool]:
+        """Solve the linear least squares for a given speed scale, with the exponent linearised.
+
+        Returns the parameters, chi², and whether all parameters are determined.
+        """
+        law, points = self.law, self.points
+        columns = (points.f**-a / points.mu)[:, None] * law.terms(points.v, scale)
+        amplitudes = columns.shape[1]
+        if "a" in law.parameters:
+            columns = np.column_stack([columns, -np.log(points.f)])
+        design, y = W @ columns, W @ np.ones(points.f.size)
+        c: Array = np.asarray(np.linalg.lstsq(design, y, rcond=1e-12)[0], dtype=np.float64)
+        misfit = float(np.sum((y - design @ c) ** 2))
+        with np.errstate(all="ignore"):
+            p = law.from_amplitudes(c[:amplitudes], a + float(c[amplitudes:].sum()), scale)
+        return p, misfit, bool(_inverse(design)[1].all())
+
+    def minimum(self, W: Array, start: Array) -> Array:
+        """Minimise ``|W r|²`` from a start; a speed scale is searched in its logarithm."""
+        at = self.scale_at
+        low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+        low[at], high[at] = np.log(self.scales[[0, -1]])
+
+        def to_parameters(theta: Array) -> Array:
+            p = theta.copy()
+            p[at] = np.exp(p[at])
+            return p
+
+        def derivatives(theta: Array) -> Array:
+            p = to_parameters(theta)
+            J = self.gradient(p)
+            J[:, at] *= p[at]
+            return -W @ J
+
+        theta = start.copy()
+        theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
+        solution = solve_nonlinear(
+            lambda t: W @ self.misfit(to_parameters(t)), derivatives, theta, (low, high)
+        )
+        return to_parameters(solution.parameters)
+
+    def standard_errors(self, p: Array, W: Array, tau: float, dof: int) -> tuple[Array, bool]:
+        """Compute the standard errors, and whether a speed scale ended at its bound.
+
+        The errors of a speed scale are seldom symmetric. Its part in the linear errors is therefore
+        widened to half of the change of the parameters over all scales that fit within two standard
+        errors.
+        """
+        inverse, determined = _inverse(W @ self.gradient(p))
+        if dof <= 0 and not self.points.errors_known:
+            determined = np.zeros(p.size, dtype=bool)
+        covariance = tau * inverse
+        linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        se = np.where(determined, linear, np.inf)
+        at_bound = False
+        for at in self.scale_at:
+            moved, at_bound = self.moved_by_scale(p, W, tau, at)
+            if determined.any():
+                has_error = determined[at] and linear[at] > 0.0
+                by_scale = covariance[at] / linear[at] if has_error else 0.0 * linear
+                se = np.hypot(se, np.sqrt(np.maximum((0.5 * moved) ** 2 - by_scale**2, 0.0)))
+        return se, at_bound
+
+    def moved_by_scale(self, p: Array, W: Array, tau: float, at: int) -> tuple[Array, bool]:
+        """Compute the change of the parameters over the scales that fit within two standard errors.
+
+        It is infinite for undetermined parameters. Also returns whether the scale ended at a bound.
+        """
+        law, grid = self.law, self.scales
+        a = float(p[law.parameters.index("a")])
+        limit = self.at_scale(W, a, float(p[at]))[1] + TWO_ERRORS * tau
+        moved, kept = np.zeros(p.size), []
+        for scale in grid:
+            other, misfit, determined = self.at_scale(W, a, float(scale))
+            kept.append(misfit < limit)
+            if not kept[-1]:
+                continue
+            with np.errstate(invalid="ignore"):
+                change = np.abs(other - p)
+            change[at] = p[at] * abs(math.log(scale / p[at]))
+            if not determined:
+                change[np.arange(p.size) != at] = np.inf
+            moved = np.maximum(moved, np.where(np.isnan(change), np.inf, change))
+        below, above = p[at] <= 1.001 * grid[0], p[at] >= 0.999 * grid[-1]
+        open_ones = law.open_below * bool(kept[0] or below)
+        open_ones += law.open_above * bool(kept[-1] or above)
+        moved[[law.parameters.index(name) for name in open_ones]] = np.inf
+        return moved, bool(below or above)
+
+    def judged(
+        self, p: Array, se: Array, at_bound: bool
+    ) -> tuple[tuple[FrictionParameter, ...], tuple[str, ...]]:
+        """Return the parameters with their uncertainty and status, and the notes on them."""
+        law, points = self.law, self.points
+        found = {name: (float(x), float(s)) for name, x, s in zip(law.units, p, se, strict=True)}
+        judged = {name: status(name, *x, points.mu, points.v) for name, x in found.items()}
+        if judged.get("b") == NOT_ZERO:  # without proven influence of the speed, v0 has no meaning
+            judged["v0"] = NOT_DETERMINED
+        notes = [f"{law.name}: {name} is {word}" for name, word in judged.items() if word]
+        notes += [
+            f"{law.name}: {name} is negative, which has no physical meaning"
+            for name, (x, _) in found.items()
+            if name.startswith("mu") and x < 0.0
+        ]
+        if at_bound:
+            notes.append(f"{law.name}: its speed scale reached the bound of the search range")
+        parameters = (
+            FrictionParameter(name, unit, *found[name], judged[name])
+            for name, unit in law.units.items()
+        )
+        return tuple(parameters), tuple(notes)
 
 
 def law_variance(rotated: Array, variance: Array, dof: int) -> float:
@@ -280,65 +423,6 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
     return math.exp(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
 
 
-def _scales(law: Coulomb, points: _Points) -> Array:
-    """List the speed scales of the scan; the outer ones are the bounds of the search."""
-    return np.geomspace(points.v.min() / law.reach, points.v.max() * law.reach, SCAN)
-
-
-def _starts(law: Coulomb, points: _Points, W: Array) -> list[Array]:
-    """Find start values: best scales of a scan, with the exponent linearised about zero."""
-    grid = _scales(law, points)[1:-1] if law.scale else np.ones(1)
-    solutions = [_at_scale(law, points, W, 0.0, float(s)) for s in grid]
-    padded = [math.inf, *(misfit for _, misfit, _ in solutions), math.inf]
-    lowest = [k for k in range(len(solutions)) if padded[k + 1] <= min(padded[k], padded[k + 2])]
-    lowest = sorted(lowest, key=lambda k: padded[k + 1])[:MOST_STARTS]
-    return [solutions[k][0] for k in lowest]
-
-
-def _at_scale(
-    law: Coulomb, points: _Points, W: Array, a: float, scale: float
-) -> tuple[Array, float, bool]:
-    """Solve the linear least squares for a given speed scale, with the exponent linearised at `a`.
-
-    Returns the parameters, chi², and whether all parameters are determined.
-    """
-    columns = (points.f**-a / points.mu)[:, None] * law.terms(points.v, scale)
-    amplitudes = columns.shape[1]
-    if "a" in law.parameters:
-        columns = np.column_stack([columns, -np.log(points.f)])
-    design, y = W @ columns, W @ np.ones(points.f.size)
-    c: Array = np.asarray(np.linalg.lstsq(design, y, rcond=1e-12)[0], dtype=np.float64)
-    misfit = float(np.sum((y - design @ c) ** 2))
-    with np.errstate(all="ignore"):
-        p = law.from_amplitudes(c[:amplitudes], a + float(c[amplitudes:].sum()), scale)
-    return p, misfit, bool(_inverse(design)[1].all())
-
-
-def _minimum(law: Coulomb, points: _Points, W: Array, start: Array) -> Array:
-    """Minimise ``|W r|²`` from a start; a speed scale is searched in its logarithm."""
-    at = [law.parameters.index(law.scale)] if law.scale else []
-    low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-    low[at], high[at] = np.log(_scales(law, points)[[0, -1]])
-
-    def to_parameters(theta: Array) -> Array:
-        p = theta.copy()
-        p[at] = np.exp(p[at])
-        return p
-
-    def derivatives(theta: Array) -> Array:
-        p = to_parameters(theta)
-        J = law.gradient(p, points.f, points.v)
-        J[:, at] *= p[at]
-        return -W @ (J / points.mu[:, None])
-
-    theta = start.copy()
-    theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
-    solution = solve_nonlinear(
-        lambda t: W @ points.misfit(law, to_parameters(t)), derivatives, theta, (low, high)
-    )
-    return to_parameters(solution.parameters)
-
-
 def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Compute ``(J'J)^-1`` without singular directions, and which parameters are determined."""
     scaled, length = unit_columns(J)
@@ -347,100 +431,6 @@ def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     determined = np.sqrt(np.sum(V[~regular] ** 2, axis=0)) <= 1e-3
     inverse = (V[regular].T / sizes[regular] ** 2) @ V[regular] / np.outer(length, length)
     return inverse, determined
-
-
-def _as_fit(solution: _Solution, points: _Points, criterion: float) -> FrictionLawFit:
-    """Summarise a solution: parameters with their uncertainty, and the misfit."""
-    law, r = solution.law, -points.misfit(solution.law, solution.p)
-    dof = r.size - solution.p.size
-    se, at_bound = _uncertainty(solution, points, dof)
-    statuses = {
-        name: status(name, x, s, points.mu, points.v)
-        for name, x, s in zip(law.units, solution.p, se, strict=True)
-    }
-    if statuses.get("b") == NOT_ZERO:  # without proven influence of the speed, v0 has no meaning
-        statuses["v0"] = NOT_DETERMINED
-    parameters = tuple(
-        FrictionParameter(name, unit, float(x), float(s), statuses[name])
-        for (name, unit), x, s in zip(law.units.items(), solution.p, se, strict=True)
-    )
-    notes = [f"{law.name}: {p.name} is {p.status}" for p in parameters if p.status]
-    notes += [
-        f"{law.name}: {p.name} is negative, which has no physical meaning"
-        for p in parameters
-        if p.name.startswith("mu") and p.value < 0.0
-    ]
-    if at_bound:
-        notes.append(f"{law.name}: its speed scale reached the bound of the search range")
-    worst = int(np.argmax(np.abs(r)))
-    return FrictionLawFit(
-        law=law.name,
-        parameters=parameters,
-        reference_force_N_m=points.f0,
-        rms_misfit=float(np.sqrt(np.mean(r**2))),
-        worst_misfit=float(r[worst]),
-        worst_force_N_m=float(points.f[worst] * points.f0),
-        law_error=math.sqrt(solution.q),
-        criterion=criterion,
-        notes=tuple(notes),
-    )
-
-
-def _uncertainty(solution: _Solution, points: _Points, dof: int) -> tuple[Array, bool]:
-    """Compute the standard errors, and whether a speed scale ended at its bound.
-
-    The errors of a speed scale are seldom symmetric. Its part in the linear errors is therefore
-    widened to half of the change of the parameters over all scales that fit within two standard
-    errors.
-    """
-    law, p, W = solution.law, solution.p, points.whitening(solution.q)
-    J = law.gradient(p, points.f, points.v) / points.mu[:, None]
-    inverse, determined = _inverse(W @ J)
-    if dof <= 0 and not points.errors_known:
-        determined = np.zeros(p.size, dtype=bool)
-    covariance = solution.tau * inverse
-    linear = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    se = np.where(determined, linear, np.inf)
-    at_bound = False
-    if law.scale:
-        at = law.parameters.index(law.scale)
-        moved, at_bound = _moved_by_scale(solution, points, W)
-        if determined.any():
-            has_error = determined[at] and linear[at] > 0.0
-            by_scale = covariance[at] / linear[at] if has_error else 0.0 * linear
-            se = np.hypot(se, np.sqrt(np.maximum((0.5 * moved) ** 2 - by_scale**2, 0.0)))
-    return se, at_bound
-
-
-def _moved_by_scale(solution: _Solution, points: _Points, W: Array) -> tuple[Array, bool]:
-    """Compute the change of the parameters over the scales that fit within two standard errors.
-
-    It is infinite for undetermined parameters. Also returns whether the scale ended at a bound.
-    """
-    law, p = solution.law, solution.p
-    at, a = law.parameters.index(law.scale), float(p[law.parameters.index("a")])
-    grid = _scales(law, points)
-    best = _at_scale(law, points, W, a, float(p[at]))[1]
-    others = [_at_scale(law, points, W, a, float(s)) for s in grid]
-    limit = best + TWO_ERRORS * solution.tau
-    kept = [k for k, (_, misfit, _) in enumerate(others) if misfit < limit]
-    moved = np.zeros(p.size)
-    for k in kept:
-        other, _, determined = others[k]
-        with np.errstate(invalid="ignore"):
-            change = np.abs(other - p)
-        change[at] = p[at] * abs(math.log(grid[k] / p[at]))
-        if not determined:
-            change[np.arange(p.size) != at] = np.inf
-        moved = np.maximum(moved, np.where(np.isnan(change), np.inf, change))
-    below, above = p[at] <= 1.001 * grid[0], p[at] >= 0.999 * grid[-1]
-    for is_open, names in (
-        (0 in kept or below, law.open_below),
-        (SCAN - 1 in kept or above, law.open_above),
-    ):
-        if is_open:
-            moved[[law.parameters.index(name) for name in names]] = np.inf
-    return moved, bool(below or above)
 
 
 def status(name: str, value: float, se: float, mu: Array, v: Array) -> str:

@@ -21,25 +21,11 @@ from beltid.laws.friction_surface import FrictionSurface
 __all__ = [
     "SurfaceGrid",
     "SurfaceResult",
-    "SurfaceSettings",
     "build_surface",
     "surface_from_columns",
 ]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class SurfaceSettings:
-    """Settings for the grid of a surface."""
-
-    force_nodes: int | None = None
-    """Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default there are
-    as many as the largest curve has points, placed where the points are."""
-
-    def __post_init__(self) -> None:
-        if self.force_nodes is not None and self.force_nodes < 2:
-            raise InputError(f"surface.force_nodes = {self.force_nodes}, must be >= 2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +43,6 @@ class SurfaceResult:
     def surface(self) -> FrictionSurface:
         """Averaged surface, continuous."""
         return self.average.to_surface()
-
-    @property
-    def validity(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest measured values of the averaged surface; units in the keys."""
-        return self.surface.validity
 
     @property
     def rms_arc_spread(self) -> float:
@@ -97,7 +78,7 @@ def build_surface(
     slip_speed_m_s: ArrayLike,
     mu: ArrayLike,
     mu_se: ArrayLike | None = None,
-    settings: SurfaceSettings | None = None,
+    force_nodes: int | None = None,
 ) -> SurfaceResult:
     """Build the friction surface of each arc and the averaged one.
 
@@ -112,26 +93,29 @@ def build_surface(
     mu, mu_se : array_like (n,)
         Sliding friction coefficient, Eq. (6), and its standard error [-]. The median of the others
         replaces an error that is nan.
-    settings : SurfaceSettings, optional
+    force_nodes : int, optional
+        Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default there
+        are as many as the largest curve has points, placed where the points are.
 
     Raises
     ------
     InputError
         If arrays differ in length, or no surface can be built from the points.
     """
-    settings = settings or SurfaceSettings()
+    if force_nodes is not None and force_nodes < 2:
+        raise InputError(f"surface.force_nodes = {force_nodes}, must be >= 2")
     points, set_aside, notes, errors_known = _valid_points(
         arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
     )
     curves = build_curves(points)
     notes += curves.notes
-    grid, grid_notes = average(curves, settings.force_nodes, errors_known)
+    grid, grid_notes = average(curves, force_nodes, errors_known)
     notes += grid_notes
     arcs = []
-    with_curve = {curve.arc_deg for curve in curves.curves}  # an arc with few runs may have none
-    for arc in () if curves.joined else sorted(with_curve):
+    for arc in () if curves.joined else curves.arcs_deg:
+        of_arc = curves.with_curves(c for c in curves.curves if c.arc_deg == arc)
         try:
-            arc_grid, arc_notes = average(curves.of_arc(arc), settings.force_nodes, errors_known)
+            arc_grid, arc_notes = average(of_arc, force_nodes, errors_known)
         except InputError as error:
             notes += [f"arc {arc:g}°: no surface of this arc alone, {p}" for p in error.problems]
             continue
@@ -209,14 +193,12 @@ def surface_from_columns(columns: Mapping[str, ArrayLike]) -> FrictionSurface:
         raise InputError("surface: no row without arc_deg, must have the averaged surface")
     names = (*required[1:], "mu_se") if "mu_se" in columns else required[1:]
     f, v, *values = (np.asarray(columns[name], dtype=float)[rows] for name in names)
-    forces, i = np.unique(f, return_inverse=True)
-    speeds, j = np.unique(v, return_inverse=True)
-    count = np.zeros((forces.size, speeds.size), dtype=int)
-    np.add.at(count, (i, j), 1)
-    if not np.all(count == 1):
+    forces, speeds = np.unique(f), np.unique(v)
+    shape = forces.size, speeds.size
+    if not f.size == len(set(zip(f, v, strict=True))) == forces.size * speeds.size:
         raise InputError(
             f"surface: {rows.sum()} averaged rows for {forces.size} forces and {speeds.size} "
             "speeds, must have each combination once"
         )
     order = np.lexsort((v, f))
-    return FrictionSurface(forces, speeds, *(x[order].reshape(count.shape) for x in values))
+    return FrictionSurface(forces, speeds, *(x[order].reshape(shape) for x in values))

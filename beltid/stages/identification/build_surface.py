@@ -11,7 +11,7 @@ import numpy as np
 from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted
-from beltid.identify.surface.surface import SurfaceResult, SurfaceSettings
+from beltid.identify.surface.surface import SurfaceResult
 from beltid.identify.surface.surface import build_surface as identify
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
@@ -126,7 +126,7 @@ def _outcome(
         kind=KIND,
         columns={**table, **uncertainty.columns(len(table["mu"]))},
         result=result,
-        validity=dict(result.validity),
+        validity=surface.validity,
         set_aside=aside,
         extra={
             "method": METHOD,
@@ -166,7 +166,7 @@ def _published(
             columns["slip_speed_m_s"][rows],
             columns["mu_sliding"][rows],
             None if se is None else se[rows],
-            SurfaceSettings(force_nodes=config.surface.force_nodes),
+            config.surface.force_nodes,
         )
     except InputError as error:
         raise InputError(error.at(name)) from None
@@ -176,14 +176,13 @@ def _uncertainty(
     measured: Measured, result: SurfaceResult, config: Config, standard: StandardUncertainties
 ) -> SurfaceUncertainty:
     """Propagate the errors to the surface; the bias by bending is not included."""
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
     bent = measured.kind.spans.EI > 0.0
     rig_errors = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
     sources = (*rig_errors, *reduction_sources(measured.columns))
     return SurfaceUncertainty(
         surface=result.surface,
         sources=sources,
-        changes=published_changes(measured, result.average, sources, settings),
+        changes=published_changes(measured, result.average, sources, config.surface.force_nodes),
         scatter=scatter_factor(published_curves(measured), result.average),
         arcs_deg=measured.arcs_deg,
     )

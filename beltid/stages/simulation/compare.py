@@ -32,7 +32,6 @@ from beltid.errors import (
 )
 from beltid.identify.agreement.compare import (
     AgreementResult,
-    AgreementSettings,
     Statistics,
     compare_points,
 )
@@ -342,17 +341,15 @@ def _outcome(
 ) -> Outcome[AgreementResult]:
     section = config.compare
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
-    plain = compare_points(
-        measured,
-        simulated,
-        AgreementSettings(
-            max_rms_relative_error=section.max_rms_relative_error,
-            max_mean_relative_error=section.max_mean_relative_error,
-            max_relative_error=section.max_relative_error,
-            min_share_compared=MIN_SHARE_COMPARED,
-            max_rms_error_over_uncertainty=section.max_rms_error_over_uncertainty,
-        ),
-    )
+    tolerances = {
+        "max_rms_relative_error": section.max_rms_relative_error,
+        "max_mean_relative_error": section.max_mean_relative_error,
+        "max_relative_error": section.max_relative_error,
+        "min_share_compared": MIN_SHARE_COMPARED,
+    }
+    if section.max_rms_error_over_uncertainty is not None:
+        tolerances["max_rms_error_over_uncertainty"] = section.max_rms_error_over_uncertainty
+    plain = compare_points(measured, simulated, tolerances)
     proven = validated(plain, measured, simulated, uncertainty)
     result = proven.result
     columns = {**result.to_columns(), **proven.columns()}

@@ -14,7 +14,6 @@ from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.friction.drift_check import CLEAR
-from beltid.identify.surface.surface import SurfaceSettings
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
@@ -402,9 +401,9 @@ def _refined(
     solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
     uncertainty, check = refined_uncertainty(solution), None
     if choices.bootstrap:
-        settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
+        force_nodes = config.surface.force_nodes
         linear = (solution.sources, solution.slopes)
-        nominal = prepare(solution.campaign, solution.refined, speeds, settings, linear)
+        nominal = prepare(solution.campaign, solution.refined, speeds, force_nodes, linear)
         draws = choices.bootstrap, choices.seed
         replicates = drawn(nominal, *draws, options.reporter, workers)
         check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)

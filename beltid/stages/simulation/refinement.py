@@ -14,7 +14,6 @@ import numpy as np
 from beltid.config import Config
 from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import settings_of
-from beltid.identify.surface.surface import SurfaceSettings
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
 from beltid.rigsim.model import Bench
@@ -114,8 +113,7 @@ def prepared_campaign(
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
     standard_errors = own_errors(columns)
     mu_se = None if standard_errors is None else standard_errors[good]
-    settings = SurfaceSettings(force_nodes=config.surface.force_nodes)
-    start = publish(arc_deg, f, v, mu, mu_se, settings).surface
+    start = publish(arc_deg, f, v, mu, mu_se, config.surface.force_nodes).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
     measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
