@@ -168,6 +168,15 @@ class Treatment:
     course: Course = ""
     n_marks: int = 0
 
+    @classmethod
+    def of(cls, stated: RigKind, found: RigKind, drag: Drag | None, n_marks: int = 0) -> Treatment:
+        """Summarise the corrections of channels of a stated kind, found as `RigKind.found_in`."""
+        drag_N_m = None
+        if drag is not None and stated.has_torque:
+            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+        other_span = found.torque_with != stated.torque_with
+        return cls(stated.cells, drag_N_m, other_span, n_marks=n_marks)
+
 
 UNTREATED = Treatment()
 
@@ -269,59 +278,37 @@ class RigKind:
             return ("torque_N_m", "hub_force_N")
         return ("tension_tight_N", "tension_slack_N")
 
-    def measured_span(self, columns: Mapping[str, Array]) -> Span:
-        """Return the span whose tension is measured in addition to a torque.
-
-        Raises
-        ------
-        InputError
-            If neither tension is measured.
-        """
-        for span in (self.torque_with, other(self.torque_with)):
-            if np.isfinite(columns.get(f"tension_{span}_N", np.empty(0))).any():
-                return span
-        raise InputError(
-            "rig.kind: torque needs the tension of one span: column tension_tight_N or "
-            "tension_slack_N is missing; with the force on the axis (hub_force_N) it is rig.kind: "
-            "torque_hub"
-        )
-
     @property
     def span_beside_torque(self) -> Span | None:
         """Span whose tension is measured in addition to a torque; None for other kinds."""
         return self.torque_with if self.measures == "torque" else None
 
-    def with_span_of(self, columns: Mapping[str, Array]) -> RigKind:
-        """Return the kind with `torque_with` set to the span that the columns measure."""
-        if self.measures != "torque":
-            return self
-        return replace(self, torque_with=self.measured_span(columns))
-
-    def treatment(self, columns: Mapping[str, Array], drag: Drag | None) -> Treatment:
-        """Summarise the corrections that `tensions` applies to these channels."""
-        drag_N_m = None
-        if drag is not None and self.has_torque:
-            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-        as_stated = self.measures != "torque" or self.measured_span(columns) == self.torque_with
-        return Treatment(self.cells, drag_N_m, other_span=not as_stated)
-
-    def check(self, columns: Mapping[str, Array]) -> None:
-        """Reject columns that do not match this kind.
+    def found_in(self, columns: Mapping[str, Array]) -> RigKind:
+        """Return this kind with `torque_with` as the span whose tension the columns hold.
 
         Raises
         ------
         InputError
-            With the channels that are missing.
+            If channels are missing, or if the belt moves though the kind is not running.
         """
         missing = [
             f"rig.kind: {self.name} needs the column {name}, which is missing"
             for name in self.needed
-            if not np.isfinite(np.asarray(columns.get(name, np.empty(0)), dtype=float)).any()
+            if not _has_values(columns, name)
         ]
         if missing:
             raise InputError(missing)
-        if self.measures == "torque":
-            self.measured_span(columns)
+        spans = [
+            span
+            for span in (self.torque_with, other(self.torque_with))
+            if _has_values(columns, f"tension_{span}_N")
+        ]
+        if self.measures == "torque" and not spans:
+            raise InputError(
+                "rig.kind: torque needs the tension of one span: column tension_tight_N or "
+                "tension_slack_N is missing; with the force on the axis (hub_force_N) it is "
+                "rig.kind: torque_hub"
+            )
         if self.running:
             self.belt_speed(columns)
         elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
@@ -329,6 +316,7 @@ class RigKind:
                 f"rig.kind: {self.name}, but according to column belt_speed_m_s the belt moves; "
                 f"must be rig.kind: running, with rig.running_measures: {self.measures}"
             )
+        return replace(self, torque_with=spans[0]) if self.measures == "torque" else self
 
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
@@ -388,37 +376,28 @@ class RigKind:
         drag : Drag, optional
             Bearing drag to subtract from the torque.
         """
-        tensions = {span: self._span_tension(columns, span) for span in SPANS}
         if self.measures == "torque_hub":
             # the momentum of the belt does not load the axis
             hub, beta = columns["hub_force_N"], np.radians(arc_deg)
             return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R, self.spans)
         if self.measures == "torque":
-            span = self.measured_span(columns)
-            measured = {f"T_{span}": tensions[span]}
+            measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
             return tensions_by_torque(self._torque(columns, drag), R, **measured)
-        return tensions["tight"], tensions["slack"]
+        return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
 
     def _span_tension(self, columns: Mapping[str, Array], span: Span) -> Array:
         """Compute the tension of a span from its cell or weight."""
         if span == self.weight:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
-            reading = np.asarray(columns.get(f"tension_{span}_N", np.nan), dtype=float)
-            tension = self.cell(span).tension(reading)
+            tension = self.cell(span).tension(columns[f"tension_{span}_N"])
         if not self.running:
             return tension
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
 
     def _torque(self, columns: Mapping[str, Array], drag: Drag | None) -> Array:
         """Return the torque of the belt, positive in the direction of rotation, without drag."""
-        torque, speed = (
-            np.asarray(columns[k], float) for k in ("torque_N_m", "pulley_speed_rad_s")
-        )
-        magnitude = np.abs(speed)
-        turning = speed[magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))]
-        if turning.size and median(turning) < 0.0:
-            torque = -torque
+        torque, magnitude, _ = _turning(columns)
         return torque if drag is None else torque - drag.at(magnitude)
 
     def relative_speed(self, columns: Mapping[str, Array], R: float) -> Array:
@@ -450,20 +429,15 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     """
     speeds, torques, torques_at_rest = [], [], []
     for columns in idle:
-        speed, torque = (
-            np.atleast_1d(np.asarray(columns[name], dtype=float))
-            for name in ("pulley_speed_rad_s", "torque_N_m")
-        )
-        magnitude = np.abs(speed)
-        turns = np.isfinite(torque) & (magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0)))
+        torque, magnitude, turns = _turning(columns)
+        turns &= np.isfinite(torque)
         if not turns.any():
             continue
-        sign = -1.0 if median(speed[turns]) < 0.0 else 1.0
         speeds.append(median(magnitude[turns]))
-        torques.append(sign * float(np.mean(torque[turns])))
+        torques.append(float(np.mean(torque[turns])))
         still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
-            torques_at_rest.append(sign * float(np.mean(torque[still])))
+            torques_at_rest.append(float(np.mean(torque[still])))
     if not speeds:
         return None
     order = np.argsort(speeds, kind="stable")
@@ -472,3 +446,19 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
         torque_N_m=np.array(torques)[order],
         at_rest_N_m=float(np.mean(torques_at_rest)) if torques_at_rest else 0.0,
     )
+
+
+def _turning(columns: Mapping[str, Array]) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the torque in the direction of rotation, the speed, and where the pulley turns."""
+    torque, speed = (
+        np.atleast_1d(np.asarray(columns[name], dtype=float))
+        for name in ("torque_N_m", "pulley_speed_rad_s")
+    )
+    magnitude = np.abs(speed)
+    turns = magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))
+    is_reversed = turns.any() and median(speed[turns]) < 0.0
+    return -torque if is_reversed else torque, magnitude, turns
+
+
+def _has_values(columns: Mapping[str, Array], name: str) -> bool:
+    return bool(np.isfinite(np.asarray(columns.get(name, np.nan), dtype=float)).any())

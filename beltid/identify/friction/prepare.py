@@ -40,9 +40,9 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.kinds import Span
+from beltid.identify.friction.kinds import SPANS, Span
 from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
-from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
@@ -77,12 +77,12 @@ class Onset:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
-    """A run prepared for its campaign; without `sliding` it is rejected, see `found.status`."""
+    """A run prepared for its campaign."""
 
-    found: RunReduction
+    found: tuple[RunReduction, ...]
+    """What its own record gives; of a run at a changing speed, one for each bin."""
     sliding: SlidingRecord | None = None
-    plateaus: tuple[RunReduction, ...] = ()
-    """Plateaus of a run at a changing speed; they replace `found`."""
+    """Its sliding phase; None if the status of `found` is final."""
 
 
 def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
@@ -98,108 +98,78 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         Settings of the reduction.
     """
     if settings.speed_bins_rad_s and course(record):
-        plateaus = binned_plateaus(record, R, settings)
-        return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
-    kind = record.kind
-    result = RunReduction(
-        run=record.run,
-        arc_deg=record.arc_deg,
-        nominal_tension_N=record.nominal_tension_N,
-        conditions=record.conditions,
-        treatment=record.treatment,
-        momentum_N=record.momentum_N,
-        torque_with=kind.span_beside_torque,
-    )
+        return PreparedRun(binned_plateaus(record, R, settings))
+    run = RunReduction.of(record)
     try:
-        if record.defect:
-            raise RunRejected(record.defect)
-        # step by step, so that a rejected run keeps the values determined before
-        channels = condensed(read_channels(record, settings))
-        result = replace(result, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
-        rotation = find_rotation(channels.speed)
-        result = _with_rotation(result, channels, rotation, record.belt_speed_m_s, R)
-        result = replace(result, notes=_rotation_notes(rotation, channels))
-        rest = _rest(channels, rotation)
-        result = replace(
-            result,
-            initial_tension_N=rest.tension_N,
-            imbalance_N=rest.imbalance_N,
-            imbalance_se_N=rest.imbalance_se_N,
-        )
-        _check_imbalance(rest)
-        channels, swapped = unswapped(channels, rotation)
-        if swapped:
-            note = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
-            result = replace(result, swapped=True, notes=(*result.notes, note))
-            slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
-            rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-        fixed_ends = channels if kind.weight is None else as_if_held(channels, rotation)
-        phase = sliding_phase(fixed_ends, rotation)
-        _check_length(phase, settings.min_plateau_samples)
-        sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-        result = _with_sliding(result, sliding, max(channels.steps))
-        noise_N = rest.noise_N
-        if kind.is_derived:
-            # with a dead weight, the noise may be in the cell or in the ratio of the tensions
-            noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, fixed_ends))
-        _check_stick_slip(sliding, noise_N, max(channels.steps))
+        return PreparedRun((run,), _sliding(run, record, R, settings))
     except RunRejected as reason:
-        hint = f"; {BY_BINS}" if course(record) else ""
-        return PreparedRun(replace(result, status=f"{reason}{hint}"))
-    return PreparedRun(result, sliding)
+        run.status = f"{reason}; {BY_BINS}" if course(record) else str(reason)
+    return PreparedRun((run,))
 
 
-def _with_rotation(
-    result: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
-) -> RunReduction:
-    """Add the speeds and the start time of a run."""
-    sign = -1.0 if rotation.reversed else 1.0
-    return replace(
-        result,
-        # valid for a running belt, too
-        pulley_speed_rad_s=abs(belt_speed_m_s / R + sign * rotation.speed_rad_s),
-        slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
-        start_time_s=float(channels.time_s[rotation.first]),
-    )
+def _sliding(
+    run: RunReduction, record: RunRecord, R: float, settings: FrictionSettings
+) -> SlidingRecord:
+    """Check the phases of a record and condense its sliding; fill in the result on the way."""
+    kind = record.kind
+    if record.defect:
+        raise RunRejected(record.defect)
+    channels = condensed(read_channels(record, settings))
+    run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
+    rotation = find_rotation(channels.speed)
+    velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
+    # valid for a running belt, too
+    run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + velocity)
+    run.slip_speed_m_s = float(sliding_speed(rotation.speed_rad_s, R))
+    run.start_time_s = float(channels.time_s[rotation.first])
+    run.notes = _rotation_notes(rotation, channels)
 
-
-def _rest(channels: Channels, rotation: Rotation) -> Rest:
-    """Evaluate the rest phase; with a dead weight, W is the tension and friction the imbalance."""
-    cells = channels.tight, channels.slack
-    rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
-    if channels.kind.weight is None:
-        return rest
-    W = float(cells[channels.kind.weight == "slack"][0])
-    return replace(rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0)
-
-
-def _check_imbalance(rest: Rest) -> None:
+    rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
+    if kind.weight is not None:  # it is the tension, and friction the imbalance
+        W = float(channels.tensions[0, SPANS.index(kind.weight)])
+        rest = replace(
+            rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0
+        )
+    run.initial_tension_N = rest.tension_N
+    run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
         raise RunRejected(
             f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
             f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
         )
+    channels, run.swapped = unswapped(channels, rotation)
+    if run.swapped:
+        run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
+        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
+        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
 
-
-def _check_length(phase: SlidingPhase, least: int) -> None:
-    usable = phase.time_s.size - phase.slide
-    if usable < least:
-        raise RunRejected(f"too short: {usable} usable samples of sliding, must be >= {least}")
-
-
-def _with_sliding(result: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
-    """Add the ripple, the end of the plateau and the outliers of a run."""
-    notes = result.notes
+    held = channels if kind.weight is None else as_if_held(channels, rotation)
+    phase = sliding_phase(held, rotation)
+    n = phase.time_s.size - phase.slide
+    if n < settings.min_plateau_samples:
+        raise RunRejected(
+            f"too short: {n} usable samples of sliding, must be >= {settings.min_plateau_samples}"
+        )
+    sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
+    run.ripple_amplitude_N, run.ripple_period_s = sliding.ripple_N, sliding.ripple_s
+    run.plateau_end_s = float(sliding.last_s[-1])
+    run.n_spikes += sliding.n_outliers
+    step_N = float(np.max(channels.steps))
     if sliding.rounding > ROUNDING_NOTED:
-        notes = (*notes, f"the A/D converters of the cells resolve only {step_N:.3g} N")
-    return replace(
-        result,
-        ripple_amplitude_N=sliding.ripple_N,
-        ripple_period_s=sliding.ripple_s,
-        plateau_end_s=float(sliding.last_s[-1]),
-        n_spikes=result.n_spikes + sliding.n_outliers,
-        notes=notes,
-    )
+        run.notes += (f"the A/D converters of the cells resolve only {step_N:.3g} N",)
+    noise_N = rest.noise_N
+    if kind.is_derived:
+        # with a dead weight, the noise may be in the cell or in the ratio of the tensions
+        noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, held))
+    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
+    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
+    ratio = sliding.unrest_N / max(noise_N, floor)
+    if ratio > MAX_NOISE_RATIO and rest.n_samples >= 8:
+        raise RunRejected(
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {MAX_NOISE_RATIO:g} times"
+        )
+    return sliding
 
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
@@ -223,24 +193,11 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _check_stick_slip(sliding: SlidingRecord, noise_N: float, step_N: float) -> None:
-    """Reject a record that is much noisier while sliding than at rest."""
-    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
-    ratio = sliding.unrest_N / max(noise_N, floor)
-    if ratio > MAX_NOISE_RATIO and sliding.rest.n_samples >= 8:
-        raise RunRejected(
-            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {MAX_NOISE_RATIO:g} times"
-        )
-
-
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
     """Convert the noise at rest to noise of z while sliding, over the sensitivity there [N]."""
     at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
     time = channels.time_s[at_rest]
-    tight, slack = sliding.tensions_N
-    z = channels.tight[at_rest] / tight - channels.slack[at_rest] / slack
+    z = -np.diff(channels.tensions[at_rest] / sliding.tensions_N)[:, 0]
     if time.size < 4:
         return rest.noise_N
     line = np.polynomial.Polynomial.fit(time, z, 1)
@@ -356,7 +313,7 @@ class SlidingRecord:
 
 
 def sliding_record(
-    phase: SlidingPhase, rest: Rest, steps: tuple[float, float], weight: Span | None, R: float
+    phase: SlidingPhase, rest: Rest, steps: Array, weight: Span | None, R: float
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
@@ -366,7 +323,7 @@ def sliding_record(
         The samples.
     rest : Rest
         Rest phase before the rotation.
-    steps : tuple of float
+    steps : ndarray, shape (2,)
         Resolution of the A/D converters of both cells [N]; zero if fine.
     weight : {"tight", "slack"} or None
         Span that carries a dead weight.
@@ -474,7 +431,7 @@ def block_starts(n: int) -> NDArray[np.intp]:
 
 
 def _smooth_course(
-    t: Array, tensions: Array, travel: Array, steps: tuple[float, float]
+    t: Array, tensions: Array, travel: Array, steps: Array
 ) -> tuple[Array, list[float], Mask]:
     """Return the smooth tensions (n, 2), the frequencies of the ripples and the usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
@@ -496,7 +453,7 @@ def _smooth_course(
         residual = tensions - design @ solution
         sigma = np.array([max(mad_sigma(column), 1e-12) for column in residual.T])
         # a coarse converter may repeat one value: its rounding must not count as an outlier
-        rounding = np.asarray(steps) / np.sqrt(12.0)
+        rounding = steps / np.sqrt(12.0)
         floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
         kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
         if len(lines) == LINES:

@@ -76,14 +76,7 @@ class Rest:
     """Noise of one cell: standard deviation of the difference about its slope, over sqrt(2) [N]."""
 
 
-def rest_state(
-    t: Array,
-    tight: Array,
-    slack: Array,
-    first: int,
-    min_samples: int,
-    steps: tuple[float, float] = (0.0, 0.0),
-) -> Rest:
+def rest_state(t: Array, tensions: Array, first: int, steps: Array | None = None) -> Rest:
     """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
     Samples just before the rotation whose tensions already separate (a lagging speed channel) are
@@ -93,22 +86,21 @@ def rest_state(
     ----------
     t : ndarray
         Times [s], shape (n,).
-    tight, slack : ndarray
-        Tensions [N], spikes and gaps as nan, shape (n,).
+    tensions : ndarray
+        Tensions of the tight and the slack cell [N], spikes and gaps as nan, shape (n, 2).
     first : int
         Index of the first sample at which the pulley turns.
-    min_samples : int
-        Fewest samples of a rest phase.
-    steps : pair of float
+    steps : ndarray, shape (2,), optional
         Resolution of the A/D converters of both cells [N], zero if fine.
 
     Raises
     ------
     RunRejected
-        If there are fewer samples at rest.
+        If there are fewer than `MIN_SAMPLES` samples at rest.
     """
-    kept = _quiet_samples(tight, slack, first, min_samples)
-    mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
+    steps = np.zeros(2) if steps is None else steps
+    kept = _quiet_samples(tensions[:first])
+    mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
     near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
     mean, difference, time = mean[near], difference[near], t[kept][near]
     n = difference.size
@@ -116,9 +108,8 @@ def rest_state(
     sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    recorded = [np.std(tight[kept]), np.std(slack[kept])]
+    recorded = [np.std(cell) for cell in tensions[kept].T]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
-    se = float(np.linalg.norm([se, *rounding]))
     # a converter that stays on one step hides a slope: each half may be off by its rounding
     jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
     last = max(n // 8, min(n, 3))
@@ -130,26 +121,27 @@ def rest_state(
         end_N=float(np.mean(mean[-last:])),
         end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
         imbalance_N=float(np.mean(difference)),
-        imbalance_se_N=se,
+        imbalance_se_N=float(np.linalg.norm([se, *rounding])),
         slopes_N_s=(slope, sum_slope),
         slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
         noise_N=noise / np.sqrt(2.0),
     )
 
 
-def _quiet_samples(tight: Array, slack: Array, first: int, min_samples: int) -> NDArray[np.intp]:
-    """Find the samples with both tensions before the rotation and before the tensions separate."""
-    usable = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
-    if usable.size < min_samples:
+def _quiet_samples(tensions: Array) -> NDArray[np.intp]:
+    """Find the samples at rest with both tensions, before the tensions separate."""
+    usable = np.flatnonzero(np.all(np.isfinite(tensions), axis=1))
+    if usable.size < MIN_SAMPLES:
         raise RunRejected(
             f"no rest phase: {usable.size} usable samples before the pulley turns, "
-            f"must be >= {min_samples}"
+            f"must be >= {MIN_SAMPLES}"
         )
-    difference = tight[usable] - slack[usable]
-    half = difference[: max(min_samples, usable.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[usable]))
+    tight, slack = tensions[usable].T
+    difference = tight - slack
+    half = difference[: max(MIN_SAMPLES, usable.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight))
     quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
-    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)]
+    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, MIN_SAMPLES)]
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float, float]:

@@ -18,11 +18,13 @@ from beltid.identify.friction.kinds import (
     TWO_CELLS,
     UNTREATED,
     Drag,
+    KnownCells,
     RigKind,
     Span,
     Treatment,
     drag_of,
 )
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
 
@@ -103,8 +105,24 @@ class Conditions:
         return Conditions(**values)
 
 
-@dataclass(frozen=True, slots=True)
-class RunRecord:
+@dataclass(slots=True, kw_only=True)
+class RunSettings:
+    """Settings of a run, known before its reduction; nan if not stated."""
+
+    run: str = ""
+    arc_deg: float = NAN
+    """Contact arc, nominal [deg]."""
+    nominal_tension_N: float = NAN
+    momentum_N: float = NAN
+    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
+    torque_with: Span | None = None
+    """Span whose tension was measured in addition to a torque."""
+    conditions: Conditions = Conditions()
+    treatment: Treatment = UNTREATED
+
+
+@dataclass(slots=True)
+class RunRecord(RunSettings):
     """Recording of one run of the friction rig; columns of shape (n,), in order of time."""
 
     time_s: Array
@@ -112,37 +130,24 @@ class RunRecord:
     tension_slack_N: Array
     pulley_speed_rad_s: Array
     temperature_degC: Array | None = None
-    run: str = ""
-    arc_deg: float = NAN
-    nominal_tension_N: float = NAN
     defect: str = ""
     """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
     kind: RigKind = TWO_CELLS
     """What the bench measured; the tensions are derived from it."""
     belt_speed_m_s: float = 0.0
     """Speed of the belt; the pulley speed is relative to it [m/s]."""
-    conditions: Conditions = Conditions()
-    treatment: Treatment = UNTREATED
-
-    @property
-    def momentum_N(self) -> float:
-        """Momentum part of the tensions of a running belt [N]; nan for a belt at rest."""
-        return float(self.kind.momentum_N(self.belt_speed_m_s)) if self.kind.running else NAN
 
 
-@dataclass(frozen=True, slots=True)
-class RunReduction:
+@dataclass(slots=True, kw_only=True)
+class RunReduction(RunSettings):
     """Result of one run of the friction rig. Values that could not be determined are nan.
 
-    A rejected run keeps the values determined before the reason was found.
+    The passes of the reduction fill it in: a rejected run keeps the values determined before the
+    reason was found.
     """
 
-    run: str = ""
-    arc_deg: float = NAN
-    """Contact arc, nominal [deg]."""
     initial_tension_N: float = NAN
     """Mean of both cells at the start of the rotation [N]."""
-    nominal_tension_N: float = NAN
     pulley_speed_rad_s: float = NAN
     """Magnitude of the pulley's speed [rad/s]."""
     slip_speed_m_s: float = NAN
@@ -197,14 +202,8 @@ class RunReduction:
     """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
     """The same for the zeros and gains of the cells [-]."""
-    momentum_N: float = NAN
-    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
-    torque_with: Span | None = None
-    """Span whose tension was measured in addition to a torque."""
-    conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
-    treatment: Treatment = UNTREATED
     notes: tuple[str, ...] = ()
     """Remarks on the run for the user."""
 
@@ -212,6 +211,28 @@ class RunReduction:
     def ok(self) -> bool:
         """Whether the run may be used."""
         return self.status == "ok"
+
+    @classmethod
+    def of(cls, record: RunRecord) -> RunReduction:
+        """Return the result of a run before anything is determined."""
+        return cls(**{item.name: getattr(record, item.name) for item in fields(RunSettings)})
+
+    def set_plateau(self, tight: float, slack: float, R: float) -> None:
+        """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
+
+        A friction coefficient or a normal force that the tensions do not give is nan.
+
+        Parameters
+        ----------
+        tight, slack : float
+            Tensions of both spans [N].
+        R : float
+            Radius of the belt's centreline on the pulley [m].
+        """
+        self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
+        self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
+        if tight > 0.0 and slack > 0.0:
+            self.normal_force_N_m = float(mean_normal_force(tight, slack, R))
 
 
 def arc_problem(arc_deg: float) -> str:
@@ -302,7 +323,7 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     texts = {
         name: np.asarray(columns[name], dtype=object) for name in TEXT_COLUMNS if name in columns
     }
-    check_columns({"run": labels, **numeric, **texts})
+    _check_columns({"run": labels, **numeric, **texts})
     return [
         RunColumns(
             label,
@@ -332,14 +353,8 @@ def run_records(
     return tuple(run_record(run, R, kind, drag) for run in runs if not run.is_idle)
 
 
-def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Reject columns that do not form one table.
-
-    Raises
-    ------
-    InputError
-        If a column is not one-dimensional, if they differ in length, or if they are empty.
-    """
+def _check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
+    """Reject columns that do not form one table."""
     problems = [
         f"column {name} has shape {values.shape}, must be one-dimensional"
         for name, values in columns.items()
@@ -393,26 +408,20 @@ def run_record(
     drag : Drag, optional
         Bearing drag to subtract from a torque.
     """
-    columns = run.numbers
+    columns = dict(run.numbers)
+    stated, defects, nominal = kind, [], {}
     if kind.is_derived:
-        kind.check(columns)
-    defects = []
-    nominal = {}
+        kind = kind.found_in(columns)
     for name in ("arc_deg", "initial_tension_N", "weight_N"):
         values = columns.get(name, np.array([NAN]))
-        first = float(values[0])
-        nominal[name] = first
-        same = np.isnan(values) if np.isnan(first) else values == first
-        if not np.all(same):
-            other = float(values[np.argmin(same)])
-            defects.append(f"{name} changes within the run from {first:g} to {other:g}")
-    if not defects:
-        defects = [arc_problem(nominal["arc_deg"])]
+        nominal[name] = first = float(values[0])
+        other = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
+        if other.size:
+            defects.append(f"{name} changes within the run from {first:g} to {other[0]:g}")
     marks = lone_marks(columns["pulley_speed_rad_s"])
     if marks.size:
-        speed = columns["pulley_speed_rad_s"].copy()
-        speed[marks] = NAN
-        columns = {**columns, "pulley_speed_rad_s": speed}
+        columns["pulley_speed_rad_s"] = columns["pulley_speed_rad_s"].copy()
+        columns["pulley_speed_rad_s"][marks] = NAN
     record = RunRecord(
         time_s=columns["time_s"],
         tension_tight_N=columns.get("tension_tight_N", NONE),
@@ -422,26 +431,28 @@ def run_record(
         run=run.label,
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],
-        defect="; ".join(defects),
+        torque_with=kind.span_beside_torque,
+        defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
-        treatment=replace(kind.treatment(columns, drag), n_marks=marks.size),
+        treatment=Treatment.of(stated, kind, drag, marks.size),
         conditions=conditions_of(run),
     )
     if not kind.is_derived:
         return record
-    columns = {**columns, **{name: _present(columns[name]) for name in CELLS if name in columns}}
-    tight, slack = kind.tensions(columns, record.arc_deg, R, drag)
+    # an exact zero of a cell is a lost reading
+    cells = {name: columns[name] for name in CELLS if name in columns}
+    columns |= {name: np.where(values == 0.0, NAN, values) for name, values in cells.items()}
+    tensions = kind.tensions(columns, record.arc_deg, R, drag)
+    record.tension_tight_N, record.tension_slack_N = tensions
+    record.pulley_speed_rad_s = kind.relative_speed(columns, R)
+    # known errors of the cells are already corrected
+    record.kind = replace(kind, cells=KnownCells())
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
-        record = replace(record, nominal_tension_N=nominal["weight_N"])
-    belt_speed = float(np.nanmedian(kind.belt_speed(columns))) if kind.running else 0.0
-    return replace(
-        record,
-        tension_tight_N=tight,
-        tension_slack_N=slack,
-        pulley_speed_rad_s=kind.relative_speed(columns, R),
-        kind=kind.with_span_of(columns),
-        belt_speed_m_s=belt_speed,
-    )
+        record.nominal_tension_N = nominal["weight_N"]
+    if kind.running:
+        record.belt_speed_m_s = float(np.nanmedian(kind.belt_speed(columns)))
+        record.momentum_N = float(kind.momentum_N(record.belt_speed_m_s))
+    return record
 
 
 def lone_marks(speed: Array) -> NDArray[np.intp]:
@@ -463,25 +474,9 @@ def lone_marks(speed: Array) -> NDArray[np.intp]:
     return np.concatenate([np.empty(0, dtype=np.intp), *short])
 
 
-def _present(readings: Array) -> Array:
-    """Return the readings of a cell with lost ones, exact zeros, as nan."""
-    return np.where(readings == 0.0, np.nan, readings)
-
-
 def conditions_of(run: RunColumns) -> Conditions:
     """Read the conditions of a run from its columns."""
-
-    def number(name: str) -> float:
-        return float(run.numbers[name][0]) if name in run.numbers else NAN
-
-    def text(name: str) -> str | None:
-        return run.texts[name].lower() if name in run.texts else None
-
-    return Conditions(
-        condition=text("condition"),
-        side=text("side"),
-        humidity_percent=number("humidity_percent"),
-        hours_run=number("hours_run"),
-        pulley_material=run.texts.get("pulley_material"),
-        roughness_Ra_um=number("roughness_Ra_um"),
-    )
+    numbers = ("humidity_percent", "hours_run", "roughness_Ra_um")
+    values: dict[str, Any] = {n: float(run.numbers[n][0]) for n in numbers if n in run.numbers}
+    values |= {n: run.texts[n].lower() for n in ("condition", "side") if n in run.texts}
+    return Conditions(pulley_material=run.texts.get("pulley_material"), **values)

@@ -22,7 +22,7 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -85,14 +85,7 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             raise RunRejected(record.defect)
         channels = read_channels(record, settings)
         rotation = find_rotation(channels.speed)
-        rest = rest_state(
-            channels.time_s,
-            channels.tight,
-            channels.slack,
-            rotation.first,
-            MIN_SAMPLES,
-            channels.steps,
-        )
+        rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
         channels, swapped = unswapped(channels, rotation)
         phase = sliding_phase(channels, rotation)
         if phase.time_s.size - phase.slide < settings.min_plateau_samples:
@@ -153,9 +146,7 @@ def _travel(channels: Channels, t: Array, R: float) -> Array:
     return R * np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
 
 
-def _slope(
-    x: Array, difference: Array, rest: Rest, steps: tuple[float, float]
-) -> tuple[float, float, float]:
+def _slope(x: Array, difference: Array, rest: Rest, steps: Array) -> tuple[float, float, float]:
     """Fit a line; return slope, its standard error, and curvature over its standard error.
 
     The intercept is free because the rotation may start anywhere between two samples. The noise is
