@@ -45,9 +45,9 @@ def refused(message, **changed):
 
 def test_a_clean_record_stays_as_it_is():
     found = prepared(temperature_degC=np.arange(float(N)))
-    for name, values in (("tight", "tension_tight_N"), ("slack", "tension_slack_N")):
-        assert np.array_equal(getattr(found, name), columns()[values])
-    assert (found.n_spikes, found.n_missing, found.steps) == (0, 0, (0.0, 0.0))
+    c = columns()
+    assert np.array_equal(found.tensions.T, [c["tension_tight_N"], c["tension_slack_N"]])
+    assert (found.n_spikes, found.n_missing, *found.steps) == (0, 0, 0.0, 0.0)
     assert found.usable.all()
     assert found.temperature[7] == 7.0
 
@@ -73,7 +73,7 @@ def test_negative_readings_are_kept():
         1
     ).normal(0.0, 0.6, N)
     found = prepared(**c)
-    assert np.nanmin(found.slack) < 0.0
+    assert np.nanmin(found.tensions) < 0.0
     assert found.n_missing == 0
 
 
@@ -122,6 +122,10 @@ def test_gaps_of_the_speed_are_bridged_up_to_a_half():
             assert prepared(pulley_speed_rad_s=speed).speed == pytest.approx(0.2)
         else:
             refused("pulley_speed_rad_s is missing in 101 of 200", pulley_speed_rad_s=speed)
+
+
+def with_tensions(tight, slack):
+    return replace(prepared(), tensions=np.column_stack([tight, slack]))
 
 
 def checked(tight, slack, tension=250.0):
@@ -174,16 +178,16 @@ def test_cells_are_exchanged_where_nine_tenths_of_the_sliding_say_so():
     for n_above, exchanged in ((7, True), (8, False)):  # of the 75 samples of the second half
         tight, slack = c["tension_slack_N"].copy(), c["tension_tight_N"].copy()
         tight[125 : 125 + 9 * n_above : 9] = 360.0
-        found, did = unswapped(replace(prepared(), tight=tight, slack=slack), ROTATION)
+        found, did = unswapped(with_tensions(tight, slack), ROTATION)
         assert np.count_nonzero(tight[125:] > slack[125:]) == n_above
         assert did == exchanged
-        assert np.array_equal(found.tight, slack if exchanged else tight)
+        assert np.array_equal(found.tensions[:, 0], slack if exchanged else tight)
     assert unswapped(prepared(), ROTATION)[1] is False
 
 
 def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
     rise = np.clip((np.arange(N) - FIRST + 1) / 40.0, 0.0, 1.0)  # full at sample 89
-    channels = replace(prepared(), tight=250.0 + 100.0 * rise, slack=250.0 - 100.0 * rise)
+    channels = with_tensions(250.0 + 100.0 * rise, 250.0 - 100.0 * rise)
     found = sliding_phase(channels, ROTATION)
     assert found.time_s.size == N
     assert found.tensions.shape == (N, 2)
@@ -196,7 +200,7 @@ def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
 def test_a_belt_that_never_slides():
     def parted(tight, slack):
         turning = np.arange(N) >= FIRST
-        return replace(prepared(), tight=250.0 + tight * turning, slack=249.0 - slack * turning)
+        return with_tensions(250.0 + tight * turning, 249.0 - slack * turning)
 
     assert sliding_phase(parted(1.35, 1.35), ROTATION).first == FIRST  # a hundredth of 249 N
     with pytest.raises(RunRejected, match=r"never slides: the tensions part by 2\.3 N"):

@@ -54,7 +54,7 @@ def test_wander_is_what_the_process_moved_since_its_mean_at_rest(tau):
     times, rest = sample_times(), -1.0 + 0.02 * np.arange(40)
     first, last = np.array([(t[0], t[-1]) for t in times]).T
     count = np.array([float(n) for _, n in BLOCKS])
-    at_rest = rest_state(rest, *np.full((2, 40), 100.0), first=40, min_samples=3)
+    at_rest = rest_state(rest, np.full((40, 2), 100.0), first=40)
     found = wander_since_rest(first, last, count, at_rest, tau)
     whole = np.array([[mean_product(s, t, tau) for t in [rest, *times]] for s in [rest, *times]])
     moved = np.hstack([-np.ones((5, 1)), np.eye(5)])
@@ -125,10 +125,10 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.1 * starts[1:-1]))
 
 
-AT_REST = rest_state(np.linspace(0.0, 1.0, 50), *np.full((2, 50), 260.0), first=50, min_samples=3)
+AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
 
 
-def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
+def recorded(seed=0, n=400, ripple=0.0):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
@@ -137,7 +137,7 @@ def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, steps, None, 0.05)
+    record = sliding_record(phase, AT_REST, np.zeros(2), None, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
