@@ -34,12 +34,11 @@ from beltid.identify.friction.run import (
     NAN,
     OPTIONAL,
     TEXT_COLUMNS,
+    Conditions,
     FrictionSettings,
-    RunColumns,
     RunRecord,
     RunReduction,
     arc_problem,
-    conditions_of,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
 
@@ -115,11 +114,8 @@ def reduce_plateaus(
     texts = {name: columns[name][~is_idle] for name in TEXT_COLUMNS if name in columns}
     runs = []
     for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
-        row = RunColumns(
-            label,
-            {name: x[[k]] for name, x in rows.items()},
-            {name: x[k] for name, x in texts.items() if x[k]},
-        )
+        row = {name: x[[k]] for name, x in rows.items()}
+        described = {name: x[k] for name, x in texts.items() if x[k]}
         run = RunReduction(
             run=label,
             arc_deg=float(rows["arc_deg"][k]),
@@ -133,7 +129,7 @@ def reduce_plateaus(
             temperature_degC=float(rows["temperature_degC"][k]),
             n_samples=1,
             mu_sticking_reason="",
-            conditions=conditions_of(row),
+            conditions=Conditions.of(row, described),
             treatment=treatment,
         )
         if by_tensions:
@@ -142,7 +138,7 @@ def reduce_plateaus(
             if np.isnan(run.mu_sliding_se):
                 run.mu_sliding_se = float(se[k])
             if kind.running:
-                run.momentum_N = float(kind.momentum_N(kind.belt_speed(row.numbers).item()))
+                run.momentum_N = float(kind.momentum_N(kind.belt_speed(row).item()))
         run.status = _problem(run, settings, kind, "points") or "ok"
         runs.append(run)
     return tuple(runs)

@@ -65,17 +65,6 @@ ONSET = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Onset:
-    """Record from the start of the rotation to the start of the sliding, shape (n,) each."""
-
-    time_s: Array
-    travel: Array
-    """Travel of the pulley's surface since the end of the build-up [m]."""
-    z: Array
-    """ln(T_tight/T_slack); nan if a tension is not positive."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
     """A run prepared for its campaign."""
 
@@ -245,8 +234,9 @@ class SlidingRecord:
         Temperature [°C], nan if unknown.
     rest : Rest
         Rest phase before the rotation.
-    onset : Onset
-        Record between rest and sliding.
+    onset : ndarray, shape (3, k)
+        Times [s], travel since the end of the build-up [m] and z (nan if a tension is not
+        positive), from the start of the rotation to the start of the sliding.
     tensions_N : tuple of float
         Tight and slack tension in the second half of the sliding [N].
     noise_N : float
@@ -278,7 +268,7 @@ class SlidingRecord:
     turn: Array
     temperature: Array
     rest: Rest
-    onset: Onset
+    onset: Array
     tensions_N: tuple[float, float]
     noise_N: float
     rounding: float
@@ -344,29 +334,20 @@ def sliding_record(
     ratio = tensions / smooth - 1.0
     z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
     log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
-    waves = [line_columns(t - t[0], frequency) for frequency in lines]
-    wave = np.hstack(waves) if waves else np.zeros((n, 0))
-    half = slice(n // 2, None)
-    level = np.median(tensions[half], axis=0)
+    wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
+    level = np.median(tensions[n // 2 :], axis=0)
     sensitivity = float(np.hypot(*_zero_shifts(level, weight)))
     residual = ratio[:, 0] - ratio[:, 1]
-    if waves:
-        residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
-    noise = max(difference_sigma(residual), NOISE_FLOOR) / sensitivity
-    ripple_N = 0.0
-    if waves:
-        tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-        ripple_N = float(np.hypot(*tight_waves[:2]))
-    recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
+    tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
+    recorded = [difference_sigma(cell) for cell in tensions.T]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
     starts = block_starts(n)
-    count = np.diff(np.append(starts, n)).astype(float)
-
     return SlidingRecord(
         first_s=t[starts],
         last_s=t[np.append(starts[1:], n) - 1],
-        count=count,
+        count=np.diff(np.append(starts, n)).astype(float),
         travel=block_means(travel, starts),
         z=block_means(z, starts),
         log_mean=block_means(log_mean, starts),
@@ -379,10 +360,10 @@ def sliding_record(
         rest=rest,
         onset=onset,
         tensions_N=(float(level[0]), float(level[1])),
-        noise_N=noise,
+        noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
         rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
-        ripple_N=ripple_N,
+        ripple_N=float(np.linalg.norm(tight_waves[:2])),
         ripple_s=1.0 / lines[0] if lines else float("nan"),
         unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
@@ -390,14 +371,14 @@ def sliding_record(
     )
 
 
-def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
+def _onset(t: Array, travel: Array, tensions: Array) -> Array:
     """Average the record before the sliding, at a resolution that shows the sticking peak."""
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.log(tensions[:, 0] / tensions[:, 1])
     z[~np.all(tensions > 0.0, axis=1)] = np.nan
     record = np.column_stack([t, travel, z])[-20 * ONSET :]
     starts = np.arange(0, len(record), max(-(-len(record) // ONSET), 1))
-    return Onset(*block_means(record, starts).T)
+    return block_means(record, starts).T
 
 
 def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:

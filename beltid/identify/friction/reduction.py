@@ -339,9 +339,8 @@ def _set_peak(
 
     The peak is corrected for errors of the cells like the level, which becomes `y`.
     """
-    t = np.append(record.onset.time_s, record.first_s[0])
-    travel = np.append(record.onset.travel, record.travel[0])
-    z = np.append(record.onset.z, record.z[0])
+    first = record.first_s[0], record.travel[0], record.z[0]
+    t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond
     model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
     ripple = record.ripple_N / record.tensions_N[0]

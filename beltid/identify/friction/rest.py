@@ -293,37 +293,37 @@ def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -
     noise = np.square(np.maximum(se, 1e-5 * T))
     X = np.column_stack([np.ones(D.size), T / unit])
     pairs = np.array(list(product(sizes, sizes)))
-    S = np.square(pairs * unit)  # variances of zeta and gamma
     n_present = np.count_nonzero(pairs, axis=1)
-    log_p, given = [], []
-    for (s_w, s_f), n_more in zip(pairs, n_present, strict=True):
-        variance = noise + (s_w * unit) ** 2 + (s_f * T) ** 2
-        weighted = X / variance[:, None]
-        M, b = X.T @ weighted, weighted.T @ D
-        A = np.eye(2) + S[:, :, None] * M
-        C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
-        means = C @ b  # of zeta and gamma
-        base = -0.5 * float(np.sum(D**2 / variance + np.log(variance)))
-        log_det = np.linalg.slogdet(A)[1]
-        log_p.append(base + 0.5 * (means @ b - log_det) - (n_present + n_more) * np.log(4.0))
-        given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, means))
-    weights = np.exp(np.array(log_p) - np.max(log_p))
+    # first axis: sizes of w and f; second axis: sizes of zeta and gamma
+    variance = noise + (pairs[:, :1] * unit) ** 2 + (pairs[:, 1:] * T) ** 2
+    weighted = X / variance[:, :, None]
+    M, b = X.T @ weighted, weighted.transpose(0, 2, 1) @ D
+    S = np.square(pairs * unit)
+    A = np.eye(2) + S[:, :, None] * M[:, None]
+    C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
+    means = (C @ b[:, None, :, None])[..., 0]  # of zeta and gamma
+    log_p = 0.5 * ((means @ b[:, :, None])[..., 0] - np.linalg.slogdet(A)[1])
+    log_p -= 0.5 * np.sum(D**2 / variance + np.log(variance), axis=1, keepdims=True)
+    log_p -= np.add.outer(n_present, n_present) * np.log(4.0)
+    weights = np.exp(log_p - np.max(log_p))
     weights /= weights.sum()
     n = sizes.size
     # indexed by the sizes of constant and wandering zeros; summed over those of gains and friction
     by_size = np.zeros((3, n, n, D.size))
     independent, expected = np.zeros(D.size), np.zeros(3)
-    for k, (p, (wander_N, part, C, means)) in enumerate(zip(weights, given, strict=True)):
-        zero = means[:, :1] + part * (D - means @ X.T)
-        error = q * zero + means[:, 1:] / unit
+    for k, p in enumerate(weights):
+        wander_N = pairs[k, 0] * unit
+        part = wander_N**2 / variance[k]
+        zero = means[k, :, :1] + part * (D - means[k] @ X.T)
+        error = q * zero + means[k, :, 1:] / unit
         slopes = np.column_stack([q * (1.0 - part), (1.0 - q * part * T) / unit])
         # the common error of both zeros has the prior of their difference, not its posterior
         wandering = wander_N**2 * (q**2 * (1.0 - part) + q_common**2)
-        common = np.einsum("rk,hkl,rl->hr", slopes, C, slopes) + q_common**2 * S[:, :1]
+        common = np.einsum("rk,hkl,rl->hr", slopes, C[k], slopes) + q_common**2 * S[:, :1]
         moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
         by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
         independent += p.sum() * wandering
-        expected += [p @ means[:, 0], p @ means[:, 1] / unit, p.sum() * wander_N]
+        expected += [p @ means[k, :, 0], p @ means[k, :, 1] / unit, p.sum() * wander_N]
     probability, first, second = by_size.reshape(3, n * n, -1)
     mean = first.sum(axis=0)
     probability = np.maximum(probability, 1e-300)

@@ -95,6 +95,17 @@ class Conditions:
     pulley_material: str | None = None
     roughness_Ra_um: float = NAN
 
+    @classmethod
+    def of(cls, numbers: Mapping[str, Array], texts: Mapping[str, str]) -> Conditions:
+        """Read the conditions from the first row of the columns of a run, and its texts."""
+        values: dict[str, Any] = {
+            name: float(numbers[name][0])
+            for name in ("humidity_percent", "hours_run", "roughness_Ra_um")
+            if name in numbers
+        }
+        values |= {name: texts[name].lower() for name in ("condition", "side") if name in texts}
+        return cls(pulley_material=texts.get("pulley_material"), **values)
+
     def completed(self, default: Conditions) -> Conditions:
         """Return these conditions, with the missing ones taken from a default."""
         values: dict[str, Any] = {}
@@ -289,7 +300,9 @@ class RunColumns:
         return self.texts.get("idle", "").lower() == "true"
 
 
-def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]:
+def run_records(
+    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
+) -> tuple[RunRecord, ...]:
     """Split a recording into runs, in the order in which they first appear.
 
     Parameters
@@ -297,8 +310,15 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     columns : mapping of str to array_like
         The columns of rig.csv, shape (n,) each; columns that the kind does not need may be
         missing. Rows of a run need not be together; they keep their order.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
     kind : RigKind
         What the rig measures.
+
+    Returns
+    -------
+    tuple of RunRecord
+        All runs except those of the idle pulley.
 
     Raises
     ------
@@ -309,11 +329,11 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     missing = [f"column {name} is missing" for name in needed if name not in columns]
     if missing:
         raise InputError(missing)
-    numeric: dict[str, Array] = {}
+    numbers: dict[str, Array] = {}
     problems = []
     for name in (*REQUIRED, *(name for name in OPTIONAL if name in columns)):
         try:
-            numeric[name] = np.asarray(columns[name], dtype=float)
+            numbers[name] = np.asarray(columns[name], dtype=float)
         except (TypeError, ValueError):
             problems.append(f"column {name} holds values that are not numbers")
     if problems:
@@ -323,32 +343,15 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     texts = {
         name: np.asarray(columns[name], dtype=object) for name in TEXT_COLUMNS if name in columns
     }
-    _check_columns({"run": labels, **numeric, **texts})
-    return [
+    _check_columns({"run": labels, **numbers, **texts})
+    runs = [
         RunColumns(
             label,
-            {name: values[rows] for name, values in numeric.items()},
+            {name: values[rows] for name, values in numbers.items()},
             {name: text for name, values in texts.items() if (text := values[rows[0]]) is not None},
         )
-        for label, rows in _groups(labels)
+        for label, rows in _rows_of_runs(labels).items()
     ]
-
-
-def run_records(
-    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
-) -> tuple[RunRecord, ...]:
-    """Build the records of all runs except those of the idle pulley; see `runs_of`.
-
-    Parameters
-    ----------
-    columns : mapping of str to array_like
-        The columns of rig.csv.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    """
-    runs = runs_of(columns, kind)
     drag = drag_of([run.numbers for run in runs if run.is_idle])
     return tuple(run_record(run, R, kind, drag) for run in runs if not run.is_idle)
 
@@ -364,32 +367,26 @@ def _check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
     if not problems and len(set(sizes.values())) > 1:
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
         problems.append(f"columns differ in length: {listed}")
-    if not problems and next(iter(sizes.values())) == 0:
+    if not problems and not any(sizes.values()):
         problems.append("no samples: must be >= 1")
     if problems:
         raise InputError(problems)
 
 
-def _groups(labels: NDArray[Any]) -> list[tuple[str, NDArray[np.intp]]]:
-    """Return the label and rows of every run, in the order of first appearance."""
-    codes: dict[object, int] = {}
+def _rows_of_runs(labels: NDArray[Any]) -> dict[str, NDArray[np.intp]]:
+    """Return the rows of every run, in the order of first appearance."""
     starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
-    firsts = (None if label != label else label for label in labels[starts].tolist())
-    code = np.repeat(
-        [codes.setdefault(label, len(codes)) for label in firsts],
-        np.diff(np.append(starts, labels.size)),
-    )
-    order = np.argsort(code, kind="stable")
-    bounds = np.searchsorted(code[order], np.arange(len(codes) + 1))
-    return [(_label_text(label), order[bounds[k] : bounds[k + 1]]) for k, label in enumerate(codes)]
+    texts = [_text(label) for label in labels[starts].tolist()]
+    codes = {label: k for k, label in enumerate(dict.fromkeys(texts))}
+    code = np.repeat([codes[label] for label in texts], np.diff(np.append(starts, labels.size)))
+    rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
+    return dict(zip(codes, rows, strict=True))
 
 
-def _label_text(label: object) -> str:
-    if label is None:
+def _text(label: Any) -> str:
+    if label is None or label != label:
         return ""
-    if isinstance(label, float) and label.is_integer():
-        return str(int(label))
-    return str(label)
+    return str(int(label)) if isinstance(label, float) and label.is_integer() else str(label)
 
 
 def run_record(
@@ -435,7 +432,7 @@ def run_record(
         defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
         treatment=Treatment.of(stated, kind, drag, marks.size),
-        conditions=conditions_of(run),
+        conditions=Conditions.of(run.numbers, run.texts),
     )
     if not kind.is_derived:
         return record
@@ -472,11 +469,3 @@ def lone_marks(speed: Array) -> NDArray[np.intp]:
     starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
     short = [np.arange(a, b) for a, b in zip(starts, ends, strict=True) if b - a <= LONGEST_MARK]
     return np.concatenate([np.empty(0, dtype=np.intp), *short])
-
-
-def conditions_of(run: RunColumns) -> Conditions:
-    """Read the conditions of a run from its columns."""
-    numbers = ("humidity_percent", "hours_run", "roughness_Ra_um")
-    values: dict[str, Any] = {n: float(run.numbers[n][0]) for n in numbers if n in run.numbers}
-    values |= {n: run.texts[n].lower() for n in ("condition", "side") if n in run.texts}
-    return Conditions(pulley_material=run.texts.get("pulley_material"), **values)
