@@ -85,18 +85,12 @@ class KnownCell:
         """
         return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
-    def described(self, name: str) -> str:
-        """Describe the corrections as text; empty for a perfect cell."""
-        parts = [
-            text
-            for text, applies in (
-                (f"tare {self.tare_N:g} N", self.tare_N != 0.0),
-                (f"gain {self.gain:g}", self.gain != 1.0),
-                (f"tilt {self.tilt_deg:g} deg", self.tilt_deg != 0.0),
-            )
-            if applies
-        ]
-        return f"{name} {', '.join(parts)}" if parts else ""
+    @property
+    def corrections(self) -> str:
+        """Description of the corrections; empty for a perfect cell."""
+        errors = (("tare", self.tare_N, 0.0, " N"), ("gain", self.gain, 1.0, ""))
+        parts = (*errors, ("tilt", self.tilt_deg, 0.0, " deg"))
+        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in parts if x != none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +103,9 @@ class KnownCells:
     @property
     def note(self) -> str:
         """Note to the user on the corrections; empty if there are none."""
-        cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
-        corrections = "; ".join(filter(None, cells))
-        return f"known errors of the load cells corrected: {corrections}" if corrections else ""
+        cells = (("tight", self.tight.corrections), ("slack", self.slack.corrections))
+        parts = [f"{span} cell {corrections}" for span, corrections in cells if corrections]
+        return f"known errors of the load cells corrected: {'; '.join(parts)}" if parts else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,13 +264,12 @@ class RigKind:
     @property
     def needed(self) -> tuple[str, ...]:
         """Columns that this kind needs; kind torque also needs one of the two tensions."""
-        if self.measures == "dead_weight":
-            return ("weight_N", f"tension_{other(self.weight_on)}_N")
-        if self.measures == "torque":
-            return ("torque_N_m",)
-        if self.measures == "torque_hub":
-            return ("torque_N_m", "hub_force_N")
-        return ("tension_tight_N", "tension_slack_N")
+        return {
+            "two_cells": ("tension_tight_N", "tension_slack_N"),
+            "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
+            "torque": ("torque_N_m",),
+            "torque_hub": ("torque_N_m", "hub_force_N"),
+        }[self.measures]
 
     @property
     def span_beside_torque(self) -> Span | None:
@@ -376,14 +369,17 @@ class RigKind:
         drag : Drag, optional
             Bearing drag to subtract from the torque.
         """
+        if not self.has_torque:
+            return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
+        torque, magnitude, _ = _turning(columns)
+        if drag is not None:
+            torque = torque - drag.at(magnitude)
         if self.measures == "torque_hub":
             # the momentum of the belt does not load the axis
             hub, beta = columns["hub_force_N"], np.radians(arc_deg)
-            return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R, self.spans)
-        if self.measures == "torque":
-            measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
-            return tensions_by_torque(self._torque(columns, drag), R, **measured)
-        return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
+            return tensions_by_hub_force(torque, hub, beta, R, self.spans)
+        measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
+        return tensions_by_torque(torque, R, **measured)
 
     def _span_tension(self, columns: Mapping[str, Array], span: Span) -> Array:
         """Compute the tension of a span from its cell or weight."""
@@ -394,11 +390,6 @@ class RigKind:
         if not self.running:
             return tension
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
-
-    def _torque(self, columns: Mapping[str, Array], drag: Drag | None) -> Array:
-        """Return the torque of the belt, positive in the direction of rotation, without drag."""
-        torque, magnitude, _ = _turning(columns)
-        return torque if drag is None else torque - drag.at(magnitude)
 
     def relative_speed(self, columns: Mapping[str, Array], R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
