@@ -128,16 +128,16 @@ def test_blocks_hold_every_sample_once_and_grow(n):
 AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
 
 
-def recorded(seed=0, n=400, ripple=0.0):
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0)):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
-    tensions = np.array([400.0, 150.0]) + 0.5 * rng.normal(size=(n + 11, 2))
+    tensions = np.array([400.0, 150.0]) + noise * rng.normal(size=(n + 11, 2))
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, np.zeros(2), None, 0.05)
+    record = sliding_record(phase, AT_REST, np.array(steps), None, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -155,6 +155,13 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_s == pytest.approx(0.31, rel=0.01)
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+def test_coarse_converters_round_the_level():
+    record, _ = recorded(noise=0.0, steps=(1.0, 2.0))
+    # a uniform distribution as wide as a step, in either cell
+    assert record.rounding == pytest.approx(math.hypot(1 / 400, 2 / 150) / math.sqrt(12), rel=2e-3)
+    assert recorded()[0].rounding == 0.0
 
 
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():
