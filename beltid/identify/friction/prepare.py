@@ -13,7 +13,6 @@ where only the level remains.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -251,6 +250,8 @@ class SlidingRecord:
         Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
     n_outliers : int
         Samples that were dropped.
+    zero_shifts : ndarray, shape (2,)
+        Change of z by an error of 1 N in the tight and the slack tension [1/N].
     weight : {"tight", "slack"}, optional
         Span that carries a dead weight, whose tension has no errors.
     """
@@ -277,12 +278,8 @@ class SlidingRecord:
     ripple_s: float
     unrest_N: float
     n_outliers: int
+    zero_shifts: Array
     weight: Span | None
-
-    @property
-    def zero_shifts(self) -> Array:
-        """Change of z by an error of 1 N in the tight and the slack tension [1/N], shape (2,)."""
-        return _zero_shifts(self.tensions_N, self.weight)
 
     @property
     def sensitivity(self) -> float:
@@ -336,7 +333,8 @@ def sliding_record(
     log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
     wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
     level = np.median(tensions[n // 2 :], axis=0)
-    sensitivity = float(np.hypot(*_zero_shifts(level, weight)))
+    zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
+    sensitivity = float(np.hypot(*zero_shifts))
     residual = ratio[:, 0] - ratio[:, 1]
     residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
     tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
@@ -367,6 +365,7 @@ def sliding_record(
         ripple_s=1.0 / lines[0] if lines else float("nan"),
         unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
+        zero_shifts=zero_shifts,
         weight=weight,
     )
 
@@ -379,10 +378,6 @@ def _onset(t: Array, travel: Array, tensions: Array) -> Array:
     record = np.column_stack([t, travel, z])[-20 * ONSET :]
     starts = np.arange(0, len(record), max(-(-len(record) // ONSET), 1))
     return block_means(record, starts).T
-
-
-def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:
-    return np.array([weight != "tight", -1.0 * (weight != "slack")]) / np.asarray(tensions_N)
 
 
 def _section_scatter(t: Array, x: Array, length_s: float) -> float:
