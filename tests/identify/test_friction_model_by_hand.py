@@ -128,7 +128,7 @@ def test_blocks_hold_every_sample_once_and_grow(n):
 AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
 
 
-def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0)):
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
@@ -137,7 +137,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0)):
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, np.array(steps), None, 0.05)
+    record = sliding_record(phase, AT_REST, np.array(steps), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -150,11 +150,20 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
     assert record.noise_N == pytest.approx(0.5, rel=0.15)
     assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
-    assert record.sensitivity == pytest.approx(math.hypot(1 / 400.0, 1 / 150.0), rel=1e-3)
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_s == pytest.approx(0.31, rel=0.01)
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("weight", "shifts"),
+    [(None, (1 / 400, -1 / 150)), ("tight", (0.0, -1 / 150)), ("slack", (1 / 400, 0.0))],
+)
+def test_only_a_cell_has_errors_and_a_dead_weight_none(weight, shifts):
+    record, _ = recorded(weight=weight)
+    assert record.zero_shifts == pytest.approx(shifts, rel=1e-3)
+    assert record.sensitivity == pytest.approx(math.hypot(*shifts), rel=1e-3)
 
 
 def test_coarse_converters_round_the_level():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -325,22 +324,3 @@ def test_a_build_up_with_most_of_the_samples_is_no_lack_of_sliding() -> None:
     run = reduce_columns(columns, 60.0)
     assert run.status == "ok"
     assert run.mu_sliding == pytest.approx(0.9 / np.radians(60.0), rel=1e-3)
-
-
-@pytest.mark.parametrize(("share", "height"), [(0.05, 0.0), (0.3, 0.03)])
-def test_a_build_up_that_ends_slowly_is_no_tail(share: float, height: float) -> None:
-    """Some of the build-up takes three times as long as the rest, in all runs alike."""
-    rng, time = np.random.default_rng(1), 0.01 * np.arange(300)
-    travel = 0.01 * np.maximum(time - 1.0, 0.0)
-    quick, slow, tail = (np.exp(-travel / length) for length in (3e-4, 9e-4, 4e-3))
-    course = 1.0 - (1.0 - share) * quick - share * slow + height * tail * (1.0 - quick)
-    runs = []
-    for k, (arc, tension) in enumerate(product((50.0, 80.0), (120.0, 240.0, 360.0))):
-        half = 0.5 * 0.9 * np.radians(arc) * course
-        tight, slack = tension * np.exp([half, -half]) + 0.1 * rng.normal(size=(2, time.size))
-        columns = {"time_s": time, "tension_tight_N": tight, "tension_slack_N": slack}
-        columns["pulley_speed_rad_s"] = np.where(travel > 0.0, 0.2, 0.0)
-        runs.append({**columns, "arc_deg": np.full(300, arc), "run": np.full(300, f"R{k}")})
-    rig = {name: np.concatenate([run[name] for run in runs]) for name in runs[0]}
-    off = np.array([run.mu_sliding for run in reduce_runs(rig, 0.05)]) / 0.9 - 1.0
-    assert np.sqrt(np.mean(off**2)) < 5e-4
