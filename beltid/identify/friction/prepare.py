@@ -416,31 +416,29 @@ def _smooth_course(
     columns = np.column_stack([np.ones(t.size), decays])
     kept = np.ones(t.size, dtype=bool)
     lines: list[float] = []
+    level = np.abs(np.median(tensions, axis=0))
+    # a coarse converter may repeat one value: its rounding must not count as an outlier
+    floor = np.maximum(NOISE_FLOOR * level, steps / np.sqrt(12.0))
     # a weak prior keeps neighbouring decays from cancelling each other
     ridge = np.diag([0.0, *([0.03] * decays.shape[1])]) * np.sqrt(t.size)
     for _ in range(LINES + 2):
         waves = [line_columns(t - t[0], frequency) for frequency in lines]
         design = np.hstack([columns, *waves])
-        prior = np.zeros((ridge.shape[0], design.shape[1]))
-        prior[:, : ridge.shape[1]] = ridge
+        prior = np.pad(ridge, ((0, 0), (0, 2 * len(lines))))
         system = np.vstack([design[kept], prior])
-        target = np.vstack([tensions[kept], np.zeros((prior.shape[0], 2))])
+        target = np.pad(tensions[kept], ((0, len(prior)), (0, 0)))
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
-        sigma = np.array([max(mad_sigma(column), 1e-12) for column in residual.T])
-        # a coarse converter may repeat one value: its rounding must not count as an outlier
-        rounding = steps / np.sqrt(12.0)
-        floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
-        kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
+        sigma = np.maximum([max(mad_sigma(column), 1e-12) for column in residual.T], floor)
+        kept = np.all(np.abs(residual) <= OUTLIER * sigma, axis=1)
         if len(lines) == LINES:
             break
-        frequency = _ripple(t[kept], residual[kept] / np.maximum(sigma, floor), design[kept])
+        frequency = _ripple(t[kept], residual[kept] / sigma, design[kept])
         if frequency is None:
             break
         lines.append(frequency)
     smooth = columns @ solution[: columns.shape[1]]
-    level = np.median(tensions, axis=0)
-    return np.maximum(smooth, 0.1 * np.abs(level)), lines, kept
+    return np.maximum(smooth, 0.1 * level), lines, kept
 
 
 def _ripple(t: Array, residual: Array, design: Array) -> float | None:

@@ -176,7 +176,7 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: Fricti
     for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
-        run.notes += tuple(filter(None, (cells.notes[k],)))
+        run.notes += (cells.notes[k],) if cells.notes[k] else ()
         run.drift = level.drift / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
@@ -231,9 +231,8 @@ def _set_plateau(
 ) -> None:
     """Determine the plateau and its tensions; `y` is its ln(T_tight/T_slack)."""
     tail = record.basis @ level.tail
-    settled = np.abs(tail - tail[-1]) <= STEADY * abs(y)
-    start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
-    start = min(start, record.z.size - 1)
+    unsettled = np.flatnonzero(np.abs(tail - tail[-1]) > STEADY * abs(y))
+    start = int(unsettled[-1]) + 1 if unsettled.size else 0
     count, temperature = record.count[start:], record.temperature[start:]
     if record.weight is None:
         mean = _mean_level(record, tail, start, y)
@@ -249,7 +248,7 @@ def _set_plateau(
         run.temperature_degC = float(np.average(temperature[finite], weights=count[finite]))
     run.n_samples = int(count.sum())
     run.plateau_start_s = float(record.first_s[start])
-    run.tail_time_s = _decay_time(record.travel, tail, record.first_s)
+    run.tail_time_s = _decay_time(tail, record.first_s)
     run.notes += tuple(_notes(run, record.rest, float(tail[-1]) / y, y_se / y))
 
 
@@ -291,16 +290,13 @@ def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> flo
     return float(np.average(level, weights=weight[start:]))
 
 
-def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
+def _decay_time(tail: Array, time_s: Array) -> float:
     """Return the time in which the tail falls to 1/e of its initial height [s]."""
-    if not tail[0] > 0.0:
+    limit = tail[0] / np.e
+    k = int(np.argmax(tail <= limit))
+    if not (tail[0] > 0.0 and k > 0):
         return NAN
-    below = np.flatnonzero(tail <= tail[0] / np.e)
-    if not below.size:
-        return NAN
-    k = int(below[0])
-    share = (tail[k - 1] - tail[0] / np.e) / (tail[k - 1] - tail[k])
-    return float(time_s[k - 1] + share * (time_s[k] - time_s[k - 1]) - time_s[0])
+    return float(np.interp(limit, tail[[k, k - 1]], time_s[[k, k - 1]]) - time_s[0])
 
 
 def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs: int) -> None:

@@ -117,8 +117,8 @@ class Conditions:
 
 
 @dataclass(slots=True, kw_only=True)
-class RunSettings:
-    """Settings of a run, known before its reduction; nan if not stated."""
+class RunHeader:
+    """What is known of a run before its reduction; nan or None if not stated."""
 
     run: str = ""
     arc_deg: float = NAN
@@ -133,7 +133,7 @@ class RunSettings:
 
 
 @dataclass(slots=True)
-class RunRecord(RunSettings):
+class RunRecord(RunHeader):
     """Recording of one run of the friction rig; columns of shape (n,), in order of time."""
 
     time_s: Array
@@ -150,7 +150,7 @@ class RunRecord(RunSettings):
 
 
 @dataclass(slots=True, kw_only=True)
-class RunReduction(RunSettings):
+class RunReduction(RunHeader):
     """Result of one run of the friction rig. Values that could not be determined are nan.
 
     The passes of the reduction fill it in: a rejected run keeps the values determined before the
@@ -226,7 +226,7 @@ class RunReduction(RunSettings):
     @classmethod
     def of(cls, record: RunRecord) -> RunReduction:
         """Return the result of a run before anything is determined."""
-        return cls(**{item.name: getattr(record, item.name) for item in fields(RunSettings)})
+        return cls(**{item.name: getattr(record, item.name) for item in fields(RunHeader)})
 
     def set_plateau(self, tight: float, slack: float, R: float) -> None:
         """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
