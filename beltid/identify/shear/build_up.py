@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from beltid.identify.estimators.statistics import median
 from beltid.identify.friction.channels import (
-    Channels,
     find_rotation,
     read_channels,
     sliding_phase,
@@ -117,7 +116,7 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             status=f"{n} samples before {100 * SHARE:g} % of the plateau difference, must be "
             f">= {FEWEST}: sample at {needed:g} Hz or more, or turn the pulley more slowly",
         )
-    x = _travel(channels, t[:sliding], R)
+    x = R * phase.angle[part][:sliding]
     # end where a fitted line crosses the level: the raw count depends on noise near the end
     line = np.polynomial.Polynomial.fit(x[:n], difference[:n], 1)
     n = max(int(np.count_nonzero(line(x) < level)), FEWEST)
@@ -137,13 +136,6 @@ def _round_up(rate: float) -> float:
     """Round a rate up to two digits."""
     step = 10.0 ** (math.floor(math.log10(rate)) - 1)
     return math.ceil(rate / step) * step
-
-
-def _travel(channels: Channels, t: Array, R: float) -> Array:
-    """Return the travel of the pulley's surface at times t [m], from an arbitrary origin."""
-    speed = np.abs(channels.speed)
-    angle = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    return R * np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
 
 
 def _slope(x: Array, difference: Array, rest: Rest, steps: Array) -> tuple[float, float, float]:
