@@ -19,7 +19,8 @@ import pytest
 
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind, drag_of
-from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.plateaus import reduce_plateaus
+from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records
 from beltid.stages.identification.reduction import reduction_columns
 
@@ -254,3 +255,19 @@ def test_a_known_error_of_the_only_cell_is_in_both_tensions(rig):
     # the search for the variances of a bench may take another step for the last bit of a sample
     found = reduce_runs(off, R, None, known)
     assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-6)
+
+
+def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():
+    arc, slack = np.array([80.0, 120.0, np.nan]), np.array([60.0, 90.0, np.nan])
+    torque = slack * np.expm1(0.5 * np.radians(arc)) * R + 0.12
+    table = {
+        "run": np.array(["a", "b", "idle"]),
+        "idle": np.array([None, None, "true"]),
+        "arc_deg": arc,
+        "tension_slack_N": slack,
+        "torque_N_m": np.append(torque[:2], 0.12),
+        "slip_speed_m_s": np.full(3, 0.01),
+    }
+    runs = reduce_plateaus(table, R, FrictionSettings(), RigKind("torque"))
+    assert mu(runs) == pytest.approx([0.5, 0.5], rel=1e-12)
+    assert [run.pulley_speed_rad_s for run in runs] == pytest.approx([0.2, 0.2], rel=1e-12)

@@ -95,6 +95,9 @@ def reduce_plateaus(
     given = {name for name, values in table.items() if np.isfinite(values).any()}
     if given.isdisjoint(SPEEDS):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
+    if not kind.running:
+        speed, slip = (table[name] for name in SPEEDS)
+        table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
     rows = {name: values[~is_idle] for name, values in table.items()}
     treatment, by_tensions = UNTREATED, not given.issuperset(STATED)
@@ -107,7 +110,15 @@ def reduce_plateaus(
         treatment = Treatment.of(stated, kind, drag)
         tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
         se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
-    pulley_speed, slip_speed = _speeds(rows, kind, R)
+        momentum = np.full(se.size, NAN)
+        if kind.running:
+            momentum[:] = kind.momentum_N(kind.belt_speed(rows))
+    pulley_speed = np.abs(rows["pulley_speed_rad_s"])
+    slip_speed = np.abs(rows["slip_speed_m_s"])
+    if "pulley_speed_rad_s" in given:
+        relative = kind.relative_speed({**rows, "pulley_speed_rad_s": pulley_speed}, R)
+        from_pulley = np.abs(sliding_speed(relative, R))
+        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
     initial = rows["initial_tension_N"]
     if kind.weight:
         initial = np.where(np.isfinite(initial), initial, rows["weight_N"])
@@ -137,8 +148,7 @@ def reduce_plateaus(
             run.torque_with = kind.span_beside_torque
             if np.isnan(run.mu_sliding_se):
                 run.mu_sliding_se = float(se[k])
-            if kind.running:
-                run.momentum_N = float(kind.momentum_N(kind.belt_speed(row).item()))
+            run.momentum_N = float(momentum[k])
         run.status = _problem(run, settings, kind, "points") or "ok"
         runs.append(run)
     return tuple(runs)
@@ -160,18 +170,6 @@ def _by_resolution(
             z.append(friction_coefficient(tight, slack, 1.0))
         variance += np.square(z[1] - z[0])
     return np.sqrt(variance)
-
-
-def _speeds(rows: Rows, kind: RigKind, R: float) -> tuple[Array, Array]:
-    """Return the magnitudes of the pulley speed [rad/s] and the sliding speed [m/s]."""
-    pulley_speed, slip_speed = (np.abs(rows[name]) for name in SPEEDS)
-    if np.isfinite(pulley_speed).any():
-        relative = kind.relative_speed({**rows, "pulley_speed_rad_s": pulley_speed}, R)
-        from_pulley = np.abs(sliding_speed(relative, R))
-        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
-    if not kind.running:
-        pulley_speed = np.where(np.isfinite(pulley_speed), pulley_speed, slip_speed / R)
-    return pulley_speed, slip_speed
 
 
 def _unique(labels: list[str]) -> list[str]:

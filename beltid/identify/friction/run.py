@@ -242,8 +242,8 @@ class RunReduction(RunHeader):
         """
         self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
         self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
-        if tight > 0.0 and slack > 0.0:
-            self.normal_force_N_m = float(mean_normal_force(tight, slack, R))
+        is_taut = tight > 0.0 and slack > 0.0
+        self.normal_force_N_m = float(mean_normal_force(tight, slack, R)) if is_taut else NAN
 
 
 def arc_problem(arc_deg: float) -> str:
