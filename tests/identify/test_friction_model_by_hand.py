@@ -128,7 +128,7 @@ def test_blocks_hold_every_sample_once_and_grow(n):
 AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
 
 
-def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None):
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None, rest=None):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
@@ -137,7 +137,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, np.array(steps), weight, 0.05)
+    record = sliding_record(phase, rest or AT_REST, np.array(steps), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -154,6 +154,13 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_s == pytest.approx(0.31, rel=0.01)
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+def test_the_unrest_is_that_of_sections_as_long_as_the_rest():
+    # a second each, about a line; 50 samples
+    assert recorded()[0].unrest_N == pytest.approx(0.5, rel=0.1)
+    instant = replace(AT_REST, last_s=AT_REST.first_s)
+    assert recorded(rest=instant)[0].unrest_N == 0.0
 
 
 @pytest.mark.parametrize(

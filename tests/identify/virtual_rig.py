@@ -212,12 +212,12 @@ def draw(case: Case | str, n: int, seed: int = 0) -> Drawn:
     """
     case = CASES[case] if isinstance(case, str) else case
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
-    return _drawn(case.recipe, case.belt, case.spoil, n, rng)
+    return _drawn(case, n, rng)
 
 
 def bench(recipe: Recipe, n_runs: int) -> dict[str, Array]:
     """Columns of rig.csv of runs that differ in noise and phase of the ripple only."""
-    return _drawn(recipe, None, None, n_runs, np.random.default_rng(recipe.seed)).columns
+    return _drawn(Case("one", recipe), n_runs, np.random.default_rng(recipe.seed)).columns
 
 
 def record(recipe: Recipe) -> dict[str, Array]:
@@ -229,9 +229,8 @@ def record(recipe: Recipe) -> dict[str, Array]:
 COLUMNS = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s")
 
 
-def _drawn(
-    r: Recipe, belt: Belt | None, spoil: Spoil | None, n: int, rng: np.random.Generator
-) -> Drawn:
+def _drawn(case: Case, n: int, rng: np.random.Generator) -> Drawn:
+    r, belt = case.recipe, case.belt
     if belt is None:
         arc, nominal, omega, mu = (np.full(n, x) for x in (r.arc_deg, r.initial, r.omega, r.mu))
         initial, end, slowest = nominal, np.full(n, r.duration), r.omega
@@ -241,8 +240,8 @@ def _drawn(
         mu = belt.friction(arc, initial, omega)
         end, slowest = r.rest + sliding, min(belt.speeds)
     frame, mu, left = _runs(r, arc, initial, omega, mu, end, slowest, rng)
-    if spoil is not None:
-        spoil(frame, rng)
+    if case.spoil is not None:
+        case.spoil(frame, rng)
     row = np.nonzero(frame.kept)[0]
     columns = {
         "run": row.astype(float),

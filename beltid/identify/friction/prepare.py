@@ -382,13 +382,11 @@ def _onset(t: Array, travel: Array, tensions: Array) -> Array:
 
 def _section_scatter(t: Array, x: Array, length_s: float) -> float:
     """Return the median scatter about a straight line over sections as long as the rest phase."""
-    sections = np.floor((t - t[0]) / max(length_s, 1e-9)).astype(int)
+    ends = np.flatnonzero(np.diff(np.floor((t - t[0]) / max(length_s, 1e-9)))) + 1
     scatters = []
-    for k in range(int(sections[-1]) + 1):
-        inside = sections == k
-        if np.count_nonzero(inside) >= 8:
-            dt = t[inside] - t[inside].mean()
-            y = x[inside] - x[inside].mean()
+    for dt, y in zip(np.split(t, ends), np.split(x, ends), strict=True):
+        if dt.size >= 8:
+            dt, y = dt - dt.mean(), y - y.mean()
             y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
             scatters.append(float(np.sqrt(y @ y / (y.size - 2))))
     return float(np.median(scatters)) if scatters else 0.0
