@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from virtual_rig import RADIUS_M, Recipe, record
 
 from beltid.identify.friction.channels import BLOCKS, Channels, condensed, read_channels
 from beltid.identify.friction.reduction import reduce_runs
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction
 
-ARC_DEG, RADIUS_M, MU, TENSION_N, NOISE_N = 82.0, 0.05, 0.47, 270.0, 0.5
+ARC_DEG, MU, TENSION_N, NOISE_N = 82.0, 0.47, 270.0, 0.5
 N = 60_000
 SETTINGS = FrictionSettings()
 
 
 def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
-    """Synthetic run with white noise: at rest for a second, then sliding at MU for eleven."""
-    rng = np.random.default_rng(seed)
-    time = np.linspace(0.0, 12.0, n)
-    build_up = np.clip((time - 1.0) / 0.1, 0.0, 1.0)
-    half = TENSION_N * np.tanh(0.5 * MU * np.radians(ARC_DEG) * build_up)
-    noise = NOISE_N * rng.standard_normal((2, n))
-    return {
-        "time_s": time,
-        "tension_tight_N": TENSION_N + half + noise[0],
-        "tension_slack_N": TENSION_N - half + noise[1],
-        "pulley_speed_rad_s": np.where(time >= 1.0, 0.21, 0.0),
-    }
+    """A run with white noise: at rest for a second, then sliding at MU for eleven."""
+    plain = Recipe(peak=0.0, ripple=0.0, build_up=0.1, noise=NOISE_N, initial=TENSION_N, mu=MU)
+    return record(plain.but(rate=n / 12.0, duration=12.0, arc_deg=ARC_DEG, seed=seed))
 
 
 def reduced(columns: dict[str, np.ndarray]) -> RunReduction:
@@ -51,9 +43,9 @@ def test_blocks_keep_means_and_the_length(n: int) -> None:
     assert BLOCKS <= short.time_s.size <= 2 * BLOCKS
     counts = np.full(short.time_s.size, n // BLOCKS)
     counts[-1] = n - counts[:-1].sum()
-    for name in ("time_s", "tight", "slack"):
-        weighted = np.sum(counts * getattr(short, name)) / n
-        assert weighted == pytest.approx(np.mean(getattr(whole, name)), rel=1e-12)
+    for name in ("time_s", "tensions"):
+        weighted = counts @ getattr(short, name) / n
+        assert weighted == pytest.approx(np.mean(getattr(whole, name), axis=0), rel=1e-12)
 
 
 def test_mu_and_its_error_are_those_of_white_noise() -> None:

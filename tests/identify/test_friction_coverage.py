@@ -8,8 +8,8 @@ be saved by its width.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -22,38 +22,24 @@ from beltid.identify.friction.reduction import RunReduction, reduce_runs
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """Runs of a case with a sliding value; errors are relative to the truth."""
+class Reduced(NamedTuple):
+    """Runs of a case, which of them are kept, and errors of these relative to the truth."""
 
-    runs: tuple[RunReduction, ...]
-    mu: Array
-    initial_tension_N: Array
-
-    @property
-    def kept(self) -> Array:
-        return np.array([run.ok for run in self.runs])
-
-    @property
-    def error(self) -> Array:
-        mu = np.array([run.mu_sliding for run in self.runs])
-        return (mu / self.mu - 1.0)[self.kept]
-
-    @property
-    def se(self) -> Array:
-        return (np.array([run.mu_sliding_se for run in self.runs]) / self.mu)[self.kept]
+    runs: list[RunReduction]
+    kept: Array
+    error: Array
+    se: Array
+    tension_error_N: Array
 
 
 def reduced(case: Case | str, n: int, seeds: int) -> Reduced:
-    runs: list[RunReduction] = []
     drawn = [draw(case, n, seed) for seed in range(seeds)]
-    for bench in drawn:
-        runs += reduce_runs(bench.columns, RADIUS_M)
-    return Reduced(
-        tuple(runs),
-        np.concatenate([bench.mu for bench in drawn]),
-        np.concatenate([bench.initial_tension_N for bench in drawn]),
-    )
+    runs = [run for bench in drawn for run in reduce_runs(bench.columns, RADIUS_M)]
+    true = np.concatenate([[bench.mu, bench.initial_tension_N] for bench in drawn], axis=1)
+    names = ("mu_sliding", "mu_sliding_se", "initial_tension_N")
+    mu, se, initial = np.array([[getattr(run, name) for name in names] for run in runs]).T
+    kept = np.array([run.ok for run in runs])
+    return Reduced(runs, kept, (mu / true[0] - 1.0)[kept], (se / true[0])[kept], initial - true[1])
 
 
 @cache
@@ -175,10 +161,8 @@ def test_a_clipped_cell_is_reported_or_its_run_set_aside() -> None:
 
 @pytest.mark.long
 def test_initial_tension_is_that_at_the_start_of_the_rotation() -> None:
-    found = three_benches("belt relaxes at rest, 3 % in 30 s")
-    initial = np.array([run.initial_tension_N for run in found.runs])
     # 3 % of 60 to 420 N are lost at rest; the noise of a second at 20 Hz and two cells is 0.08 N
-    assert rms(initial - found.initial_tension_N) < 0.2
+    assert rms(three_benches("belt relaxes at rest, 3 % in 30 s").tension_error_N) < 0.2
 
 
 @pytest.mark.long

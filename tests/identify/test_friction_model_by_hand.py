@@ -54,7 +54,7 @@ def test_wander_is_what_the_process_moved_since_its_mean_at_rest(tau):
     times, rest = sample_times(), -1.0 + 0.02 * np.arange(40)
     first, last = np.array([(t[0], t[-1]) for t in times]).T
     count = np.array([float(n) for _, n in BLOCKS])
-    at_rest = rest_state(rest, *np.full((2, 40), 100.0), first=40, min_samples=3)
+    at_rest = rest_state(rest, np.full((40, 2), 100.0), first=40)
     found = wander_since_rest(first, last, count, at_rest, tau)
     whole = np.array([[mean_product(s, t, tau) for t in [rest, *times]] for s in [rest, *times]])
     moved = np.hstack([-np.ones((5, 1)), np.eye(5)])
@@ -125,19 +125,19 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.1 * starts[1:-1]))
 
 
-AT_REST = rest_state(np.linspace(0.0, 1.0, 50), *np.full((2, 50), 260.0), first=50, min_samples=3)
+AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
 
 
-def recorded(seed=0, n=400, steps=(0.0, 0.0), ripple=0.0):
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None, rest=None):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
-    tensions = np.array([400.0, 150.0]) + 0.5 * rng.normal(size=(n + 11, 2))
+    tensions = np.array([400.0, 150.0]) + noise * rng.normal(size=(n + 11, 2))
     tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, AT_REST, steps, None, 0.05)
+    record = sliding_record(phase, rest or AT_REST, np.array(steps), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -150,11 +150,34 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
     assert record.noise_N == pytest.approx(0.5, rel=0.15)
     assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
-    assert record.sensitivity == pytest.approx(math.hypot(1 / 400.0, 1 / 150.0), rel=1e-3)
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_s == pytest.approx(0.31, rel=0.01)
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+def test_the_unrest_is_that_of_sections_as_long_as_the_rest():
+    # a second each, about a line; 50 samples
+    assert recorded()[0].unrest_N == pytest.approx(0.5, rel=0.1)
+    instant = replace(AT_REST, last_s=AT_REST.first_s)
+    assert recorded(rest=instant)[0].unrest_N == 0.0
+
+
+@pytest.mark.parametrize(
+    ("weight", "shifts"),
+    [(None, (1 / 400, -1 / 150)), ("tight", (0.0, -1 / 150)), ("slack", (1 / 400, 0.0))],
+)
+def test_only_a_cell_has_errors_and_a_dead_weight_none(weight, shifts):
+    record, _ = recorded(weight=weight)
+    assert record.zero_shifts == pytest.approx(shifts, rel=1e-3)
+    assert record.sensitivity == pytest.approx(math.hypot(*shifts), rel=1e-3)
+
+
+def test_coarse_converters_round_the_level():
+    record, _ = recorded(noise=0.0, steps=(1.0, 2.0))
+    # a uniform distribution as wide as a step, in either cell
+    assert record.rounding == pytest.approx(math.hypot(1 / 400, 2 / 150) / math.sqrt(12), rel=2e-3)
+    assert recorded()[0].rounding == 0.0
 
 
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():

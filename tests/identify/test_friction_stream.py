@@ -1,23 +1,17 @@
-"""Runs reduced one after the other give what they give together."""
+"""What one run of a recording does to the others."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from beltid.bench.recording import read_recording
-from beltid.identify.friction.reduction import (
-    FrictionSettings,
-    RunReduction,
-    reduce_runs,
-    reduce_stream,
-)
-from beltid.identify.friction.run import lone_marks, run_records
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
+from beltid.identify.friction.run import lone_marks
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 RADIUS_M = 0.05
@@ -31,38 +25,19 @@ def recording() -> dict[str, np.ndarray]:
     return {name: values[chosen] for name, values in columns.items()}
 
 
-def backwards(function: Any, items: Iterable[Any]) -> Iterator[Any]:
-    """A mapper that does the calls in another order, as other processes do."""
-    waiting = list(items)
-    results = [function(item) for item in reversed(waiting)]
-    yield from reversed(results)
-
-
 def same(some: Iterable[RunReduction], others: Iterable[RunReduction]) -> bool:
     return [repr(astuple(r)) for r in some] == [repr(astuple(r)) for r in others]
-
-
-def test_streamed_runs_are_those_of_the_whole_recording(recording: dict[str, np.ndarray]) -> None:
-    """The zero points of the cells differ, which only all runs together tell."""
-    columns = {**recording, "tension_tight_N": recording["tension_tight_N"] + 2.5}
-    settings = FrictionSettings()
-    together = reduce_runs(columns, RADIUS_M, settings)
-    records = iter(run_records(columns, RADIUS_M))
-    assert same(reduce_stream(records, RADIUS_M, settings, backwards), together)
-    assert any(run.ok for run in together)
 
 
 def test_a_run_that_is_set_aside_keeps_its_place(recording: dict[str, np.ndarray]) -> None:
     columns = {name: values.copy() for name, values in recording.items()}
     labels = list(dict.fromkeys(columns["run"]))
     columns["pulley_speed_rad_s"][columns["run"] == labels[1]] = 0.0
-    settings = FrictionSettings()
-    streamed = reduce_stream(run_records(columns, RADIUS_M), RADIUS_M, settings)
-    assert [r.run for r in streamed] == labels
-    assert "never turns" in streamed[1].status
+    reduced = reduce_runs(columns, RADIUS_M)
+    assert [r.run for r in reduced] == labels
+    assert "never turns" in reduced[1].status
     others = {name: values[columns["run"] != labels[1]] for name, values in columns.items()}
-    without = reduce_runs(others, RADIUS_M, settings)
-    assert same((streamed[0], *streamed[2:]), without)
+    assert same((reduced[0], *reduced[2:]), reduce_runs(others, RADIUS_M))
 
 
 def test_marks_of_an_overflow_in_the_speed_change_nothing(recording: dict[str, np.ndarray]) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,21 +12,14 @@ from hypothesis import strategies as st
 from virtual_rig import Recipe, bench, record
 
 from beltid.errors import InputError
-from beltid.identify.friction.reduction import (
-    FrictionSettings,
-    RunReduction,
-    reduce_runs,
-)
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 
 Columns = dict[str, np.ndarray]
 
 
-def reduce_columns(
-    columns: Columns, arc_deg: float = 82.0, chosen: FrictionSettings | None = None
-) -> RunReduction:
+def reduce_columns(columns: Columns, arc_deg: float = 82.0) -> RunReduction:
     n = len(columns["time_s"])
-    table = {**columns, "run": np.zeros(n), "arc_deg": np.full(n, arc_deg)}
-    return reduce_runs(table, 0.05, chosen)[0]
+    return reduce_runs({**columns, "run": np.zeros(n), "arc_deg": np.full(n, arc_deg)}, 0.05)[0]
 
 
 def reduce_recipe(recipe: Recipe) -> RunReduction:
@@ -78,24 +69,17 @@ def test_noise_free_record_with_a_constant_plateau_is_exact() -> None:
     assert "no peak" in run.mu_sticking_reason
 
 
-@pytest.mark.parametrize(
-    ("step", "draws"),
-    [
-        pytest.param(4.88, 24, marks=pytest.mark.long),
-        pytest.param(3.0, 24, marks=pytest.mark.long),
-    ],
-)
-def test_rounding_of_a_coarse_converter_is_in_the_standard_error(step: float, draws: int) -> None:
+@pytest.mark.long
+def test_rounding_of_a_coarse_converter_is_in_the_standard_error() -> None:
     z = []
-    for seed in range(draws):
-        recipe = BASE.but(initial=60.0 + 3.3 * seed, noise=0.4, seed=seed)
-        columns = record(recipe)
+    for seed in range(24):
+        columns = record(BASE.but(initial=60.0 + 3.3 * seed, noise=0.4, seed=seed))
         for name in ("tension_tight_N", "tension_slack_N"):
-            columns[name] = np.round(step * np.round(columns[name] / step), 2)
+            columns[name] = np.round(4.88 * np.round(columns[name] / 4.88), 2)
         run = reduce_columns(columns)
         if run.ok:
             z.append((run.mu_sliding - 0.8) / run.mu_sliding_se)
-    assert len(z) >= 0.875 * draws  # 21 of 24
+    assert len(z) >= 21
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
@@ -120,83 +104,53 @@ def test_sticking_peak_is_null_where_it_decays_within_a_few_samples() -> None:
         assert run.mu_sticking_reason
 
 
-# Faults: each takes the columns of the base run and spoils them.
+TIGHT, SLACK, SPEED = "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"
 
 
-def swapped(c: Columns) -> None:
-    c["tension_tight_N"], c["tension_slack_N"] = c["tension_slack_N"], c["tension_tight_N"]
+def put(x: np.ndarray, at: Any, value: Any) -> np.ndarray:
+    x = x.copy()
+    x[at] = value
+    return x
 
 
-def backwards(c: Columns) -> None:
-    c["pulley_speed_rad_s"] *= -1.0
+def jumps(x: np.ndarray, at: list[int], by: float) -> np.ndarray:
+    return put(x, at, x[at] + by)
 
 
-def spikes_everywhere(c: Columns) -> None:
-    for k in (0, 30, 49, 51, 90, 91, 150, 222, 299):
-        c["tension_tight_N"][k] += 60.0
-    for k in (1, 48, 61, 100, 180, 298):
-        c["tension_slack_N"][k] -= 60.0
-
-
-def short_drop_out(c: Columns) -> None:
-    c["tension_tight_N"][150:175] = 0.0
-
-
-def half_signal(c: Columns) -> None:
-    c["tension_slack_N"][200:220] *= 0.5
-
-
-def nan_burst(c: Columns) -> None:
-    c["tension_tight_N"][120:150] = np.nan
-    c["tension_slack_N"][200:210] = np.nan
-    c["pulley_speed_rad_s"][130:140] = np.nan
-
-
-def missing_rows(c: Columns) -> None:
-    for name in c:
-        c[name] = np.delete(c[name], np.arange(100, 140))
-
-
-def speed_glitches(c: Columns) -> None:
-    c["pulley_speed_rad_s"][[20, 200, 201]] = (0.21, 0.0, 2.0)
-
-
-def coarse_time(c: Columns) -> None:
-    c["time_s"] = np.round(c["time_s"], 1)
-
-
-def coarse_converter(c: Columns) -> None:
-    for name in ("tension_tight_N", "tension_slack_N"):
-        c[name] = np.round(c[name])
-
-
-FAULTS = [
-    swapped,
-    backwards,
-    spikes_everywhere,
-    short_drop_out,
-    half_signal,
-    nan_burst,
-    missing_rows,
-    speed_glitches,
-    coarse_time,
-    coarse_converter,
-]
+FAULTS = {
+    "swapped": lambda c: {TIGHT: c[SLACK], SLACK: c[TIGHT]},
+    "backwards": lambda c: {SPEED: -c[SPEED]},
+    "spikes": lambda c: {
+        TIGHT: jumps(c[TIGHT], [0, 30, 49, 51, 90, 91, 150, 222, 299], 60.0),
+        SLACK: jumps(c[SLACK], [1, 48, 61, 100, 180, 298], -60.0),
+    },
+    "short drop-out": lambda c: {TIGHT: put(c[TIGHT], slice(150, 175), 0.0)},
+    "half signal": lambda c: {SLACK: put(c[SLACK], slice(200, 220), 0.5 * c[SLACK][200:220])},
+    "nan burst": lambda c: {
+        TIGHT: put(c[TIGHT], slice(120, 150), np.nan),
+        SLACK: put(c[SLACK], slice(200, 210), np.nan),
+        SPEED: put(c[SPEED], slice(130, 140), np.nan),
+    },
+    "missing rows": lambda c: {name: np.delete(x, np.arange(100, 140)) for name, x in c.items()},
+    "speed glitches": lambda c: {SPEED: put(c[SPEED], [20, 200, 201], (0.21, 0.0, 2.0))},
+    "coarse time": lambda c: {"time_s": np.round(c["time_s"], 1)},
+    "coarse converter": lambda c: {name: np.round(c[name]) for name in (TIGHT, SLACK)},
+}
+"""What is wrong with the columns of the base run."""
 
 
 @cache
-def faulty_bench() -> tuple[RunReduction, ...]:
-    runs = []
-    for seed, fault in enumerate(FAULTS):
+def faulty_bench() -> dict[str, RunReduction]:
+    parts = []
+    for seed, (name, fault) in enumerate(FAULTS.items()):
         columns = record(BASE.but(seed=seed))
-        fault(columns)
-        runs.append((fault.__name__, columns, 82.0))
-    return reduce_runs(table(*runs), 0.05)
+        parts.append((name, columns | fault(columns), 82.0))
+    return {run.run: run for run in reduce_runs(table(*parts), 0.05)}
 
 
-@pytest.mark.parametrize("number", range(len(FAULTS)))
-def test_faults_that_a_run_survives(number: int) -> None:
-    run = faulty_bench()[number]
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_that_a_run_survives(fault: str) -> None:
+    run = faulty_bench()[fault]
     assert run.status == "ok"
     assert abs(run.mu_sliding / 0.8 - 1.0) < 0.0015
     assert abs(run.initial_tension_N - 270.0) < 0.5
@@ -204,22 +158,17 @@ def test_faults_that_a_run_survives(number: int) -> None:
 
 
 def test_what_a_run_survives_is_reported() -> None:
-    def after(fault: Callable[[Columns], None]) -> RunReduction:
-        return faulty_bench()[FAULTS.index(fault)]
-
-    run = after(swapped)
-    assert run.swapped
-    assert any("swapped" in note for note in run.notes)
-    assert run.tension_tight_N > run.tension_slack_N
-    run = after(backwards)
-    assert run.pulley_speed_rad_s > 0.2
-    assert any("negative" in note for note in run.notes)
-    assert after(short_drop_out).n_missing == 25
-    assert after(half_signal).n_spikes == 20
-    assert after(nan_burst).n_missing == 40
-    assert after(missing_rows).n_missing == 40
+    after = faulty_bench()
+    assert after["swapped"].swapped
+    assert any("swapped" in note for note in after["swapped"].notes)
+    assert after["swapped"].tension_tight_N > after["swapped"].tension_slack_N
+    assert after["backwards"].pulley_speed_rad_s > 0.2
+    assert any("negative" in note for note in after["backwards"].notes)
+    for fault, n_missing in (("short drop-out", 25), ("nan burst", 40), ("missing rows", 40)):
+        assert after[fault].n_missing == n_missing
+    assert after["half signal"].n_spikes == 20
     # the spike on the steep build-up (sample 51) is beyond telling, and harmless
-    assert 13 <= after(spikes_everywhere).n_spikes <= 15
+    assert 13 <= after["spikes"].n_spikes <= 15
 
 
 @pytest.mark.parametrize(
@@ -249,36 +198,28 @@ def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
             assert run.status.startswith(("never settles", "drifts"))
 
 
-@pytest.mark.parametrize(
-    "drift",
-    [
-        pytest.param(
-            0.012, marks=[pytest.mark.xfail(reason="one run tells 0.02"), pytest.mark.long]
-        ),
-        0.05,
-    ],
-)
-def test_a_slow_drift_of_friction_is_kept_and_reported(drift: float) -> None:
+def test_a_slow_drift_of_friction_is_kept_and_reported() -> None:
     for seed in range(3):
-        run = reduce_recipe(BASE.but(drift=drift, seed=seed))
+        run = reduce_recipe(BASE.but(drift=0.05, seed=seed))
         assert run.status == "ok"
-        assert 0.8 < run.mu_sliding < 0.8 * (1.0 + drift)
-        assert run.drift == pytest.approx(drift, rel=0.5)
+        assert 0.8 < run.mu_sliding < 0.8 * 1.05
+        assert run.drift == pytest.approx(0.05, rel=0.5)
         assert any("drifts by +" in note for note in run.notes)
 
 
 def table(*runs: tuple[str, Columns, float]) -> dict[str, Any]:
-    sizes = [c["time_s"].size for _, c, _ in runs]
-    joined = {
-        name: np.concatenate([c[name] for _, c, _ in runs]) for name in record(BASE.but(rate=20.0))
-    }
-    return {
-        **joined,
-        "run": np.repeat(np.array([label for label, _, _ in runs], dtype=object), sizes),
-        "arc_deg": np.repeat([arc for _, _, arc in runs], sizes),
-        "initial_tension_N": np.full(sum(sizes), 270.0),
-        "temperature_degC": np.full(sum(sizes), 22.5),
-    }
+    """Columns of several runs with their labels and arcs."""
+    parts = [
+        {
+            **columns,
+            "run": np.full(columns["time_s"].size, label, dtype=object),
+            "arc_deg": np.full(columns["time_s"].size, arc),
+            "initial_tension_N": np.full(columns["time_s"].size, 270.0),
+            "temperature_degC": np.full(columns["time_s"].size, 22.5),
+        }
+        for label, columns, arc in runs
+    ]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def test_nominal_settings_that_change_or_cannot_be_are_reasons() -> None:
@@ -301,28 +242,23 @@ def test_unusable_input_is_refused_with_all_its_problems() -> None:
     with pytest.raises(InputError) as caught:
         reduce_runs({k: v for k, v in columns.items() if k not in ("run", "arc_deg")}, 0.05)
     assert len(caught.value.problems) == 2
-    with pytest.raises(InputError, match="differ in length"):
-        reduce_runs({**columns, "time_s": columns["time_s"][:-1]}, 0.05)
-    with pytest.raises(InputError, match="no samples"):
-        reduce_runs({name: values[:0] for name, values in columns.items()}, 0.05)
-    with pytest.raises(InputError, match="not numbers"):
-        reduce_runs({**columns, "arc_deg": np.full(300, "wide")}, 0.05)
+    for changed, message in (
+        ({"time_s": columns["time_s"][:-1]}, "differ in length"),
+        ({name: values[:0] for name, values in columns.items()}, "no samples"),
+        ({"arc_deg": np.full(300, "wide")}, "not numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            reduce_runs({**columns, **changed}, 0.05)
     with pytest.raises(InputError, match="pulley_radius_m"):
         reduce_runs(columns, -0.05)
 
 
 def test_optional_columns_may_be_missing_and_labels_may_be_numbers() -> None:
     columns = table(("a", record(BASE), 82.0))
-    columns = {
-        name: values
-        for name, values in columns.items()
-        if name not in ("temperature_degC", "initial_tension_N")
-    }
+    del columns["temperature_degC"], columns["initial_tension_N"]
     (run,) = reduce_runs({**columns, "run": np.full(300, 7.0)}, 0.05)
-    assert run.run == "7"
-    assert np.isnan(run.temperature_degC)
-    assert np.isnan(run.nominal_tension_N)
-    assert run.status == "ok"
+    assert (run.run, run.status) == ("7", "ok")
+    assert np.isnan([run.temperature_degC, run.nominal_tension_N]).all()
 
 
 @settings(max_examples=12, deadline=None)
@@ -388,22 +324,3 @@ def test_a_build_up_with_most_of_the_samples_is_no_lack_of_sliding() -> None:
     run = reduce_columns(columns, 60.0)
     assert run.status == "ok"
     assert run.mu_sliding == pytest.approx(0.9 / np.radians(60.0), rel=1e-3)
-
-
-@pytest.mark.parametrize(("share", "height"), [(0.05, 0.0), (0.3, 0.03)])
-def test_a_build_up_that_ends_slowly_is_no_tail(share: float, height: float) -> None:
-    """Some of the build-up takes three times as long as the rest, in all runs alike."""
-    rng, time = np.random.default_rng(1), 0.01 * np.arange(300)
-    travel = 0.01 * np.maximum(time - 1.0, 0.0)
-    quick, slow, tail = (np.exp(-travel / length) for length in (3e-4, 9e-4, 4e-3))
-    course = 1.0 - (1.0 - share) * quick - share * slow + height * tail * (1.0 - quick)
-    runs = []
-    for k, (arc, tension) in enumerate(product((50.0, 80.0), (120.0, 240.0, 360.0))):
-        half = 0.5 * 0.9 * np.radians(arc) * course
-        tight, slack = tension * np.exp([half, -half]) + 0.1 * rng.normal(size=(2, time.size))
-        columns = {"time_s": time, "tension_tight_N": tight, "tension_slack_N": slack}
-        columns["pulley_speed_rad_s"] = np.where(travel > 0.0, 0.2, 0.0)
-        runs.append({**columns, "arc_deg": np.full(300, arc), "run": np.full(300, f"R{k}")})
-    rig = {name: np.concatenate([run[name] for run in runs]) for name in runs[0]}
-    off = np.array([run.mu_sliding for run in reduce_runs(rig, 0.05)]) / 0.9 - 1.0
-    assert np.sqrt(np.mean(off**2)) < 5e-4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -102,8 +103,9 @@ def test_a_reverse_jerk_before_the_rotation_is_no_part_of_it():
     assert find_rotation(speed).first == 97
 
 
-def state(tight, slack, *more):
-    return rest_state(0.02 * np.arange(tight.size), tight, slack, *more)
+def state(tight, slack, first=None, steps=(0.0, 0.0)):
+    t = 0.02 * np.arange(tight.size)
+    return rest_state(t, np.column_stack([tight, slack]), first or tight.size, np.array(steps))
 
 
 def resting(n=200, tension=270.0, imbalance=4.0, noise=0.5, seed=0):
@@ -114,7 +116,7 @@ def resting(n=200, tension=270.0, imbalance=4.0, noise=0.5, seed=0):
 
 def test_rest_is_the_mean_of_both_cells_and_their_difference():
     tight, slack = resting()
-    found = state(np.append(tight, 999.0), np.append(slack, 1.0), 200, 10)
+    found = state(np.append(tight, 999.0), np.append(slack, 1.0), 200)
     assert found.n_samples == 200
     assert found.tension_N == pytest.approx(0.5 * np.mean(tight + slack), rel=1e-12)
     assert found.imbalance_N == pytest.approx(np.mean(tight - slack), rel=1e-12)
@@ -125,7 +127,7 @@ def test_rest_is_the_mean_of_both_cells_and_their_difference():
 
 def test_noise_with_a_memory_has_a_larger_error():
     tight, slack = (np.repeat(x, 4) for x in resting(500))
-    found = state(tight, slack, 2000, 10)
+    found = state(tight, slack)
     expected = float(np.std(tight[::4] - slack[::4], ddof=1)) / math.sqrt(500.0)
     assert found.imbalance_se_N == pytest.approx(expected, rel=0.25)
 
@@ -134,7 +136,7 @@ def test_noise_with_a_memory_has_a_larger_error():
 def test_tensions_that_part_before_the_speed_rises_are_left_out(signs):
     tight, slack = resting()
     away = np.concatenate([np.zeros(170), np.linspace(4.0, 60.0, 30)])
-    found = state(tight + signs[0] * away, slack + signs[1] * away, 200, 10)
+    found = state(tight + signs[0] * away, slack + signs[1] * away)
     assert 168 <= found.n_samples <= 174
     assert found.imbalance_N == pytest.approx(4.0, abs=0.2)
     assert found.tension_N == pytest.approx(270.0, abs=0.1)
@@ -146,26 +148,26 @@ def test_gaps_and_outliers_at_rest_are_left_out():
     tight[50] += 30.0  # moves difference and mean
     tight[90], slack[90] = tight[90] + 20.0, slack[90] + 20.0  # the mean alone
     kept = np.delete(np.arange(200), [5, 6, 70, 50, 90])
-    found = state(tight, slack, 200, 10)
+    found = state(tight, slack)
     assert found.n_samples == 195
     assert found.imbalance_N == pytest.approx(np.mean((tight - slack)[kept]), rel=1e-12)
     assert found.tension_N == pytest.approx(0.5 * np.mean((tight + slack)[kept]), rel=1e-12)
 
 
 def test_too_short_a_rest():
-    tight, slack = resting(12)
-    assert state(tight, slack, 12, 12).n_samples == 12
-    tight[3] = np.nan
-    with pytest.raises(RunRejected, match=r"no rest phase: 11 usable samples .* must be >= 12"):
-        state(tight, slack, 12, 12)
+    tight, slack = resting(3)
+    assert state(tight, slack).n_samples == 3
+    tight[1] = np.nan
+    with pytest.raises(RunRejected, match=r"no rest phase: 2 usable samples .* must be >= 3"):
+        state(tight, slack)
 
 
 def test_coarse_converters_leave_their_rounding_in_the_imbalance():
     tight, slack = np.full(100, 270.0), np.full(100, 265.0)
-    found = state(tight, slack, 100, 10, (1.0, 2.0))
+    found = state(tight, slack, steps=(1.0, 2.0))
     assert found.imbalance_N == 5.0
     assert found.imbalance_se_N == pytest.approx(math.sqrt((1.0 + 4.0) / 12.0), rel=2e-3)
-    assert state(tight, slack, 100, 10).imbalance_se_N == 0.0
+    assert state(tight, slack).imbalance_se_N == 0.0
 
 
 def chatter(n, by):
@@ -183,35 +185,29 @@ def test_the_speed_must_stand_out_of_rest_and_noise():
     for by, turns in ((0.024, True), (0.026, False)):  # eight times that against 0.2
         speed = speed_record(full=15000, after=0)
         speed[:100] += chatter(100, by)
-        assert_turns(speed, turns)
+        with nullcontext() if turns else pytest.raises(RunRejected, match="never turns"):
+            assert find_rotation(speed).first < 110
     # noise sqrt(2) / 0.6745 of the chatter, five times that
     for by, turns in ((0.016, True), (0.023, False)):
-        assert_turns(speed_record(full=2000, after=0) + chatter(2120, by), turns)
-
-
-def assert_turns(speed, turns):
-    if turns:
-        assert find_rotation(speed).first < 110
-    else:
-        with pytest.raises(RunRejected, match="never turns"):
-            find_rotation(speed)
+        with nullcontext() if turns else pytest.raises(RunRejected, match="never turns"):
+            find_rotation(speed_record(full=2000, after=0) + chatter(2120, by))
 
 
 def test_without_noise_a_ten_thousandth_of_the_tension_is_the_measure():
     for part, left in ((0.15, 0), (0.175, 5)):  # 6e-4 of 270 N
         tight, slack = np.full(100, 270.0), np.full(100, 270.0)
         tight[-5:] += part
-        found = state(tight, slack, 100, 10)
+        found = state(tight, slack)
         assert found.n_samples == 100 - left - (5 if part < 0.16 else 0)
     for part, left in ((0.0265, 0), (0.0275, 1)):  # 1e-4 of 270 N
         tight, slack = np.full(100, 270.0), np.full(100, 270.0)
         tight[50], slack[50] = 270.0 + part, 270.0 + part
-        assert state(tight, slack, 100, 10).n_samples == 100 - left
+        assert state(tight, slack).n_samples == 100 - left
 
 
 def test_the_error_of_a_dozen_independent_samples():
     difference = chatter(12, 1.0)
-    found = state(270.0 + difference, np.full(12, 270.0), 12, 12)
+    found = state(270.0 + difference, np.full(12, 270.0))
     assert found.imbalance_N == pytest.approx(0.0, abs=1e-12)
     assert found.imbalance_se_N == pytest.approx(math.sqrt(12.0 / 11.0 / 12.0), rel=1e-9)
 
@@ -220,7 +216,7 @@ def test_slopes_of_the_cells_at_rest_are_those_of_least_squares():
     t, rng = 0.02 * np.arange(200), np.random.default_rng(4)
     tight, slack = 270.0 + 0.3 * t, 268.0 - 0.1 * t
     tight, slack = tight + 0.2 * rng.normal(size=200), slack + 0.2 * rng.normal(size=200)
-    found = rest_state(t, tight, slack, 200, 10)
+    found = state(tight, slack)
     for k, x in enumerate((tight - slack, tight + slack)):
         (slope, _), cov = np.polyfit(t, x, 1, cov="unscaled")
         assert found.slopes_N_s[k] == pytest.approx(slope, rel=1e-9)

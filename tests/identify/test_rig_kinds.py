@@ -18,8 +18,8 @@ import pandas as pd
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import Drag, KnownCell, KnownCells, RigKind, drag_of
-from beltid.identify.friction.prepare import prepare_run
+from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind, drag_of
+from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records
 from beltid.stages.identification.reduction import reduction_columns
@@ -160,31 +160,6 @@ def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
         )
 
 
-def white(weight_on: str) -> Columns:
-    """A run with white noise of 0.5 N in the cell; T_tight = 2 T_slack = 200 N."""
-    rng, samples = np.random.default_rng(3), 300
-    turns = np.arange(samples) >= 50
-    cell, weight = (100.0, 200.0) if weight_on == "tight" else (200.0, 100.0)
-    other = "slack" if weight_on == "tight" else "tight"
-    return {
-        "run": np.full(samples, "0"),
-        "time_s": np.arange(samples) * 0.02,
-        f"tension_{other}_N": np.where(turns, cell, weight) + rng.normal(0.0, 0.5, samples),
-        "weight_N": np.full(samples, weight),
-        "pulley_speed_rad_s": np.where(turns, 0.21, 0.0),
-        "arc_deg": np.full(samples, 60.0),
-    }
-
-
-@pytest.mark.parametrize(("span", "cell_N"), [("tight", 100.0), ("slack", 200.0)])
-def test_only_the_cell_of_a_dead_weight_has_errors(span, cell_N):
-    kind = RigKind("dead_weight", weight_on=span)
-    record = run_records(white(span), R, kind)[0]
-    sliding = prepare_run(record, R, FrictionSettings()).sliding
-    assert sliding is not None
-    assert sliding.sensitivity == pytest.approx(1.0 / cell_N, rel=2e-3)
-
-
 def one_of(columns: Columns, n: int = 8) -> Columns:
     labels = list(dict.fromkeys(columns["run"]))[:n]
     rows = np.isin(columns["run"], labels)
@@ -210,13 +185,9 @@ def test_drag_and_zero_of_the_torque_are_taken_off_by_an_idle_run(rig, two_cells
     turns = np.abs(torque["pulley_speed_rad_s"]) > 0.02
     torque["torque_N_m"] = torque["torque_N_m"] + 0.12 * turns + 0.3
     idle = idle_run(0.12, 0.3)
-    n = len(torque["time_s"])
-    whole = {
-        name: np.concatenate([torque.get(name, np.full(n, None)), idle[name]])
-        if name in idle
-        else np.concatenate([torque[name], np.full(100, 5.0)])
-        for name in {*torque, *idle} - {"temperature_degC"}
-    }
+    torque["idle"] = np.full(len(turns), None)
+    idle["tension_tight_N"] = np.full(100, 5.0)
+    whole = {name: np.concatenate([torque[name], values]) for name, values in idle.items()}
     runs = reduce_runs(whole, R, None, RigKind("torque"))
     assert [run.run for run in runs] == list(dict.fromkeys(part["run"]))
     assert mu(runs) == pytest.approx(mu(reduce_runs(part, R)), abs=1e-6)
@@ -227,7 +198,6 @@ def test_the_drag_is_that_of_the_nearest_idle_speed_and_none_at_rest():
     assert drag is not None
     found = drag.at(np.array([0.0, 0.25, 0.75, 2.0]))
     assert found == pytest.approx([0.0, 0.1, 0.15, 0.2])
-    assert isinstance(drag, Drag)
     assert drag_of([]) is None
 
 
@@ -266,12 +236,10 @@ def test_a_whole_turn_tells_nothing_by_the_hub_force_and_is_warned_of(rig):
     assert all("turns touch" in note for note in notes)
 
 
-def test_errors_of_a_cell_that_the_kind_has_not_are_refused():
-    tared = KnownCells(tight=KnownCell(tare_N=2.0))
+@pytest.mark.parametrize("measures", ["dead_weight", "torque_hub"])
+def test_errors_of_a_cell_that_the_kind_has_not_are_refused(measures):
     with pytest.raises(InputError, match=r"no cell in the tight span"):
-        RigKind("dead_weight", weight_on="tight", cells=tared)
-    with pytest.raises(InputError, match=r"no cell in the tight span"):
-        RigKind("torque_hub", cells=tared)
+        RigKind(measures, weight_on="tight", cells=KnownCells(tight=KnownCell(tare_N=2.0)))
 
 
 def test_a_known_error_of_the_only_cell_is_in_both_tensions(rig):
@@ -287,3 +255,19 @@ def test_a_known_error_of_the_only_cell_is_in_both_tensions(rig):
     # the search for the variances of a bench may take another step for the last bit of a sample
     found = reduce_runs(off, R, None, known)
     assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-6)
+
+
+def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():
+    arc, slack = np.array([80.0, 120.0, np.nan]), np.array([60.0, 90.0, np.nan])
+    torque = slack * np.expm1(0.5 * np.radians(arc)) * R + 0.12
+    table = {
+        "run": np.array(["a", "b", "idle"]),
+        "idle": np.array([None, None, "true"]),
+        "arc_deg": arc,
+        "tension_slack_N": slack,
+        "torque_N_m": np.append(torque[:2], 0.12),
+        "slip_speed_m_s": np.full(3, 0.01),
+    }
+    runs = reduce_plateaus(table, R, FrictionSettings(), RigKind("torque"))
+    assert mu(runs) == pytest.approx([0.5, 0.5], rel=1e-12)
+    assert [run.pulley_speed_rad_s for run in runs] == pytest.approx([0.2, 0.2], rel=1e-12)

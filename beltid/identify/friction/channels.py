@@ -28,7 +28,7 @@ from beltid.identify.estimators.statistics import (
     mad_sigma,
     median,
 )
-from beltid.identify.friction.kinds import TWO_CELLS, KnownCells, RigKind
+from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind, other
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -64,23 +64,23 @@ class Channels:
     """Usable channels of a run without the rows that have no time, shape (n,) each."""
 
     time_s: Array
-    tight: Array
-    """Tension of the tight cell [N], nan if unusable."""
-    slack: Array
+    tensions: Array
+    """Tensions of the tight and the slack cell [N], nan if unusable, shape (n, 2)."""
     speed: Array
     """Speed of the pulley [rad/s], without gaps."""
-    temperature: Array | None
+    temperature: Array
+    """Temperature [°C], nan if unknown."""
     n_spikes: int
     n_missing: int
-    steps: tuple[float, float] = (0.0, 0.0)
-    """Resolution of the A/D converters of the tight and the slack cell [N]; zero if not visible."""
+    steps: Array
+    """Resolution of the A/D converters of both cells [N], zero if not visible, shape (2,)."""
     kind: RigKind = TWO_CELLS
     """What the bench measured."""
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Mask of the samples with both tensions."""
-        return np.isfinite(self.tight) & np.isfinite(self.slack)
+        return np.all(np.isfinite(self.tensions), axis=1)
 
 
 def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
@@ -106,34 +106,29 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         )
     if t[-1] <= t[0]:
         raise RunRejected(f"time_s stands still at {t[0]:g} s")
-    weight = record.kind.weight
-    (tight, spikes_tight), (slack, spikes_slack) = (
-        (values, np.zeros(values.size, dtype=bool))
-        if span == weight
-        else _tension(values, f"tension_{span}_N", settings)
-        for span, values in (
-            ("tight", record.tension_tight_N[timed]),
-            ("slack", record.tension_slack_N[timed]),
-        )
-    )
-    last = [
-        values[np.isfinite(values) & (values != 0.0)][-MANY:]
-        for values in (record.tension_tight_N[timed], record.tension_slack_N[timed])
-    ]
-    lost = ~(np.isfinite(tight) | spikes_tight) | ~(np.isfinite(slack) | spikes_slack)
-    temperature = record.temperature_degC
-    # derived tensions are already corrected for the known errors of the cells
-    cells = KnownCells() if record.kind.is_derived else record.kind.cells
-    steps = adc_resolution(*last)
+    tensions, spikes, last = [], [], []
+    for span, readings in zip(SPANS, (record.tension_tight_N, record.tension_slack_N), strict=True):
+        values, is_spike = readings[timed], np.zeros(t.size, dtype=bool)
+        last.append(values[np.isfinite(values) & (values != 0.0)][-MANY:])
+        if span != record.kind.weight:
+            values, is_spike = _tension(values, f"tension_{span}_N", settings)
+        tensions.append(record.kind.cell(span).tension(values))
+        spikes.append(is_spike)
+    is_spike = np.column_stack(spikes)
+    found = np.column_stack(tensions)
+    lost = np.any(~(np.isfinite(found) | is_spike), axis=1)
+    temperature = np.full(n, np.nan)
+    if record.temperature_degC is not None:
+        temperature = record.temperature_degC
+    scales = [record.kind.cell(span).scale for span in SPANS]
     return Channels(
         time_s=_untied(t),
-        tight=cells.tight.tension(tight),
-        slack=cells.slack.tension(slack),
+        tensions=found,
         speed=_speed(t, record.pulley_speed_rad_s[timed]),
-        temperature=None if temperature is None else temperature[timed],
-        n_spikes=int(np.count_nonzero(spikes_tight | spikes_slack)),
+        temperature=temperature[timed],
+        n_spikes=int(np.count_nonzero(is_spike.any(axis=1))),
         n_missing=int(np.count_nonzero(lost)) + n - t.size + missing_rows(t),
-        steps=(cells.tight.scale * steps[0], cells.slack.scale * steps[1]),
+        steps=np.multiply(scales, adc_resolution(*last)),
         kind=record.kind,
     )
 
@@ -148,9 +143,7 @@ def _untied(t: Array) -> Array:
     return np.interp(np.arange(t.size), places, ticks)
 
 
-def _tension(
-    values: Array, name: str, settings: FrictionSettings
-) -> tuple[Array, NDArray[np.bool_]]:
+def _tension(values: Array, name: str, settings: FrictionSettings) -> tuple[Array, Mask]:
     """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
@@ -202,19 +195,18 @@ def check_cells(channels: Channels, first: int, sliding: slice, tension_N: float
         With the name of the cell.
     """
     change, weight = {}, channels.kind.weight
-    for name, values in (("tight", channels.tight), ("slack", channels.slack)):
-        rest, slide = values[:first], values[sliding]
-        rest, slide = rest[np.isfinite(rest)], slide[np.isfinite(slide)]
-        change[name] = abs(median(slide) - median(rest))
-        reason = "" if name == weight else _clipped(rest, slide)
+    for span, values in zip(SPANS, channels.tensions.T, strict=True):
+        rest, slide = (part[np.isfinite(part)] for part in (values[:first], values[sliding]))
+        change[span] = abs(median(slide) - median(rest))
+        reason = "" if span == weight else _clipped(rest, slide)
         if reason:
-            raise RunRejected(f"tension_{name}_N is saturated: {reason}")
-    for name, across in (("tight", "slack"), ("slack", "tight")) if weight is None else ():
-        responds = change[name] >= LEAST_ANSWER * change[across]
-        if not responds and change[across] > 0.2 * tension_N:
+            raise RunRejected(f"tension_{span}_N is saturated: {reason}")
+    for span in SPANS if weight is None else ():
+        across = change[other(span)]
+        if change[span] < LEAST_ANSWER * across and across > 0.2 * tension_N:
             raise RunRejected(
-                f"tension_{name}_N is dead: it changes by {change[name]:.3g} N while "
-                f"the other cell changes by {change[across]:.3g} N"
+                f"tension_{span}_N is dead: it changes by {change[span]:.3g} N while "
+                f"the other cell changes by {across:.3g} N"
             )
 
 
@@ -270,27 +262,25 @@ def condensed(channels: Channels) -> Channels:
     if n < MANY:
         return channels
     starts = np.arange(0, n, n // BLOCKS)
-    tensions, steps = [], []
-    for values, step in zip((channels.tight, channels.slack), channels.steps, strict=True):
+    steps = channels.steps.copy()
+    tensions = block_means(channels.tensions, starts)
+    for k, values in enumerate(channels.tensions.T):
         last = values[-BLOCKS:]
         last = last[np.isfinite(last)]
-        coarse = step > 0.0 and last.size >= 16 and float(np.std(last)) <= 0.5 * step
-        steps.append(step if coarse else 0.0)
-        means = block_means(values, starts)
-        for extreme in () if coarse else (np.nanmax(values), np.nanmin(values)):
+        if steps[k] > 0.0 and last.size >= 16 and float(np.std(last)) <= 0.5 * steps[k]:
+            continue
+        steps[k] = 0.0
+        for extreme in (np.nanmax(values), np.nanmin(values)):
             share = block_means((values == extreme).astype(float), starts)
             if np.count_nonzero(share) > STUCK * starts.size:
-                means[share > 0.5] = extreme
-        tensions.append(means)
-    temperature = channels.temperature
+                tensions[share > 0.5, k] = extreme
     return replace(
         channels,
         time_s=block_means(channels.time_s, starts),
-        tight=tensions[0],
-        slack=tensions[1],
+        tensions=tensions,
         speed=block_means(channels.speed, starts),
-        temperature=None if temperature is None else block_means(temperature, starts),
-        steps=(steps[0], steps[1]),
+        temperature=block_means(channels.temperature, starts),
+        steps=steps,
     )
 
 
@@ -388,6 +378,21 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
     return int(starts[k] + inside[0]), int(starts[k] + inside[-1] + 1)
 
 
+def _second_half(channels: Channels, rotation: Rotation) -> Array:
+    """Return the usable tensions (n, 2) of the second half of the time at full speed.
+
+    Raises
+    ------
+    RunRejected
+        If there are hardly any.
+    """
+    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    tensions = channels.tensions[half][channels.usable[half]]
+    if len(tensions) < 3:
+        raise RunRejected(f"too short: {len(tensions)} usable samples of sliding")
+    return tensions
+
+
 def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     """Swap the cells if the slack one shows the larger tension throughout the sliding.
 
@@ -396,21 +401,14 @@ def unswapped(channels: Channels, rotation: Rotation) -> tuple[Channels, bool]:
     RunRejected
         If swapped cells cannot be the cause, or there are too few samples.
     """
-    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
-    usable = channels.usable[half]
-    difference = (channels.tight[half] - channels.slack[half])[usable]
-    if difference.size < 3:
-        raise RunRejected(f"too short: {difference.size} usable samples of sliding")
-    if median(difference) >= 0.0:
-        return channels, False
-    below = np.count_nonzero(difference < 0.0) / difference.size
-    if below < 0.9:
+    tight, slack = _second_half(channels, rotation).T
+    if median(tight - slack) >= 0.0 or np.mean(tight < slack) < 0.9:
         return channels, False
     reason = channels.kind.reversed("rig")
     if reason:
         raise RunRejected(reason)
-    steps = channels.steps[::-1]
-    return replace(channels, tight=channels.slack, slack=channels.tight, steps=steps), True
+    tensions, steps = channels.tensions[:, ::-1], channels.steps[::-1]
+    return replace(channels, tensions=tensions, steps=steps), True
 
 
 def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
@@ -418,20 +416,12 @@ def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
 
     The ratio of the tensions is kept at every sample; their sum is set to its median while the
     belt slides. Build-up and tail of the peak then look like those of a bench with two cells.
-
-    Raises
-    ------
-    RunRejected
-        If there are hardly any usable samples of sliding.
     """
-    half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
+    sum_N = median(_second_half(channels, rotation).sum(axis=1))
+    tight, slack = channels.tensions.T
     with np.errstate(invalid="ignore", divide="ignore"):
-        total = (channels.tight + channels.slack)[half]
-        share = channels.tight / (channels.tight + channels.slack)
-    if np.count_nonzero(np.isfinite(total)) < 3:
-        raise RunRejected(f"too short: {np.count_nonzero(np.isfinite(total))} samples of sliding")
-    sum_N = median(total[np.isfinite(total)])
-    return replace(channels, tight=sum_N * share, slack=sum_N * (1.0 - share))
+        share = tight / (tight + slack)
+    return replace(channels, tensions=sum_N * np.column_stack([share, 1.0 - share]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -475,7 +465,7 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     """
     keep = np.flatnonzero(channels.usable[: rotation.end])
     t = channels.time_s[keep]
-    tensions = np.column_stack([channels.tight[keep], channels.slack[keep]])
+    tensions = channels.tensions[keep]
     first = int(np.searchsorted(keep, rotation.first))
     difference = tensions[:, 0] - tensions[:, 1]
     n = t.size
@@ -506,7 +496,5 @@ def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:
     speed = np.abs(channels.speed)
     turned = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
     angle = np.interp(t, channels.time_s, np.concatenate([[0.0], turned]))
-    temperature = np.full(n, np.nan)
-    if channels.temperature is not None:
-        temperature = np.interp(t, channels.time_s, channels.temperature)
+    temperature = np.interp(t, channels.time_s, channels.temperature)
     return SlidingPhase(t, tensions, angle - angle[first], temperature, first, built, slide)

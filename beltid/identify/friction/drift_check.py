@@ -108,11 +108,11 @@ def drift_check(columns: Mapping[str, np.ndarray]) -> tuple[Drift, ...]:
         if not rows.any() or np.ptp(values[rows]) <= LEAST_RANGE.get(cause, 0.0):
             continue
         surface = _surface(np.log(f[rows]), np.log(v[rows]), tension[rows])
-        between = _between_arcs(np.log(f[rows]), arc[rows])
-        slope = _slope(surface, between, values[rows], np.log(mu[rows]))
+        arcs = _of_arcs(arc[rows])
+        slope = _slope(surface, arcs, np.log(f[rows]), values[rows], np.log(mu[rows]))
         if slope is not None:
             step, (change, error) = CAUSES[cause][1], slope
-            share = explained_share(np.hstack([surface, _of_arcs(arc[rows])]), values[rows])
+            share = explained_share(np.hstack([surface, arcs]), values[rows])
             drifts.append(Drift(cause, step * change, step * error, int(rows.sum()), share))
     return tuple(drifts)
 
@@ -170,17 +170,15 @@ def _of_arcs(arc: Array) -> Array:
     return np.column_stack([np.ones(arc.size), x, np.square(x)])
 
 
-def _between_arcs(log_f: Array, arc: Array) -> Array:
-    """Return the terms (n, k) in which arcs may differ: level, slope and curvature over ln f."""
-    x = (log_f - log_f.mean()) / max(float(np.std(log_f)), 1e-12)
-    of_arc = _of_arcs(arc)
-    return np.hstack([of_arc, of_arc * x[:, None], of_arc * np.square(x)[:, None]])
-
-
 def _slope(
-    surface: Array, between: Array, cause: Array, log_mu: Array
+    surface: Array, arcs: Array, log_f: Array, cause: Array, log_mu: Array
 ) -> tuple[float, float] | None:
-    """Fit the slope of ln mu over a cause and its standard error; None if runs are too few."""
+    """Fit the slope of ln mu over a cause and its standard error; None if runs are too few.
+
+    Arcs may differ in level, slope and curvature over ln f.
+    """
+    x = ((log_f - log_f.mean()) / max(float(np.std(log_f)), 1e-12))[:, None]
+    between = np.hstack([arcs, arcs * x, arcs * np.square(x)])
     n, unit = log_mu.size, float(np.std(cause))
     first = np.column_stack([np.ones(n), (cause - cause.mean()) / unit, surface])
     if n < RUNS_PER_UNKNOWN * first.shape[1]:

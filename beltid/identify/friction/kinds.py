@@ -85,18 +85,12 @@ class KnownCell:
         """
         return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
-    def described(self, name: str) -> str:
-        """Describe the corrections as text; empty for a perfect cell."""
-        parts = [
-            text
-            for text, applies in (
-                (f"tare {self.tare_N:g} N", self.tare_N != 0.0),
-                (f"gain {self.gain:g}", self.gain != 1.0),
-                (f"tilt {self.tilt_deg:g} deg", self.tilt_deg != 0.0),
-            )
-            if applies
-        ]
-        return f"{name} {', '.join(parts)}" if parts else ""
+    @property
+    def corrections(self) -> str:
+        """Description of the corrections; empty for a perfect cell."""
+        errors = (("tare", self.tare_N, 0.0, " N"), ("gain", self.gain, 1.0, ""))
+        parts = (*errors, ("tilt", self.tilt_deg, 0.0, " deg"))
+        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in parts if x != none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +103,9 @@ class KnownCells:
     @property
     def note(self) -> str:
         """Note to the user on the corrections; empty if there are none."""
-        cells = (self.tight.described("tight cell"), self.slack.described("slack cell"))
-        corrections = "; ".join(filter(None, cells))
-        return f"known errors of the load cells corrected: {corrections}" if corrections else ""
+        cells = (("tight", self.tight.corrections), ("slack", self.slack.corrections))
+        parts = [f"{span} cell {corrections}" for span, corrections in cells if corrections]
+        return f"known errors of the load cells corrected: {'; '.join(parts)}" if parts else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,6 +161,15 @@ class Treatment:
     other_span: bool = False
     course: Course = ""
     n_marks: int = 0
+
+    @classmethod
+    def of(cls, stated: RigKind, found: RigKind, drag: Drag | None, n_marks: int = 0) -> Treatment:
+        """Summarise the corrections of channels of a stated kind, found as `RigKind.found_in`."""
+        drag_N_m = None
+        if drag is not None and stated.has_torque:
+            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
+        other_span = found.torque_with != stated.torque_with
+        return cls(stated.cells, drag_N_m, other_span, n_marks=n_marks)
 
 
 UNTREATED = Treatment()
@@ -261,67 +264,44 @@ class RigKind:
     @property
     def needed(self) -> tuple[str, ...]:
         """Columns that this kind needs; kind torque also needs one of the two tensions."""
-        if self.measures == "dead_weight":
-            return ("weight_N", f"tension_{other(self.weight_on)}_N")
-        if self.measures == "torque":
-            return ("torque_N_m",)
-        if self.measures == "torque_hub":
-            return ("torque_N_m", "hub_force_N")
-        return ("tension_tight_N", "tension_slack_N")
-
-    def measured_span(self, columns: Mapping[str, Array]) -> Span:
-        """Return the span whose tension is measured in addition to a torque.
-
-        Raises
-        ------
-        InputError
-            If neither tension is measured.
-        """
-        for span in (self.torque_with, other(self.torque_with)):
-            if np.isfinite(columns.get(f"tension_{span}_N", np.empty(0))).any():
-                return span
-        raise InputError(
-            "rig.kind: torque needs the tension of one span: column tension_tight_N or "
-            "tension_slack_N is missing; with the force on the axis (hub_force_N) it is rig.kind: "
-            "torque_hub"
-        )
+        return {
+            "two_cells": ("tension_tight_N", "tension_slack_N"),
+            "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
+            "torque": ("torque_N_m",),
+            "torque_hub": ("torque_N_m", "hub_force_N"),
+        }[self.measures]
 
     @property
     def span_beside_torque(self) -> Span | None:
         """Span whose tension is measured in addition to a torque; None for other kinds."""
         return self.torque_with if self.measures == "torque" else None
 
-    def with_span_of(self, columns: Mapping[str, Array]) -> RigKind:
-        """Return the kind with `torque_with` set to the span that the columns measure."""
-        if self.measures != "torque":
-            return self
-        return replace(self, torque_with=self.measured_span(columns))
-
-    def treatment(self, columns: Mapping[str, Array], drag: Drag | None) -> Treatment:
-        """Summarise the corrections that `tensions` applies to these channels."""
-        drag_N_m = None
-        if drag is not None and self.has_torque:
-            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-        as_stated = self.measures != "torque" or self.measured_span(columns) == self.torque_with
-        return Treatment(self.cells, drag_N_m, other_span=not as_stated)
-
-    def check(self, columns: Mapping[str, Array]) -> None:
-        """Reject columns that do not match this kind.
+    def found_in(self, columns: Mapping[str, Array]) -> RigKind:
+        """Return this kind with `torque_with` as the span whose tension the columns hold.
 
         Raises
         ------
         InputError
-            With the channels that are missing.
+            If channels are missing, or if the belt moves though the kind is not running.
         """
         missing = [
             f"rig.kind: {self.name} needs the column {name}, which is missing"
             for name in self.needed
-            if not np.isfinite(np.asarray(columns.get(name, np.empty(0)), dtype=float)).any()
+            if not _has_values(columns, name)
         ]
         if missing:
             raise InputError(missing)
-        if self.measures == "torque":
-            self.measured_span(columns)
+        spans = [
+            span
+            for span in (self.torque_with, other(self.torque_with))
+            if _has_values(columns, f"tension_{span}_N")
+        ]
+        if self.measures == "torque" and not spans:
+            raise InputError(
+                "rig.kind: torque needs the tension of one span: column tension_tight_N or "
+                "tension_slack_N is missing; with the force on the axis (hub_force_N) it is "
+                "rig.kind: torque_hub"
+            )
         if self.running:
             self.belt_speed(columns)
         elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
@@ -329,6 +309,7 @@ class RigKind:
                 f"rig.kind: {self.name}, but according to column belt_speed_m_s the belt moves; "
                 f"must be rig.kind: running, with rig.running_measures: {self.measures}"
             )
+        return replace(self, torque_with=spans[0]) if self.measures == "torque" else self
 
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
@@ -388,38 +369,27 @@ class RigKind:
         drag : Drag, optional
             Bearing drag to subtract from the torque.
         """
-        tensions = {span: self._span_tension(columns, span) for span in SPANS}
+        if not self.has_torque:
+            return self._span_tension(columns, "tight"), self._span_tension(columns, "slack")
+        torque, magnitude, _ = _turning(columns)
+        if drag is not None:
+            torque = torque - drag.at(magnitude)
         if self.measures == "torque_hub":
             # the momentum of the belt does not load the axis
             hub, beta = columns["hub_force_N"], np.radians(arc_deg)
-            return tensions_by_hub_force(self._torque(columns, drag), hub, beta, R, self.spans)
-        if self.measures == "torque":
-            span = self.measured_span(columns)
-            measured = {f"T_{span}": tensions[span]}
-            return tensions_by_torque(self._torque(columns, drag), R, **measured)
-        return tensions["tight"], tensions["slack"]
+            return tensions_by_hub_force(torque, hub, beta, R, self.spans)
+        measured = {f"T_{self.torque_with}": self._span_tension(columns, self.torque_with)}
+        return tensions_by_torque(torque, R, **measured)
 
     def _span_tension(self, columns: Mapping[str, Array], span: Span) -> Array:
         """Compute the tension of a span from its cell or weight."""
         if span == self.weight:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
-            reading = np.asarray(columns.get(f"tension_{span}_N", np.nan), dtype=float)
-            tension = self.cell(span).tension(reading)
+            tension = self.cell(span).tension(columns[f"tension_{span}_N"])
         if not self.running:
             return tension
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
-
-    def _torque(self, columns: Mapping[str, Array], drag: Drag | None) -> Array:
-        """Return the torque of the belt, positive in the direction of rotation, without drag."""
-        torque, speed = (
-            np.asarray(columns[k], float) for k in ("torque_N_m", "pulley_speed_rad_s")
-        )
-        magnitude = np.abs(speed)
-        turning = speed[magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))]
-        if turning.size and median(turning) < 0.0:
-            torque = -torque
-        return torque if drag is None else torque - drag.at(magnitude)
 
     def relative_speed(self, columns: Mapping[str, Array], R: float) -> Array:
         """Return the pulley speed relative to the belt, which gives the sliding speed [rad/s]."""
@@ -450,20 +420,15 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     """
     speeds, torques, torques_at_rest = [], [], []
     for columns in idle:
-        speed, torque = (
-            np.atleast_1d(np.asarray(columns[name], dtype=float))
-            for name in ("pulley_speed_rad_s", "torque_N_m")
-        )
-        magnitude = np.abs(speed)
-        turns = np.isfinite(torque) & (magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0)))
+        torque, magnitude, turns = _turning(columns)
+        turns &= np.isfinite(torque)
         if not turns.any():
             continue
-        sign = -1.0 if median(speed[turns]) < 0.0 else 1.0
         speeds.append(median(magnitude[turns]))
-        torques.append(sign * float(np.mean(torque[turns])))
+        torques.append(float(np.mean(torque[turns])))
         still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
-            torques_at_rest.append(sign * float(np.mean(torque[still])))
+            torques_at_rest.append(float(np.mean(torque[still])))
     if not speeds:
         return None
     order = np.argsort(speeds, kind="stable")
@@ -472,3 +437,19 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
         torque_N_m=np.array(torques)[order],
         at_rest_N_m=float(np.mean(torques_at_rest)) if torques_at_rest else 0.0,
     )
+
+
+def _turning(columns: Mapping[str, Array]) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the torque in the direction of rotation, the speed, and where the pulley turns."""
+    torque, speed = (
+        np.atleast_1d(np.asarray(columns[name], dtype=float))
+        for name in ("torque_N_m", "pulley_speed_rad_s")
+    )
+    magnitude = np.abs(speed)
+    turns = magnitude > 0.5 * float(np.nanmax(magnitude, initial=0.0))
+    is_reversed = turns.any() and median(speed[turns]) < 0.0
+    return -torque if is_reversed else torque, magnitude, turns
+
+
+def _has_values(columns: Mapping[str, Array], name: str) -> bool:
+    return bool(np.isfinite(np.asarray(columns.get(name, np.nan), dtype=float)).any())

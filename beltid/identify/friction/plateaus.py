@@ -9,7 +9,8 @@ replaces the scatter: a uniform distribution of this width has the standard devi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,27 +20,40 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import running_median
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
-from beltid.identify.friction.kinds import UNTREATED, Course, Drag, RigKind, drag_of
+from beltid.identify.friction.kinds import (
+    SPANS,
+    UNTREATED,
+    Course,
+    Drag,
+    RigKind,
+    Treatment,
+    drag_of,
+)
 from beltid.identify.friction.run import (
     CELLS,
     NAN,
+    OPTIONAL,
     TEXT_COLUMNS,
+    Conditions,
     FrictionSettings,
-    RunColumns,
     RunRecord,
     RunReduction,
     arc_problem,
-    conditions_of,
 )
-from beltid.laws.capstan import friction_coefficient, mean_normal_force, sliding_speed
+from beltid.laws.capstan import friction_coefficient, sliding_speed
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
+Rows = dict[str, Array]
 
 BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
 """Hint for a run that cannot be used because its speed changes."""
 FALLS, RISES = 0.8, 1.25
 """Ratios of the final to the initial speed of a run below and above which it falls or rises."""
+STATED = ("mu", "normal_force_N_m")
+"""Columns of a table of plateaus that states coefficient and normal force directly."""
+SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
+NUMBERS = (*STATED, *SPEEDS, *OPTIONAL, "mu_se", "arc_deg")
 
 
 def reduce_plateaus(
@@ -76,150 +90,95 @@ def reduce_plateaus(
     InputError
         With the columns that are missing.
     """
-    if not (_has_values(columns, "pulley_speed_rad_s") or _has_values(columns, "slip_speed_m_s")):
-        raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
     n = len(columns["run"])
+    table = {name: np.asarray(columns.get(name, np.full(n, NAN)), float) for name in NUMBERS}
+    given = {name for name, values in table.items() if np.isfinite(values).any()}
+    if given.isdisjoint(SPEEDS):
+        raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
+    if not kind.running:
+        speed, slip = (table[name] for name in SPEEDS)
+        table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
-    rows = {name: values[~is_idle] for name, values in columns.items()}
-    treatment, span = UNTREATED, None
-    if all(_has_values(columns, name) for name in STATED):
-        values = _stated(rows)
-    else:
-        if not _has_values(columns, "arc_deg"):
+    rows = {name: values[~is_idle] for name, values in table.items()}
+    treatment, by_tensions = UNTREATED, not given.issuperset(STATED)
+    if by_tensions:
+        if "arc_deg" not in given:
             raise InputError("column arc_deg is missing")
-        kind.check(rows)
-        idle = [{k: columns[k][[i]] for k in DRAG if k in columns} for i in np.flatnonzero(is_idle)]
+        stated, kind = kind, kind.found_in(rows)
+        idle = [{name: x[[i]] for name, x in table.items()} for i in np.flatnonzero(is_idle)]
         drag = drag_of(idle)
-        treatment = kind.treatment(rows, drag)
-        kind = kind.with_span_of(rows)
-        span = kind.span_beside_torque
-        values = _by_tensions(rows, kind, R, drag, resolution_N)
-    values |= _settings(rows, kind, R)
-    stated_se = _column(rows, "mu_se")
-    values["mu_sliding_se"] = np.where(np.isfinite(stated_se), stated_se, values["mu_sliding_se"])
+        treatment = Treatment.of(stated, kind, drag)
+        tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
+        se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
+        momentum = np.full(se.size, NAN)
+        if kind.running:
+            momentum[:] = kind.momentum_N(kind.belt_speed(rows))
+    pulley_speed = np.abs(rows["pulley_speed_rad_s"])
+    slip_speed = np.abs(rows["slip_speed_m_s"])
+    if "pulley_speed_rad_s" in given:
+        relative = kind.relative_speed({**rows, "pulley_speed_rad_s": pulley_speed}, R)
+        from_pulley = np.abs(sliding_speed(relative, R))
+        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
+    initial = rows["initial_tension_N"]
+    if kind.weight:
+        initial = np.where(np.isfinite(initial), initial, rows["weight_N"])
+    texts = {name: columns[name][~is_idle] for name in TEXT_COLUMNS if name in columns}
     runs = []
-    for k, label in enumerate(_unique([str(label) for label in rows["run"]])):
-        texts = {name: rows[name][k] for name in TEXT_COLUMNS if name in rows and rows[name][k]}
-        row = RunColumns(label, {name: x[[k]] for name, x in rows.items()}, texts)
-        numbers: dict[str, Any] = {name: float(x[k]) for name, x in values.items()}
+    for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
+        row = {name: x[[k]] for name, x in rows.items()}
+        described = {name: x[k] for name, x in texts.items() if x[k]}
         run = RunReduction(
             run=label,
+            arc_deg=float(rows["arc_deg"][k]),
+            nominal_tension_N=float(initial[k]),
+            initial_tension_N=float(initial[k]),
+            pulley_speed_rad_s=float(pulley_speed[k]),
+            slip_speed_m_s=float(slip_speed[k]),
+            mu_sliding=float(rows["mu"][k]),
+            mu_sliding_se=float(rows["mu_se"][k]),
+            normal_force_N_m=float(rows["normal_force_N_m"][k]),
+            temperature_degC=float(rows["temperature_degC"][k]),
             n_samples=1,
             mu_sticking_reason="",
-            conditions=conditions_of(row),
+            conditions=Conditions.of(row, described),
             treatment=treatment,
-            torque_with=span,
-            **numbers,
         )
-        runs.append(replace(run, status=_problem(run, settings, kind, "points") or "ok"))
+        if by_tensions:
+            run.set_plateau(tight[k], slack[k], R)
+            run.torque_with = kind.span_beside_torque
+            if np.isnan(run.mu_sliding_se):
+                run.mu_sliding_se = float(se[k])
+            run.momentum_N = float(momentum[k])
+        run.status = _problem(run, settings, kind, "points") or "ok"
+        runs.append(run)
     return tuple(runs)
 
 
-STATED = ("mu", "normal_force_N_m")
-"""Columns of a table of plateaus that states coefficient and normal force directly."""
-DRAG = ("pulley_speed_rad_s", "torque_N_m")
-
-
-def _has_values(columns: Columns, name: str) -> bool:
-    return name in columns and bool(np.isfinite(np.asarray(columns[name], dtype=float)).any())
-
-
-def _column(rows: Columns, name: str) -> Array:
-    """Return a column of the table; nan throughout if it is missing."""
-    missing = np.full(len(rows["run"]), NAN)
-    return np.asarray(rows.get(name, missing), dtype=float)
-
-
-def _stated(rows: Columns) -> dict[str, Array]:
-    """Return coefficient and normal force as the table states them."""
-    return {
-        "mu_sliding": _column(rows, "mu"),
-        "normal_force_N_m": _column(rows, "normal_force_N_m"),
-        "mu_sliding_se": np.full(len(rows["run"]), NAN),
-    }
-
-
-def _by_tensions(
-    rows: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
-) -> dict[str, Array]:
-    """Compute the coefficient by Eq. (6) and the force by Eq. (8) from the measured channels."""
-    tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
-    beta = np.radians(rows["arc_deg"])
-    values = {
-        "tension_tight_N": tight,
-        "tension_slack_N": slack,
-        "mu_sliding": friction_coefficient(tight, slack, beta),
-        "normal_force_N_m": _force(tight, slack, R),
-        "mu_sliding_se": _by_resolution(rows, kind, R, drag, resolution_N) / beta,
-    }
-    if kind.running:
-        values["momentum_N"] = kind.momentum_N(kind.belt_speed(rows)) + np.zeros(beta.size)
-    return values
-
-
-def _settings(rows: Columns, kind: RigKind, R: float) -> dict[str, Array]:
-    """Return arc, initial tension (or dead weight), speeds and temperature of the plateaus."""
-    pulley_speed, slip_speed = _speeds(rows, kind, R)
-    initial = _column(rows, "initial_tension_N")
-    if kind.weight:
-        initial = np.where(np.isfinite(initial), initial, _column(rows, "weight_N"))
-    return {
-        "arc_deg": _column(rows, "arc_deg"),
-        "nominal_tension_N": initial,
-        "initial_tension_N": initial,
-        "pulley_speed_rad_s": pulley_speed,
-        "slip_speed_m_s": slip_speed,
-        "temperature_degC": _column(rows, "temperature_degC"),
-    }
-
-
-def _force(tight: Array, slack: Array, R: float) -> Array:
-    good = (tight > 0.0) & (slack > 0.0)
-    force = np.full(tight.shape, NAN)
-    force[good] = mean_normal_force(tight[good], slack[good], R)
-    return force
-
-
 def _by_resolution(
-    columns: Columns, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
+    rows: Rows, kind: RigKind, R: float, drag: Drag | None, resolution_N: float
 ) -> Array:
     """Return the standard error of ln(T_tight/T_slack) from the resolution of the forces (n,)."""
     u = resolution_N / np.sqrt(12.0)
-    variance = np.zeros(len(columns["arc_deg"]))
-    if not np.isfinite(u):
-        return np.full(variance.size, NAN)
+    variance = np.full(rows["arc_deg"].size, 0.0 if np.isfinite(u) else NAN)
     for name in CELLS:  # the stated resolution applies to forces only
-        if not _has_values(columns, name):
+        if not np.isfinite(u * rows[name]).any():
             continue
         z = []
         for sign in (-1.0, 1.0):
-            shifted = {**columns, name: columns[name] + 0.5 * sign * u}
-            tight, slack = kind.tensions(shifted, columns["arc_deg"], R, drag)
+            shifted = {**rows, name: rows[name] + 0.5 * sign * u}
+            tight, slack = kind.tensions(shifted, rows["arc_deg"], R, drag)
             z.append(friction_coefficient(tight, slack, 1.0))
         variance += np.square(z[1] - z[0])
-    return np.asarray(np.sqrt(variance))
-
-
-def _speeds(columns: Columns, kind: RigKind, R: float) -> tuple[Array, Array]:
-    """Return the magnitudes of the pulley speed [rad/s] and the sliding speed [m/s]."""
-    pulley_speed = np.abs(_column(columns, "pulley_speed_rad_s"))
-    slip_speed = np.abs(_column(columns, "slip_speed_m_s"))
-    if np.isfinite(pulley_speed).any():
-        relative = kind.relative_speed({**columns, "pulley_speed_rad_s": pulley_speed}, R)
-        from_pulley = np.abs(sliding_speed(relative, R))
-        slip_speed = np.where(np.isfinite(slip_speed), slip_speed, from_pulley)
-    if not kind.running:
-        pulley_speed = np.where(np.isfinite(pulley_speed), pulley_speed, slip_speed / R)
-    return pulley_speed, slip_speed
+    return np.sqrt(variance)
 
 
 def _unique(labels: list[str]) -> list[str]:
     """Return unique labels; rows with the same label are numbered."""
-    seen: dict[str, int] = {}
+    total, seen = Counter(labels), Counter[str]()
     unique = []
     for label in labels:
-        seen[label] = seen.get(label, 0) + 1
-        unique.append(f"{label}-{seen[label]}" if labels.count(label) > 1 else label)
+        seen[label] += 1
+        unique.append(f"{label}-{seen[label]}" if total[label] > 1 else label)
     return unique
 
 
@@ -280,78 +239,55 @@ def binned_plateaus(
     """
     trend = course(record)
     speed = np.abs(record.pulley_speed_rad_s)
-    cells = record.kind.cells
-    tensions = [record.tension_tight_N, record.tension_slack_N]
-    if not record.kind.is_derived:
-        pairs = zip((cells.tight, cells.slack), tensions, strict=True)
-        tensions = [cell.tension(values) for cell, values in pairs]
-    usable = np.isfinite(speed) & (tensions[0] > 0.0) & (tensions[1] > 0.0)
+    readings = zip(SPANS, (record.tension_tight_N, record.tension_slack_N), strict=True)
+    tensions = np.array([record.kind.cell(span).tension(values) for span, values in readings])
+    usable = np.isfinite(speed) & np.all(tensions > 0.0, axis=0)
     smooth = running_median(np.where(usable, speed, 0.0), 5)
     fastest = int(np.argmax(smooth))
     usable[: fastest if trend == "falls" else 0] = False
     usable[fastest + 1 if trend == "rises" else speed.size :] = False
     edges = np.sort(np.array(settings.speed_bins_rad_s))
-    treatment = replace(record.treatment, course=trend)
-    plateaus = []
+    runs = []
     for low, high in itertools.pairwise(edges):
         in_bin = usable & (speed >= low) & (speed < high)
-        run = RunReduction(
-            run=f"{record.run}:{low:g}-{high:g}",
-            arc_deg=record.arc_deg,
-            nominal_tension_N=record.nominal_tension_N,
-            initial_tension_N=record.nominal_tension_N if record.kind.weight else NAN,
-            conditions=record.conditions,
-            momentum_N=record.momentum_N,
-            torque_with=record.kind.span_beside_torque,
-            mu_sticking_reason="",
-            treatment=treatment,
-        )
+        n = np.count_nonzero(in_bin)
+        run = RunReduction.of(record)
+        run.run = f"{record.run}:{low:g}-{high:g}"
+        run.treatment = replace(record.treatment, course=trend)
+        run.mu_sticking_reason = ""
+        if record.kind.weight:
+            run.initial_tension_N = record.nominal_tension_N
         if record.defect:
-            plateaus.append(replace(run, status=record.defect))
-        elif np.count_nonzero(in_bin) < settings.min_plateau_samples:
-            reason = (
-                f"too short: {np.count_nonzero(in_bin)} usable samples between {low:g} and "
-                f"{high:g} rad/s, must be >= {settings.min_plateau_samples}"
+            run.status = record.defect
+        elif n < settings.min_plateau_samples:
+            run.status = (
+                f"too short: {n} usable samples between {low:g} and {high:g} rad/s, "
+                f"must be >= {settings.min_plateau_samples}"
             )
-            plateaus.append(replace(run, status=reason))
         else:
-            in_bin_N = [x[in_bin] for x in tensions]
-            plateaus.append(_reduce_bin(run, record, in_bin_N, in_bin, R, settings))
-    return tuple(plateaus)
+            _reduce_bin(run, record, tensions[:, in_bin], in_bin, R)
+            run.status = _problem(run, settings, record.kind, "rig") or "ok"
+        runs.append(run)
+    return tuple(runs)
 
 
 def _reduce_bin(
-    run: RunReduction,
-    record: RunRecord,
-    tensions: Sequence[Array],
-    in_bin: NDArray[np.bool_],
-    R: float,
-    settings: FrictionSettings,
-) -> RunReduction:
-    """Reduce the samples of one speed bin."""
+    run: RunReduction, record: RunRecord, tensions: Array, in_bin: NDArray[np.bool_], R: float
+) -> None:
+    """Reduce the samples of one speed bin, with tensions of shape (2, n)."""
     speed = np.abs(record.pulley_speed_rad_s[in_bin])
-    tight, slack = (float(np.mean(x)) for x in tensions)
+    tight, slack = tensions.mean(axis=1)
+    run.set_plateau(tight, slack, R)
     z = tensions[0] / tight - tensions[1] / slack
     line = np.column_stack([np.ones(speed.size), speed])
     residual = z - line @ np.linalg.lstsq(line, z, rcond=None)[0]
     correlation_time = max(integrated_autocorrelation_time(residual), 1.0)
     se = float(np.std(residual, ddof=2)) * np.sqrt(correlation_time / residual.size)
-    beta, omega = float(np.radians(run.arc_deg)), float(np.mean(speed))
-    temperature = NAN
+    run.mu_sliding_se = se / float(np.radians(run.arc_deg))
+    omega = float(np.mean(speed))
+    run.pulley_speed_rad_s = omega + record.belt_speed_m_s / R
+    run.slip_speed_m_s = float(sliding_speed(omega, R))
     if record.temperature_degC is not None and np.isfinite(record.temperature_degC[in_bin]).any():
-        temperature = float(np.nanmean(record.temperature_degC[in_bin]))
-    run = replace(
-        run,
-        pulley_speed_rad_s=omega + record.belt_speed_m_s / R,
-        slip_speed_m_s=float(sliding_speed(omega, R)),
-        tension_tight_N=tight,
-        tension_slack_N=slack,
-        mu_sliding=float(friction_coefficient(tight, slack, beta)),
-        mu_sliding_se=se / beta,
-        normal_force_N_m=float(mean_normal_force(tight, slack, R)),
-        temperature_degC=temperature,
-        n_samples=int(residual.size),
-        plateau_start_s=float(record.time_s[in_bin][0]),
-        plateau_end_s=float(record.time_s[in_bin][-1]),
-    )
-    return replace(run, status=_problem(run, settings, record.kind, "rig") or "ok")
+        run.temperature_degC = float(np.nanmean(record.temperature_degC[in_bin]))
+    run.n_samples = residual.size
+    run.plateau_start_s, run.plateau_end_s = record.time_s[in_bin][[0, -1]].tolist()

@@ -13,7 +13,6 @@ where only the level remains.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,9 +39,9 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.kinds import Span
+from beltid.identify.friction.kinds import SPANS, Span
 from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
-from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
@@ -65,24 +64,13 @@ ONSET = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Onset:
-    """Record from the start of the rotation to the start of the sliding, shape (n,) each."""
-
-    time_s: Array
-    travel: Array
-    """Travel of the pulley's surface since the end of the build-up [m]."""
-    z: Array
-    """ln(T_tight/T_slack); nan if a tension is not positive."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
-    """A run prepared for its campaign; without `sliding` it is rejected, see `found.status`."""
+    """A run prepared for its campaign."""
 
-    found: RunReduction
+    found: tuple[RunReduction, ...]
+    """What its own record gives; of a run at a changing speed, one for each bin."""
     sliding: SlidingRecord | None = None
-    plateaus: tuple[RunReduction, ...] = ()
-    """Plateaus of a run at a changing speed; they replace `found`."""
+    """Its sliding phase; None if the status of `found` is final."""
 
 
 def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
@@ -98,108 +86,78 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         Settings of the reduction.
     """
     if settings.speed_bins_rad_s and course(record):
-        plateaus = binned_plateaus(record, R, settings)
-        return PreparedRun(RunReduction(run=record.run), plateaus=plateaus)
-    kind = record.kind
-    result = RunReduction(
-        run=record.run,
-        arc_deg=record.arc_deg,
-        nominal_tension_N=record.nominal_tension_N,
-        conditions=record.conditions,
-        treatment=record.treatment,
-        momentum_N=record.momentum_N,
-        torque_with=kind.span_beside_torque,
-    )
+        return PreparedRun(binned_plateaus(record, R, settings))
+    run = RunReduction.of(record)
     try:
-        if record.defect:
-            raise RunRejected(record.defect)
-        # step by step, so that a rejected run keeps the values determined before
-        channels = condensed(read_channels(record, settings))
-        result = replace(result, n_spikes=channels.n_spikes, n_missing=channels.n_missing)
-        rotation = find_rotation(channels.speed)
-        result = _with_rotation(result, channels, rotation, record.belt_speed_m_s, R)
-        result = replace(result, notes=_rotation_notes(rotation, channels))
-        rest = _rest(channels, rotation)
-        result = replace(
-            result,
-            initial_tension_N=rest.tension_N,
-            imbalance_N=rest.imbalance_N,
-            imbalance_se_N=rest.imbalance_se_N,
-        )
-        _check_imbalance(rest)
-        channels, swapped = unswapped(channels, rotation)
-        if swapped:
-            note = "the tight and the slack cell were swapped: T_tight < T_slack while sliding"
-            result = replace(result, swapped=True, notes=(*result.notes, note))
-            slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
-            rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
-        fixed_ends = channels if kind.weight is None else as_if_held(channels, rotation)
-        phase = sliding_phase(fixed_ends, rotation)
-        _check_length(phase, settings.min_plateau_samples)
-        sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-        result = _with_sliding(result, sliding, max(channels.steps))
-        noise_N = rest.noise_N
-        if kind.is_derived:
-            # with a dead weight, the noise may be in the cell or in the ratio of the tensions
-            noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, fixed_ends))
-        _check_stick_slip(sliding, noise_N, max(channels.steps))
+        return PreparedRun((run,), _sliding(run, record, R, settings))
     except RunRejected as reason:
-        hint = f"; {BY_BINS}" if course(record) else ""
-        return PreparedRun(replace(result, status=f"{reason}{hint}"))
-    return PreparedRun(result, sliding)
+        run.status = f"{reason}; {BY_BINS}" if course(record) else str(reason)
+    return PreparedRun((run,))
 
 
-def _with_rotation(
-    result: RunReduction, channels: Channels, rotation: Rotation, belt_speed_m_s: float, R: float
-) -> RunReduction:
-    """Add the speeds and the start time of a run."""
-    sign = -1.0 if rotation.reversed else 1.0
-    return replace(
-        result,
-        # valid for a running belt, too
-        pulley_speed_rad_s=abs(belt_speed_m_s / R + sign * rotation.speed_rad_s),
-        slip_speed_m_s=float(sliding_speed(rotation.speed_rad_s, R)),
-        start_time_s=float(channels.time_s[rotation.first]),
-    )
+def _sliding(
+    run: RunReduction, record: RunRecord, R: float, settings: FrictionSettings
+) -> SlidingRecord:
+    """Check the phases of a record and condense its sliding; fill in the result on the way."""
+    kind = record.kind
+    if record.defect:
+        raise RunRejected(record.defect)
+    channels = condensed(read_channels(record, settings))
+    run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
+    rotation = find_rotation(channels.speed)
+    velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
+    # valid for a running belt, too
+    run.pulley_speed_rad_s = abs(record.belt_speed_m_s / R + velocity)
+    run.slip_speed_m_s = float(sliding_speed(rotation.speed_rad_s, R))
+    run.start_time_s = float(channels.time_s[rotation.first])
+    run.notes = _rotation_notes(rotation, channels)
 
-
-def _rest(channels: Channels, rotation: Rotation) -> Rest:
-    """Evaluate the rest phase; with a dead weight, W is the tension and friction the imbalance."""
-    cells = channels.tight, channels.slack
-    rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
-    if channels.kind.weight is None:
-        return rest
-    W = float(cells[channels.kind.weight == "slack"][0])
-    return replace(rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0)
-
-
-def _check_imbalance(rest: Rest) -> None:
+    rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
+    if kind.weight is not None:  # it is the tension, and friction the imbalance
+        W = float(channels.tensions[0, SPANS.index(kind.weight)])
+        rest = replace(
+            rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0
+        )
+    run.initial_tension_N = rest.tension_N
+    run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
         raise RunRejected(
             f"the cells differ by {rest.imbalance_N:+.4g} N at rest at a mean of "
             f"{rest.tension_N:.4g} N, allowed is {100 * MAX_IMBALANCE:g} %"
         )
+    channels, run.swapped = unswapped(channels, rotation)
+    if run.swapped:
+        run.notes += ("the tight and the slack cell were swapped: T_tight < T_slack while sliding",)
+        slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
+        rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
 
-
-def _check_length(phase: SlidingPhase, least: int) -> None:
-    usable = phase.time_s.size - phase.slide
-    if usable < least:
-        raise RunRejected(f"too short: {usable} usable samples of sliding, must be >= {least}")
-
-
-def _with_sliding(result: RunReduction, sliding: SlidingRecord, step_N: float) -> RunReduction:
-    """Add the ripple, the end of the plateau and the outliers of a run."""
-    notes = result.notes
+    held = channels if kind.weight is None else as_if_held(channels, rotation)
+    phase = sliding_phase(held, rotation)
+    n = phase.time_s.size - phase.slide
+    if n < settings.min_plateau_samples:
+        raise RunRejected(
+            f"too short: {n} usable samples of sliding, must be >= {settings.min_plateau_samples}"
+        )
+    sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
+    run.ripple_amplitude_N, run.ripple_period_s = sliding.ripple_N, sliding.ripple_s
+    run.plateau_end_s = float(sliding.last_s[-1])
+    run.n_spikes += sliding.n_outliers
+    step_N = float(np.max(channels.steps))
     if sliding.rounding > ROUNDING_NOTED:
-        notes = (*notes, f"the A/D converters of the cells resolve only {step_N:.3g} N")
-    return replace(
-        result,
-        ripple_amplitude_N=sliding.ripple_N,
-        ripple_period_s=sliding.ripple_s,
-        plateau_end_s=float(sliding.last_s[-1]),
-        n_spikes=result.n_spikes + sliding.n_outliers,
-        notes=notes,
-    )
+        run.notes += (f"the A/D converters of the cells resolve only {step_N:.3g} N",)
+    noise_N = rest.noise_N
+    if kind.is_derived:
+        # with a dead weight, the noise may be in the cell or in the ratio of the tensions
+        noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, held))
+    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
+    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
+    ratio = sliding.unrest_N / max(noise_N, floor)
+    if ratio > MAX_NOISE_RATIO and rest.n_samples >= 8:
+        raise RunRejected(
+            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
+            f"allowed is {MAX_NOISE_RATIO:g} times"
+        )
+    return sliding
 
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
@@ -223,24 +181,11 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _check_stick_slip(sliding: SlidingRecord, noise_N: float, step_N: float) -> None:
-    """Reject a record that is much noisier while sliding than at rest."""
-    # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
-    ratio = sliding.unrest_N / max(noise_N, floor)
-    if ratio > MAX_NOISE_RATIO and sliding.rest.n_samples >= 8:
-        raise RunRejected(
-            f"sticks and slips: the noise while sliding is {ratio:.2g} times that at rest, "
-            f"allowed is {MAX_NOISE_RATIO:g} times"
-        )
-
-
 def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> float:
     """Convert the noise at rest to noise of z while sliding, over the sensitivity there [N]."""
     at_rest = (channels.time_s >= rest.first_s) & (channels.time_s <= rest.last_s) & channels.usable
     time = channels.time_s[at_rest]
-    tight, slack = sliding.tensions_N
-    z = channels.tight[at_rest] / tight - channels.slack[at_rest] / slack
+    z = -np.diff(channels.tensions[at_rest] / sliding.tensions_N)[:, 0]
     if time.size < 4:
         return rest.noise_N
     line = np.polynomial.Polynomial.fit(time, z, 1)
@@ -288,8 +233,9 @@ class SlidingRecord:
         Temperature [°C], nan if unknown.
     rest : Rest
         Rest phase before the rotation.
-    onset : Onset
-        Record between rest and sliding.
+    onset : ndarray, shape (3, k)
+        Times [s], travel since the end of the build-up [m] and z (nan if a tension is not
+        positive), from the start of the rotation to the start of the sliding.
     tensions_N : tuple of float
         Tight and slack tension in the second half of the sliding [N].
     noise_N : float
@@ -304,6 +250,8 @@ class SlidingRecord:
         Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
     n_outliers : int
         Samples that were dropped.
+    zero_shifts : ndarray, shape (2,)
+        Change of z by an error of 1 N in the tight and the slack tension [1/N].
     weight : {"tight", "slack"}, optional
         Span that carries a dead weight, whose tension has no errors.
     """
@@ -321,7 +269,7 @@ class SlidingRecord:
     turn: Array
     temperature: Array
     rest: Rest
-    onset: Onset
+    onset: Array
     tensions_N: tuple[float, float]
     noise_N: float
     rounding: float
@@ -330,12 +278,8 @@ class SlidingRecord:
     ripple_s: float
     unrest_N: float
     n_outliers: int
+    zero_shifts: Array
     weight: Span | None
-
-    @property
-    def zero_shifts(self) -> Array:
-        """Change of z by an error of 1 N in the tight and the slack tension [1/N], shape (2,)."""
-        return _zero_shifts(self.tensions_N, self.weight)
 
     @property
     def sensitivity(self) -> float:
@@ -356,7 +300,7 @@ class SlidingRecord:
 
 
 def sliding_record(
-    phase: SlidingPhase, rest: Rest, steps: tuple[float, float], weight: Span | None, R: float
+    phase: SlidingPhase, rest: Rest, steps: Array, weight: Span | None, R: float
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
@@ -366,7 +310,7 @@ def sliding_record(
         The samples.
     rest : Rest
         Rest phase before the rotation.
-    steps : tuple of float
+    steps : ndarray, shape (2,)
         Resolution of the A/D converters of both cells [N]; zero if fine.
     weight : {"tight", "slack"} or None
         Span that carries a dead weight.
@@ -387,29 +331,21 @@ def sliding_record(
     ratio = tensions / smooth - 1.0
     z = np.log(smooth[:, 0] / smooth[:, 1]) + ratio[:, 0] - ratio[:, 1]
     log_mean = 0.5 * np.sum(np.log(smooth) + ratio, axis=1)
-    waves = [line_columns(t - t[0], frequency) for frequency in lines]
-    wave = np.hstack(waves) if waves else np.zeros((n, 0))
-    half = slice(n // 2, None)
-    level = np.median(tensions[half], axis=0)
-    sensitivity = float(np.hypot(*_zero_shifts(level, weight)))
+    wave = np.hstack([np.zeros((n, 0)), *(line_columns(t - t[0], f) for f in lines)])
+    level = np.median(tensions[n // 2 :], axis=0)
+    zero_shifts = np.array([weight != "tight", -1.0 * (weight != "slack")]) / level
+    sensitivity = float(np.hypot(*zero_shifts))
     residual = ratio[:, 0] - ratio[:, 1]
-    if waves:
-        residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
-    noise = max(difference_sigma(residual), NOISE_FLOOR) / sensitivity
-    ripple_N = 0.0
-    if waves:
-        tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-        ripple_N = float(np.hypot(*tight_waves[:2]))
-    recorded = [difference_sigma(tensions[:, k]) for k in (0, 1)]
+    residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
+    tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
+    recorded = [difference_sigma(cell) for cell in tensions.T]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
     starts = block_starts(n)
-    count = np.diff(np.append(starts, n)).astype(float)
-
     return SlidingRecord(
         first_s=t[starts],
         last_s=t[np.append(starts[1:], n) - 1],
-        count=count,
+        count=np.diff(np.append(starts, n)).astype(float),
         travel=block_means(travel, starts),
         z=block_means(z, starts),
         log_mean=block_means(log_mean, starts),
@@ -422,40 +358,35 @@ def sliding_record(
         rest=rest,
         onset=onset,
         tensions_N=(float(level[0]), float(level[1])),
-        noise_N=noise,
+        noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
         rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
-        ripple_N=ripple_N,
+        ripple_N=float(np.linalg.norm(tight_waves[:2])),
         ripple_s=1.0 / lines[0] if lines else float("nan"),
         unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
+        zero_shifts=zero_shifts,
         weight=weight,
     )
 
 
-def _onset(t: Array, travel: Array, tensions: Array) -> Onset:
+def _onset(t: Array, travel: Array, tensions: Array) -> Array:
     """Average the record before the sliding, at a resolution that shows the sticking peak."""
     with np.errstate(invalid="ignore", divide="ignore"):
         z = np.log(tensions[:, 0] / tensions[:, 1])
     z[~np.all(tensions > 0.0, axis=1)] = np.nan
     record = np.column_stack([t, travel, z])[-20 * ONSET :]
     starts = np.arange(0, len(record), max(-(-len(record) // ONSET), 1))
-    return Onset(*block_means(record, starts).T)
-
-
-def _zero_shifts(tensions_N: Sequence[float] | Array, weight: Span | None) -> Array:
-    return np.array([weight != "tight", -1.0 * (weight != "slack")]) / np.asarray(tensions_N)
+    return block_means(record, starts).T
 
 
 def _section_scatter(t: Array, x: Array, length_s: float) -> float:
     """Return the median scatter about a straight line over sections as long as the rest phase."""
-    sections = np.floor((t - t[0]) / max(length_s, 1e-9)).astype(int)
+    ends = np.flatnonzero(np.diff(np.floor((t - t[0]) / max(length_s, 1e-9)))) + 1
     scatters = []
-    for k in range(int(sections[-1]) + 1):
-        inside = sections == k
-        if np.count_nonzero(inside) >= 8:
-            dt = t[inside] - t[inside].mean()
-            y = x[inside] - x[inside].mean()
+    for dt, y in zip(np.split(t, ends), np.split(x, ends), strict=True):
+        if dt.size >= 8:
+            dt, y = dt - dt.mean(), y - y.mean()
             y = y - dt * (dt @ y) / max(float(dt @ dt), 1e-300)
             scatters.append(float(np.sqrt(y @ y / (y.size - 2))))
     return float(np.median(scatters)) if scatters else 0.0
@@ -474,7 +405,7 @@ def block_starts(n: int) -> NDArray[np.intp]:
 
 
 def _smooth_course(
-    t: Array, tensions: Array, travel: Array, steps: tuple[float, float]
+    t: Array, tensions: Array, travel: Array, steps: Array
 ) -> tuple[Array, list[float], Mask]:
     """Return the smooth tensions (n, 2), the frequencies of the ripples and the usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
@@ -483,31 +414,29 @@ def _smooth_course(
     columns = np.column_stack([np.ones(t.size), decays])
     kept = np.ones(t.size, dtype=bool)
     lines: list[float] = []
+    level = np.abs(np.median(tensions, axis=0))
+    # a coarse converter may repeat one value: its rounding must not count as an outlier
+    floor = np.maximum(NOISE_FLOOR * level, steps / np.sqrt(12.0))
     # a weak prior keeps neighbouring decays from cancelling each other
     ridge = np.diag([0.0, *([0.03] * decays.shape[1])]) * np.sqrt(t.size)
     for _ in range(LINES + 2):
         waves = [line_columns(t - t[0], frequency) for frequency in lines]
         design = np.hstack([columns, *waves])
-        prior = np.zeros((ridge.shape[0], design.shape[1]))
-        prior[:, : ridge.shape[1]] = ridge
+        prior = np.pad(ridge, ((0, 0), (0, 2 * len(lines))))
         system = np.vstack([design[kept], prior])
-        target = np.vstack([tensions[kept], np.zeros((prior.shape[0], 2))])
+        target = np.pad(tensions[kept], ((0, len(prior)), (0, 0)))
         solution = np.linalg.lstsq(system, target, rcond=None)[0]
         residual = tensions - design @ solution
-        sigma = np.array([max(mad_sigma(column), 1e-12) for column in residual.T])
-        # a coarse converter may repeat one value: its rounding must not count as an outlier
-        rounding = np.asarray(steps) / np.sqrt(12.0)
-        floor = np.maximum(NOISE_FLOOR * np.abs(np.median(tensions, axis=0)), rounding)
-        kept = np.all(np.abs(residual) <= OUTLIER * np.maximum(sigma, floor), axis=1)
+        sigma = np.maximum([max(mad_sigma(column), 1e-12) for column in residual.T], floor)
+        kept = np.all(np.abs(residual) <= OUTLIER * sigma, axis=1)
         if len(lines) == LINES:
             break
-        frequency = _ripple(t[kept], residual[kept] / np.maximum(sigma, floor), design[kept])
+        frequency = _ripple(t[kept], residual[kept] / sigma, design[kept])
         if frequency is None:
             break
         lines.append(frequency)
     smooth = columns @ solution[: columns.shape[1]]
-    level = np.median(tensions, axis=0)
-    return np.maximum(smooth, 0.1 * np.abs(level)), lines, kept
+    return np.maximum(smooth, 0.1 * level), lines, kept
 
 
 def _ripple(t: Array, residual: Array, design: Array) -> float | None:

@@ -12,7 +12,6 @@ record leaves the build-up and joins the model; that time is known to one sample
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,10 +29,10 @@ from beltid.identify.friction.run import (
     FrictionSettings,
     RunRecord,
     RunReduction,
+    RunRejected,
     run_records,
 )
 from beltid.identify.friction.shared import Shared, tail_basis
-from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
 
@@ -106,7 +105,6 @@ def reduce_runs(
         If a column is missing, has another length or is not numeric, if there are no samples, or
         if the radius is not positive.
     """
-    _check_radius(pulley_radius_m)
     records = run_records(columns, pulley_radius_m, kind)
     return reduce_stream(records, pulley_radius_m, settings or FrictionSettings())
 
@@ -135,38 +133,28 @@ def reduce_stream(
     Raises
     ------
     InputError
-        If the tensions at rest do not match the stated ones, see :func:`against_stated`.
+        If the radius is not positive, or if the tensions at rest do not match the stated ones, see
+        :func:`against_stated`.
     """
-    _check_radius(R)
-    prepared = list(mapper(partial(prepare_run, R=R, settings=settings), records))
-    sliding = [k for k, run in enumerate(prepared) if run.sliding is not None]
-    results = [run.found for run in prepared]
-    if sliding:
-        reduced = _reduce_together([prepared[k] for k in sliding], R, settings)
-        for k, result in zip(sliding, reduced, strict=True):
-            results[k] = result
-    results = [result for k, run in enumerate(prepared) for result in run.plateaus or (results[k],)]
-    if settings.check_initial_tension:
-        # include rejected runs: with an untared cell, those of low tension are rejected
-        problem = against_stated(
-            np.array([result.initial_tension_N for result in results], dtype=float),
-            np.array([result.nominal_tension_N for result in results], dtype=float),
-        )
-        if problem:
-            raise InputError(problem)
-    return tuple(results)
-
-
-def _check_radius(R: float) -> None:
     if not (np.isfinite(R) and R > 0.0):
         raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
+    prepared = list(mapper(partial(prepare_run, R=R, settings=settings), records))
+    sliding = [run for run in prepared if run.sliding is not None]
+    if sliding:
+        _reduce_together(sliding, R, settings)
+    results = tuple(run for each in prepared for run in each.found)
+    if settings.check_initial_tension:
+        # include rejected runs: with an untared cell, those of low tension are rejected
+        tensions = [(run.initial_tension_N, run.nominal_tension_N) for run in results]
+        if problem := against_stated(*np.array(tensions, dtype=float).reshape(-1, 2).T):
+            raise InputError(problem)
+    return results
 
 
-def _reduce_together(
-    runs: Sequence[PreparedRun], R: float, settings: FrictionSettings
-) -> list[RunReduction]:
+def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: FrictionSettings) -> None:
     """Reduce all sliding runs of a bench together."""
-    records = [run.sliding for run in runs if run.sliding is not None]
+    runs = [run.found[0] for run in prepared]
+    records = [run.sliding for run in prepared if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
     common, probability, levels = reduce_bench(records)
@@ -185,30 +173,23 @@ def _reduce_together(
     y_ses = _standard_errors(probability, levels, cells, rounding)
     # scale the shared parts so that all parts add up to the stated interval
     shared *= (y_ses / np.sqrt(independent + np.sum(shared**2, axis=1)))[:, None]
-    results = []
     for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
-        tail, drift, zeros = (shared[k] / y).tolist()
-        result = replace(
-            run.found,
-            initial_tension_N=float(initial[k]) * relaxed,
-            notes=(*run.found.notes, *filter(None, (cells.notes[k],))),
-            drift=level.drift / y,
-            shared_tail=tail,
-            shared_drift=drift,
-            shared_cells=zeros,
-        )
-        mu = y / float(np.radians(result.arc_deg))
-        if not 0.0 < mu <= settings.max_mu:
-            reason = f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]"
-            results.append(replace(result, status=reason))
+        run.initial_tension_N = float(initial[k]) * relaxed
+        run.notes += (cells.notes[k],) if cells.notes[k] else ()
+        run.drift = level.drift / y
+        run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
+        try:
+            mu = y / float(np.radians(run.arc_deg))
+            if not 0.0 < mu <= settings.max_mu:
+                raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]")
+            _set_plateau(run, record, level, y, y_se, R)
+            _check_fit(run, record, level, len(runs))
+        except RunRejected as reason:
+            run.status = str(reason)
             continue
-        result = _with_plateau(result, record, level, y, y_se, R)
-        reason = _rejection_reason(result, record, level, len(runs))
-        if not reason:
-            result = _with_peak(result, record, level, y, common)
-        results.append(replace(result, status=reason or "ok"))
-    return results
+        run.status = "ok"
+        run.mu_sticking_reason = _set_peak(run, record, level, y, common)
 
 
 def _standard_errors(
@@ -245,48 +226,33 @@ def _relaxation(rests: Sequence[Rest]) -> float:
     return mean * mean**2 / (mean**2 + 1.0 / float(np.sum(weight)))
 
 
-def _with_plateau(
-    result: RunReduction,
-    record: SlidingRecord,
-    level: RunLevel,
-    y: float,
-    y_se: float,
-    R: float,
-) -> RunReduction:
-    """Add the tensions of the plateau, mu by Eq. (6) and the normal force by Eq. (8)."""
-    beta = float(np.radians(result.arc_deg))
+def _set_plateau(
+    run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, y_se: float, R: float
+) -> None:
+    """Determine the plateau and its tensions; `y` is its ln(T_tight/T_slack)."""
     tail = record.basis @ level.tail
-    settled = np.abs(tail - tail[-1]) <= STEADY * abs(y)
-    start = int(np.flatnonzero(~settled)[-1]) + 1 if not settled.all() else 0
-    start = min(start, record.z.size - 1)
-    count = record.count[start:]
+    unsettled = np.flatnonzero(np.abs(tail - tail[-1]) > STEADY * abs(y))
+    start = int(unsettled[-1]) + 1 if unsettled.size else 0
+    count, temperature = record.count[start:], record.temperature[start:]
     if record.weight is None:
         mean = _mean_level(record, tail, start, y)
         tight, slack = np.exp(mean + 0.5 * y), np.exp(mean - 0.5 * y)
     elif record.weight == "tight":
-        tight, slack = result.initial_tension_N, result.initial_tension_N * np.exp(-y)
+        tight, slack = run.initial_tension_N, run.initial_tension_N * np.exp(-y)
     else:
-        tight, slack = result.initial_tension_N * np.exp(y), result.initial_tension_N
-    finite = np.isfinite(record.temperature[start:])
-    temperature = NAN
+        tight, slack = run.initial_tension_N * np.exp(y), run.initial_tension_N
+    run.set_plateau(tight, slack, R)
+    run.mu_sliding_se = y_se / float(np.radians(run.arc_deg))
+    finite = np.isfinite(temperature)
     if finite.any():
-        temperature = float(np.average(record.temperature[start:][finite], weights=count[finite]))
-    return replace(
-        result,
-        tension_tight_N=float(tight),
-        tension_slack_N=float(slack),
-        mu_sliding=float(friction_coefficient(tight, slack, beta)),
-        mu_sliding_se=y_se / beta,
-        normal_force_N_m=float(mean_normal_force(tight, slack, R)),
-        temperature_degC=temperature,
-        n_samples=int(count.sum()),
-        plateau_start_s=float(record.first_s[start]),
-        tail_time_s=_decay_time(record.travel, tail, record.first_s),
-        notes=(*result.notes, *_notes(result, record.rest, float(tail[-1]) / y, y_se / y)),
-    )
+        run.temperature_degC = float(np.average(temperature[finite], weights=count[finite]))
+    run.n_samples = int(count.sum())
+    run.plateau_start_s = float(record.first_s[start])
+    run.tail_time_s = _decay_time(tail, record.first_s)
+    run.notes += tuple(_notes(run, record.rest, float(tail[-1]) / y, y_se / y))
 
 
-def _notes(result: RunReduction, rest: Rest, tail: float, error: float) -> Iterator[str]:
+def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator[str]:
     """Write notes to the user on the remaining tail, on a drift and on a rest that is too short.
 
     `tail` and `error` are the tail left at the end and the standard error, relative to mu.
@@ -296,13 +262,13 @@ def _notes(result: RunReduction, rest: Rest, tail: float, error: float) -> Itera
             f"mu is still {100 * tail:+.2g} % off its plateau at the end of the record: the tail "
             "of the sticking peak is subtracted"
         )
-    if abs(result.drift) > STEADY:
-        yield f"mu drifts by {100 * result.drift:+.2g} % over the sliding phase"
-    if error > TAIL_NOTED and abs(result.shared_drift) > 0.7 * error:
+    if abs(run.drift) > STEADY:
+        yield f"mu drifts by {100 * run.drift:+.2g} % over the sliding phase"
+    if error > TAIL_NOTED and abs(run.shared_drift) > 0.7 * error:
         # the error of the slope of a cell at rest falls with the length of the rest ** 1.5
         rest_s = rest.last_s - rest.first_s
         yield (
-            f"an error of {100 * abs(result.shared_drift):.2g} % is due to a drift of the cells "
+            f"an error of {100 * abs(run.shared_drift):.2g} % is due to a drift of the cells "
             f"that the rest phase cannot exclude: {3.0 * rest_s:.2g} s at rest instead of "
             f"{rest_s:.2g} s would reduce it to a fifth"
         )
@@ -324,60 +290,49 @@ def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> flo
     return float(np.average(level, weights=weight[start:]))
 
 
-def _decay_time(travel: Array, tail: Array, time_s: Array) -> float:
+def _decay_time(tail: Array, time_s: Array) -> float:
     """Return the time in which the tail falls to 1/e of its initial height [s]."""
-    if not tail[0] > 0.0:
+    limit = tail[0] / np.e
+    k = int(np.argmax(tail <= limit))
+    if not (tail[0] > 0.0 and k > 0):
         return NAN
-    below = np.flatnonzero(tail <= tail[0] / np.e)
-    if not below.size:
-        return NAN
-    k = int(below[0])
-    share = (tail[k - 1] - tail[0] / np.e) / (tail[k - 1] - tail[k])
-    return float(time_s[k - 1] + share * (time_s[k] - time_s[k - 1]) - time_s[0])
+    return float(np.interp(limit, tail[[k, k - 1]], time_s[[k, k - 1]]) - time_s[0])
 
 
-def _rejection_reason(
-    result: RunReduction,
-    record: SlidingRecord,
-    level: RunLevel,
-    n_runs: int,
-) -> str:
-    """Return why a reduced run is rejected; empty if it is accepted."""
+def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs: int) -> None:
+    """Reject a run that does not fit the bench, drifts or never settles."""
     relative_misfit = level.misfit * record.noise_N * record.sensitivity / level.y
     # in a nearly noise-free record, a misfit of many times the noise is still harmless
     misfits = level.misfit > MAX_MISFIT and relative_misfit > STEADY
     if n_runs >= FEWEST_FOR_MISFIT and misfits:
-        return (
+        raise RunRejected(
             f"does not fit the bench: its record is off the common model by {level.misfit:.2g} "
             f"times the noise of the other runs, allowed is {MAX_MISFIT:g} times"
         )
-    if abs(result.drift) > MAX_DRIFT:
-        return (
-            f"drifts: mu changes by {100 * result.drift:+.2g} % over the sliding phase, "
+    if abs(run.drift) > MAX_DRIFT:
+        raise RunRejected(
+            f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * MAX_DRIFT:g} %"
         )
     # errors of the cells do not count here: they do not depend on settling
     parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
     error = float(np.linalg.norm(parts)) / level.y
     if error > MAX_ERROR:
-        return (
+        raise RunRejected(
             f"never settles: the standard error of its level is {100 * error:.2g} %, "
             f"allowed is {100 * MAX_ERROR:g} %"
         )
-    return ""
 
 
-def _with_peak(
-    result: RunReduction,
-    record: SlidingRecord,
-    level: RunLevel,
-    y: float,
-    shared: Shared,
-) -> RunReduction:
-    """Add the sticking peak from the model of the sliding, corrected for errors of the cells."""
-    t = np.append(record.onset.time_s, record.first_s[0])
-    travel = np.append(record.onset.travel, record.travel[0])
-    z = np.append(record.onset.z, record.z[0])
+def _set_peak(
+    run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, shared: Shared
+) -> str:
+    """Set the sticking peak from the model of the sliding, or return why there is none.
+
+    The peak is corrected for errors of the cells like the level, which becomes `y`.
+    """
+    first = record.first_s[0], record.travel[0], record.z[0]
+    t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond
     model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
     ripple = record.ripple_N / record.tensions_N[0]
@@ -385,10 +340,9 @@ def _with_peak(
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
     join = int(off_model[-1]) + 1 if off_model.size else 0
     if join > 0 and z[join - 1] > model[join - 1]:
-        reason = "the tensions decay faster than the tail of the peak"
-        return replace(result, mu_sticking_reason=reason)
+        return "the tensions decay faster than the tail of the peak"
     before = max(join - 1, 0)
-    result = replace(result, peak_time_s=0.5 * float(t[before] + t[join]))
+    run.peak_time_s = 0.5 * float(t[before] + t[join])
     last_off, first_on = (max(float(travel[k]), 0.0) for k in (before, join))
     peak, error = level.at(0.5 * (last_off + first_on), shared, record.level)
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
@@ -401,17 +355,12 @@ def _with_peak(
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
     se = float(np.linalg.norm([error, timing, record.rounding]))
     if peak - level.y < STANDS_OUT * se:
-        return replace(result, mu_sticking_reason="no peak stands out from the plateau")
+        return "no peak stands out from the plateau"
     if se > MAX_PEAK_ERROR * peak:
-        return replace(
-            result,
-            mu_sticking_reason=f"the standard error of the peak is {100 * se / peak:.2g} %, "
-            f"allowed is {100 * MAX_PEAK_ERROR:g} %",
+        return (
+            f"the standard error of the peak is {100 * se / peak:.2g} %, "
+            f"allowed is {100 * MAX_PEAK_ERROR:g} %"
         )
-    beta = float(np.radians(result.arc_deg))
-    return replace(
-        result,
-        mu_sticking=(peak + y - level.y) / beta,
-        mu_sticking_se=se / beta,
-        mu_sticking_reason="",
-    )
+    beta = float(np.radians(run.arc_deg))
+    run.mu_sticking, run.mu_sticking_se = (peak + y - level.y) / beta, se / beta
+    return ""

@@ -76,14 +76,7 @@ class Rest:
     """Noise of one cell: standard deviation of the difference about its slope, over sqrt(2) [N]."""
 
 
-def rest_state(
-    t: Array,
-    tight: Array,
-    slack: Array,
-    first: int,
-    min_samples: int,
-    steps: tuple[float, float] = (0.0, 0.0),
-) -> Rest:
+def rest_state(t: Array, tensions: Array, first: int, steps: Array | None = None) -> Rest:
     """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
     Samples just before the rotation whose tensions already separate (a lagging speed channel) are
@@ -93,22 +86,21 @@ def rest_state(
     ----------
     t : ndarray
         Times [s], shape (n,).
-    tight, slack : ndarray
-        Tensions [N], spikes and gaps as nan, shape (n,).
+    tensions : ndarray
+        Tensions of the tight and the slack cell [N], spikes and gaps as nan, shape (n, 2).
     first : int
         Index of the first sample at which the pulley turns.
-    min_samples : int
-        Fewest samples of a rest phase.
-    steps : pair of float
+    steps : ndarray, shape (2,), optional
         Resolution of the A/D converters of both cells [N], zero if fine.
 
     Raises
     ------
     RunRejected
-        If there are fewer samples at rest.
+        If there are fewer than `MIN_SAMPLES` samples at rest.
     """
-    kept = _quiet_samples(tight, slack, first, min_samples)
-    mean, difference = 0.5 * (tight[kept] + slack[kept]), tight[kept] - slack[kept]
+    steps = np.zeros(2) if steps is None else steps
+    kept = _quiet_samples(tensions[:first])
+    mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
     near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
     mean, difference, time = mean[near], difference[near], t[kept][near]
     n = difference.size
@@ -116,9 +108,8 @@ def rest_state(
     sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    recorded = [np.std(tight[kept]), np.std(slack[kept])]
+    recorded = [np.std(cell) for cell in tensions[kept].T]
     rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
-    se = float(np.linalg.norm([se, *rounding]))
     # a converter that stays on one step hides a slope: each half may be off by its rounding
     jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
     last = max(n // 8, min(n, 3))
@@ -130,26 +121,27 @@ def rest_state(
         end_N=float(np.mean(mean[-last:])),
         end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
         imbalance_N=float(np.mean(difference)),
-        imbalance_se_N=se,
+        imbalance_se_N=float(np.linalg.norm([se, *rounding])),
         slopes_N_s=(slope, sum_slope),
         slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
         noise_N=noise / np.sqrt(2.0),
     )
 
 
-def _quiet_samples(tight: Array, slack: Array, first: int, min_samples: int) -> NDArray[np.intp]:
-    """Find the samples with both tensions before the rotation and before the tensions separate."""
-    usable = np.flatnonzero(np.isfinite(tight[:first]) & np.isfinite(slack[:first]))
-    if usable.size < min_samples:
+def _quiet_samples(tensions: Array) -> NDArray[np.intp]:
+    """Find the samples at rest with both tensions, before the tensions separate."""
+    usable = np.flatnonzero(np.all(np.isfinite(tensions), axis=1))
+    if usable.size < MIN_SAMPLES:
         raise RunRejected(
             f"no rest phase: {usable.size} usable samples before the pulley turns, "
-            f"must be >= {min_samples}"
+            f"must be >= {MIN_SAMPLES}"
         )
-    difference = tight[usable] - slack[usable]
-    half = difference[: max(min_samples, usable.size // 2)]
-    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight[usable]))
+    tight, slack = tensions[usable].T
+    difference = tight - slack
+    half = difference[: max(MIN_SAMPLES, usable.size // 2)]
+    limit = 6.0 * max(difference_sigma(half), 1e-4 * median(tight))
     quiet = np.flatnonzero(np.abs(difference - median(half)) <= limit)
-    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, min_samples)]
+    return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, MIN_SAMPLES)]
 
 
 def _slope(t: Array, x: Array) -> tuple[float, float, float]:
@@ -301,37 +293,37 @@ def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -
     noise = np.square(np.maximum(se, 1e-5 * T))
     X = np.column_stack([np.ones(D.size), T / unit])
     pairs = np.array(list(product(sizes, sizes)))
-    S = np.square(pairs * unit)  # variances of zeta and gamma
     n_present = np.count_nonzero(pairs, axis=1)
-    log_p, given = [], []
-    for (s_w, s_f), n_more in zip(pairs, n_present, strict=True):
-        variance = noise + (s_w * unit) ** 2 + (s_f * T) ** 2
-        weighted = X / variance[:, None]
-        M, b = X.T @ weighted, weighted.T @ D
-        A = np.eye(2) + S[:, :, None] * M
-        C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
-        means = C @ b  # of zeta and gamma
-        base = -0.5 * float(np.sum(D**2 / variance + np.log(variance)))
-        log_det = np.linalg.slogdet(A)[1]
-        log_p.append(base + 0.5 * (means @ b - log_det) - (n_present + n_more) * np.log(4.0))
-        given.append((s_w * unit, (s_w * unit) ** 2 / variance, C, means))
-    weights = np.exp(np.array(log_p) - np.max(log_p))
+    # first axis: sizes of w and f; second axis: sizes of zeta and gamma
+    variance = noise + (pairs[:, :1] * unit) ** 2 + (pairs[:, 1:] * T) ** 2
+    weighted = X / variance[:, :, None]
+    M, b = X.T @ weighted, weighted.transpose(0, 2, 1) @ D
+    S = np.square(pairs * unit)
+    A = np.eye(2) + S[:, :, None] * M[:, None]
+    C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
+    means = (C @ b[:, None, :, None])[..., 0]  # of zeta and gamma
+    log_p = 0.5 * ((means @ b[:, :, None])[..., 0] - np.linalg.slogdet(A)[1])
+    log_p -= 0.5 * np.sum(D**2 / variance + np.log(variance), axis=1, keepdims=True)
+    log_p -= np.add.outer(n_present, n_present) * np.log(4.0)
+    weights = np.exp(log_p - np.max(log_p))
     weights /= weights.sum()
     n = sizes.size
     # indexed by the sizes of constant and wandering zeros; summed over those of gains and friction
     by_size = np.zeros((3, n, n, D.size))
     independent, expected = np.zeros(D.size), np.zeros(3)
-    for k, (p, (wander_N, part, C, means)) in enumerate(zip(weights, given, strict=True)):
-        zero = means[:, :1] + part * (D - means @ X.T)
-        error = q * zero + means[:, 1:] / unit
+    for k, p in enumerate(weights):
+        wander_N = pairs[k, 0] * unit
+        part = wander_N**2 / variance[k]
+        zero = means[k, :, :1] + part * (D - means[k] @ X.T)
+        error = q * zero + means[k, :, 1:] / unit
         slopes = np.column_stack([q * (1.0 - part), (1.0 - q * part * T) / unit])
         # the common error of both zeros has the prior of their difference, not its posterior
         wandering = wander_N**2 * (q**2 * (1.0 - part) + q_common**2)
-        common = np.einsum("rk,hkl,rl->hr", slopes, C, slopes) + q_common**2 * S[:, :1]
+        common = np.einsum("rk,hkl,rl->hr", slopes, C[k], slopes) + q_common**2 * S[:, :1]
         moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
         by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
         independent += p.sum() * wandering
-        expected += [p @ means[:, 0], p @ means[:, 1] / unit, p.sum() * wander_N]
+        expected += [p @ means[k, :, 0], p @ means[k, :, 1] / unit, p.sum() * wander_N]
     probability, first, second = by_size.reshape(3, n * n, -1)
     mean = first.sum(axis=0)
     probability = np.maximum(probability, 1e-300)

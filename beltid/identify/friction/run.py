@@ -18,11 +18,13 @@ from beltid.identify.friction.kinds import (
     TWO_CELLS,
     UNTREATED,
     Drag,
+    KnownCells,
     RigKind,
     Span,
     Treatment,
     drag_of,
 )
+from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
 
@@ -93,6 +95,17 @@ class Conditions:
     pulley_material: str | None = None
     roughness_Ra_um: float = NAN
 
+    @classmethod
+    def of(cls, numbers: Mapping[str, Array], texts: Mapping[str, str]) -> Conditions:
+        """Read the conditions from the first row of the columns of a run, and its texts."""
+        values: dict[str, Any] = {
+            name: float(numbers[name][0])
+            for name in ("humidity_percent", "hours_run", "roughness_Ra_um")
+            if name in numbers
+        }
+        values |= {name: texts[name].lower() for name in ("condition", "side") if name in texts}
+        return cls(pulley_material=texts.get("pulley_material"), **values)
+
     def completed(self, default: Conditions) -> Conditions:
         """Return these conditions, with the missing ones taken from a default."""
         values: dict[str, Any] = {}
@@ -103,8 +116,24 @@ class Conditions:
         return Conditions(**values)
 
 
-@dataclass(frozen=True, slots=True)
-class RunRecord:
+@dataclass(slots=True, kw_only=True)
+class RunHeader:
+    """What is known of a run before its reduction; nan or None if not stated."""
+
+    run: str = ""
+    arc_deg: float = NAN
+    """Contact arc, nominal [deg]."""
+    nominal_tension_N: float = NAN
+    momentum_N: float = NAN
+    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
+    torque_with: Span | None = None
+    """Span whose tension was measured in addition to a torque."""
+    conditions: Conditions = Conditions()
+    treatment: Treatment = UNTREATED
+
+
+@dataclass(slots=True)
+class RunRecord(RunHeader):
     """Recording of one run of the friction rig; columns of shape (n,), in order of time."""
 
     time_s: Array
@@ -112,37 +141,24 @@ class RunRecord:
     tension_slack_N: Array
     pulley_speed_rad_s: Array
     temperature_degC: Array | None = None
-    run: str = ""
-    arc_deg: float = NAN
-    nominal_tension_N: float = NAN
     defect: str = ""
     """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
     kind: RigKind = TWO_CELLS
     """What the bench measured; the tensions are derived from it."""
     belt_speed_m_s: float = 0.0
     """Speed of the belt; the pulley speed is relative to it [m/s]."""
-    conditions: Conditions = Conditions()
-    treatment: Treatment = UNTREATED
-
-    @property
-    def momentum_N(self) -> float:
-        """Momentum part of the tensions of a running belt [N]; nan for a belt at rest."""
-        return float(self.kind.momentum_N(self.belt_speed_m_s)) if self.kind.running else NAN
 
 
-@dataclass(frozen=True, slots=True)
-class RunReduction:
+@dataclass(slots=True, kw_only=True)
+class RunReduction(RunHeader):
     """Result of one run of the friction rig. Values that could not be determined are nan.
 
-    A rejected run keeps the values determined before the reason was found.
+    The passes of the reduction fill it in: a rejected run keeps the values determined before the
+    reason was found.
     """
 
-    run: str = ""
-    arc_deg: float = NAN
-    """Contact arc, nominal [deg]."""
     initial_tension_N: float = NAN
     """Mean of both cells at the start of the rotation [N]."""
-    nominal_tension_N: float = NAN
     pulley_speed_rad_s: float = NAN
     """Magnitude of the pulley's speed [rad/s]."""
     slip_speed_m_s: float = NAN
@@ -197,14 +213,8 @@ class RunReduction:
     """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
     """The same for the zeros and gains of the cells [-]."""
-    momentum_N: float = NAN
-    """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
-    torque_with: Span | None = None
-    """Span whose tension was measured in addition to a torque."""
-    conditions: Conditions = Conditions()
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
-    treatment: Treatment = UNTREATED
     notes: tuple[str, ...] = ()
     """Remarks on the run for the user."""
 
@@ -212,6 +222,28 @@ class RunReduction:
     def ok(self) -> bool:
         """Whether the run may be used."""
         return self.status == "ok"
+
+    @classmethod
+    def of(cls, record: RunRecord) -> RunReduction:
+        """Return the result of a run before anything is determined."""
+        return cls(**{item.name: getattr(record, item.name) for item in fields(RunHeader)})
+
+    def set_plateau(self, tight: float, slack: float, R: float) -> None:
+        """Set the tensions of the plateau [N], mu by Eq. (6) and the normal force by Eq. (8).
+
+        A friction coefficient or a normal force that the tensions do not give is nan.
+
+        Parameters
+        ----------
+        tight, slack : float
+            Tensions of both spans [N].
+        R : float
+            Radius of the belt's centreline on the pulley [m].
+        """
+        self.tension_tight_N, self.tension_slack_N = float(tight), float(slack)
+        self.mu_sliding = float(friction_coefficient(tight, slack, np.radians(self.arc_deg)))
+        is_taut = tight > 0.0 and slack > 0.0
+        self.normal_force_N_m = float(mean_normal_force(tight, slack, R)) if is_taut else NAN
 
 
 def arc_problem(arc_deg: float) -> str:
@@ -268,7 +300,9 @@ class RunColumns:
         return self.texts.get("idle", "").lower() == "true"
 
 
-def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]:
+def run_records(
+    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
+) -> tuple[RunRecord, ...]:
     """Split a recording into runs, in the order in which they first appear.
 
     Parameters
@@ -276,8 +310,15 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     columns : mapping of str to array_like
         The columns of rig.csv, shape (n,) each; columns that the kind does not need may be
         missing. Rows of a run need not be together; they keep their order.
+    R : float
+        Radius of the belt's centreline on the pulley [m].
     kind : RigKind
         What the rig measures.
+
+    Returns
+    -------
+    tuple of RunRecord
+        All runs except those of the idle pulley.
 
     Raises
     ------
@@ -288,11 +329,11 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     missing = [f"column {name} is missing" for name in needed if name not in columns]
     if missing:
         raise InputError(missing)
-    numeric: dict[str, Array] = {}
+    numbers: dict[str, Array] = {}
     problems = []
     for name in (*REQUIRED, *(name for name in OPTIONAL if name in columns)):
         try:
-            numeric[name] = np.asarray(columns[name], dtype=float)
+            numbers[name] = np.asarray(columns[name], dtype=float)
         except (TypeError, ValueError):
             problems.append(f"column {name} holds values that are not numbers")
     if problems:
@@ -302,44 +343,21 @@ def runs_of(columns: Mapping[str, ArrayLike], kind: RigKind) -> list[RunColumns]
     texts = {
         name: np.asarray(columns[name], dtype=object) for name in TEXT_COLUMNS if name in columns
     }
-    check_columns({"run": labels, **numeric, **texts})
-    return [
+    _check_columns({"run": labels, **numbers, **texts})
+    runs = [
         RunColumns(
             label,
-            {name: values[rows] for name, values in numeric.items()},
+            {name: values[rows] for name, values in numbers.items()},
             {name: text for name, values in texts.items() if (text := values[rows[0]]) is not None},
         )
-        for label, rows in _groups(labels)
+        for label, rows in _rows_of_runs(labels).items()
     ]
-
-
-def run_records(
-    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
-) -> tuple[RunRecord, ...]:
-    """Build the records of all runs except those of the idle pulley; see `runs_of`.
-
-    Parameters
-    ----------
-    columns : mapping of str to array_like
-        The columns of rig.csv.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    """
-    runs = runs_of(columns, kind)
     drag = drag_of([run.numbers for run in runs if run.is_idle])
     return tuple(run_record(run, R, kind, drag) for run in runs if not run.is_idle)
 
 
-def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Reject columns that do not form one table.
-
-    Raises
-    ------
-    InputError
-        If a column is not one-dimensional, if they differ in length, or if they are empty.
-    """
+def _check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
+    """Reject columns that do not form one table."""
     problems = [
         f"column {name} has shape {values.shape}, must be one-dimensional"
         for name, values in columns.items()
@@ -349,32 +367,26 @@ def check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
     if not problems and len(set(sizes.values())) > 1:
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
         problems.append(f"columns differ in length: {listed}")
-    if not problems and next(iter(sizes.values())) == 0:
+    if not problems and not any(sizes.values()):
         problems.append("no samples: must be >= 1")
     if problems:
         raise InputError(problems)
 
 
-def _groups(labels: NDArray[Any]) -> list[tuple[str, NDArray[np.intp]]]:
-    """Return the label and rows of every run, in the order of first appearance."""
-    codes: dict[object, int] = {}
+def _rows_of_runs(labels: NDArray[Any]) -> dict[str, NDArray[np.intp]]:
+    """Return the rows of every run, in the order of first appearance."""
     starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
-    firsts = (None if label != label else label for label in labels[starts].tolist())
-    code = np.repeat(
-        [codes.setdefault(label, len(codes)) for label in firsts],
-        np.diff(np.append(starts, labels.size)),
-    )
-    order = np.argsort(code, kind="stable")
-    bounds = np.searchsorted(code[order], np.arange(len(codes) + 1))
-    return [(_label_text(label), order[bounds[k] : bounds[k + 1]]) for k, label in enumerate(codes)]
+    texts = [_text(label) for label in labels[starts].tolist()]
+    codes = {label: k for k, label in enumerate(dict.fromkeys(texts))}
+    code = np.repeat([codes[label] for label in texts], np.diff(np.append(starts, labels.size)))
+    rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
+    return dict(zip(codes, rows, strict=True))
 
 
-def _label_text(label: object) -> str:
-    if label is None:
+def _text(label: Any) -> str:
+    if label is None or label != label:
         return ""
-    if isinstance(label, float) and label.is_integer():
-        return str(int(label))
-    return str(label)
+    return str(int(label)) if isinstance(label, float) and label.is_integer() else str(label)
 
 
 def run_record(
@@ -393,26 +405,20 @@ def run_record(
     drag : Drag, optional
         Bearing drag to subtract from a torque.
     """
-    columns = run.numbers
+    columns = dict(run.numbers)
+    stated, defects, nominal = kind, [], {}
     if kind.is_derived:
-        kind.check(columns)
-    defects = []
-    nominal = {}
+        kind = kind.found_in(columns)
     for name in ("arc_deg", "initial_tension_N", "weight_N"):
         values = columns.get(name, np.array([NAN]))
-        first = float(values[0])
-        nominal[name] = first
-        same = np.isnan(values) if np.isnan(first) else values == first
-        if not np.all(same):
-            other = float(values[np.argmin(same)])
-            defects.append(f"{name} changes within the run from {first:g} to {other:g}")
-    if not defects:
-        defects = [arc_problem(nominal["arc_deg"])]
+        nominal[name] = first = float(values[0])
+        other = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
+        if other.size:
+            defects.append(f"{name} changes within the run from {first:g} to {other[0]:g}")
     marks = lone_marks(columns["pulley_speed_rad_s"])
     if marks.size:
-        speed = columns["pulley_speed_rad_s"].copy()
-        speed[marks] = NAN
-        columns = {**columns, "pulley_speed_rad_s": speed}
+        columns["pulley_speed_rad_s"] = columns["pulley_speed_rad_s"].copy()
+        columns["pulley_speed_rad_s"][marks] = NAN
     record = RunRecord(
         time_s=columns["time_s"],
         tension_tight_N=columns.get("tension_tight_N", NONE),
@@ -422,26 +428,28 @@ def run_record(
         run=run.label,
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],
-        defect="; ".join(defects),
+        torque_with=kind.span_beside_torque,
+        defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
-        treatment=replace(kind.treatment(columns, drag), n_marks=marks.size),
-        conditions=conditions_of(run),
+        treatment=Treatment.of(stated, kind, drag, marks.size),
+        conditions=Conditions.of(run.numbers, run.texts),
     )
     if not kind.is_derived:
         return record
-    columns = {**columns, **{name: _present(columns[name]) for name in CELLS if name in columns}}
-    tight, slack = kind.tensions(columns, record.arc_deg, R, drag)
+    # an exact zero of a cell is a lost reading
+    cells = {name: columns[name] for name in CELLS if name in columns}
+    columns |= {name: np.where(values == 0.0, NAN, values) for name, values in cells.items()}
+    tensions = kind.tensions(columns, record.arc_deg, R, drag)
+    record.tension_tight_N, record.tension_slack_N = tensions
+    record.pulley_speed_rad_s = kind.relative_speed(columns, R)
+    # known errors of the cells are already corrected
+    record.kind = replace(kind, cells=KnownCells())
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
-        record = replace(record, nominal_tension_N=nominal["weight_N"])
-    belt_speed = float(np.nanmedian(kind.belt_speed(columns))) if kind.running else 0.0
-    return replace(
-        record,
-        tension_tight_N=tight,
-        tension_slack_N=slack,
-        pulley_speed_rad_s=kind.relative_speed(columns, R),
-        kind=kind.with_span_of(columns),
-        belt_speed_m_s=belt_speed,
-    )
+        record.nominal_tension_N = nominal["weight_N"]
+    if kind.running:
+        record.belt_speed_m_s = float(np.nanmedian(kind.belt_speed(columns)))
+        record.momentum_N = float(kind.momentum_N(record.belt_speed_m_s))
+    return record
 
 
 def lone_marks(speed: Array) -> NDArray[np.intp]:
@@ -461,27 +469,3 @@ def lone_marks(speed: Array) -> NDArray[np.intp]:
     starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
     short = [np.arange(a, b) for a, b in zip(starts, ends, strict=True) if b - a <= LONGEST_MARK]
     return np.concatenate([np.empty(0, dtype=np.intp), *short])
-
-
-def _present(readings: Array) -> Array:
-    """Return the readings of a cell with lost ones, exact zeros, as nan."""
-    return np.where(readings == 0.0, np.nan, readings)
-
-
-def conditions_of(run: RunColumns) -> Conditions:
-    """Read the conditions of a run from its columns."""
-
-    def number(name: str) -> float:
-        return float(run.numbers[name][0]) if name in run.numbers else NAN
-
-    def text(name: str) -> str | None:
-        return run.texts[name].lower() if name in run.texts else None
-
-    return Conditions(
-        condition=text("condition"),
-        side=text("side"),
-        humidity_percent=number("humidity_percent"),
-        hours_run=number("hours_run"),
-        pulley_material=run.texts.get("pulley_material"),
-        roughness_Ra_um=number("roughness_Ra_um"),
-    )

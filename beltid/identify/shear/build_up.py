@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from beltid.identify.estimators.statistics import median
 from beltid.identify.friction.channels import (
-    Channels,
     find_rotation,
     read_channels,
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.rest import MIN_SAMPLES, Rest, rest_state
+from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
@@ -85,15 +84,14 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
             raise RunRejected(record.defect)
         channels = read_channels(record, settings)
         rotation = find_rotation(channels.speed)
-        cells = channels.tight, channels.slack
-        rest = rest_state(channels.time_s, *cells, rotation.first, MIN_SAMPLES, channels.steps)
+        rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
         channels, swapped = unswapped(channels, rotation)
         phase = sliding_phase(channels, rotation)
         if phase.time_s.size - phase.slide < settings.min_plateau_samples:
             raise RunRejected("too short: the record ends before the plateau shows")
         # from here on, samples start where the pulley begins to turn
         t = phase.time_s[phase.first :]
-        x = R * _angle(channels, t[: phase.slide - phase.first])
+        x = R * phase.angle[phase.first : phase.slide]
         offset = -rest.imbalance_N if swapped else rest.imbalance_N
         difference = phase.tensions[:, 0] - phase.tensions[:, 1] - offset
         level = SHARE * median(difference[phase.slide :])
@@ -136,16 +134,7 @@ def _round_up(rate: float) -> float:
     return math.ceil(rate / step) * step
 
 
-def _angle(channels: Channels, t: Array) -> Array:
-    """Return the angle of the pulley at times t [rad], from an arbitrary origin."""
-    speed = np.abs(channels.speed)
-    angle = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(channels.time_s))
-    return np.interp(t, channels.time_s, np.concatenate([[0.0], angle]))
-
-
-def _slope(
-    x: Array, difference: Array, rest: Rest, steps: tuple[float, float]
-) -> tuple[float, float, float]:
+def _slope(x: Array, difference: Array, rest: Rest, steps: Array) -> tuple[float, float, float]:
     """Fit a line; return slope, its standard error, and curvature over its standard error.
 
     The intercept is free because the rotation may start anywhere between two samples. The noise is
