@@ -605,6 +605,8 @@ def _cases() -> list[Case]:
             for kind, changes in kinds.items()
         ),
         case("campaign 3pk: tails over time", belt=belt, clock="time", build_up=0.1),
+        case("campaign 3pk: zero of the slack cell drifts by 1 N", drifting_zeros(0.0, 1.0), belt),
+        case("campaign 3pk: both zeros drift by 1 N", drifting_zeros(1.0, 1.0), belt),
     ]
 
 
