@@ -388,21 +388,16 @@ def _priors(model: LinearModel) -> _Priors:
     limits += [EFFECT_RANGE] * (1 + len(model.before)) + [(np.log(model.least_stated), 0.0)]
     active = np.ones(len(priors), dtype=bool)
     active[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
-    active[-1] = model.stated is not None and bool(np.any(model.stated))
+    active[-1] = bool(np.any(model._stated))
     centre, width = np.array(priors).T
     return _Priors(centre, width, np.array(limits), active)
 
 
-def _values(smoothness: Smoothness) -> Array:
-    """List the hyperparameters in the order of :class:`_Priors`."""
-    s = smoothness
-    return np.array([s.noise_scale, s.bending, s.difference, s.scatter, *s.effects, s.stated])
-
-
 def log_posterior(model: LinearModel, smoothness: Smoothness) -> float:
     """Compute the log of marginal likelihood times hyperparameter priors, up to a constant."""
-    priors = _priors(model)
-    distance = priors.normalised(np.log(_values(smoothness)[priors.active]))
+    s, priors = smoothness, _priors(model)
+    values = np.array([s.noise_scale, s.bending, s.difference, s.scatter, *s.effects, s.stated])
+    distance = priors.normalised(np.log(values[priors.active]))
     return model.log_evidence(smoothness)[0] - float(0.5 * distance @ distance)
 
 

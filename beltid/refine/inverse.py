@@ -447,10 +447,7 @@ def _tabulated(
 ) -> FrictionSurface:
     """Tabulate the curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
     basis = curves.basis(np.log(forces))
-    k = curves.log_force.size
-    mu = np.exp(basis @ parameters.reshape(-1, k).T)
-    se = np.empty_like(mu)
-    for j in range(curves.log_speed.size):
-        block = covariance[j * k : (j + 1) * k, j * k : (j + 1) * k]
-        se[:, j] = mu[:, j] * np.sqrt(np.einsum("nk,kl,nl->n", basis, block, basis))
-    return FrictionSurface(forces, np.exp(curves.log_speed), mu, se)
+    shape = curves.log_speed.size, curves.log_force.size
+    mu = np.exp(basis @ parameters.reshape(shape).T)
+    variance = np.einsum("nk,jkjl,nl->nj", basis, covariance.reshape(shape * 2), basis)
+    return FrictionSurface(forces, np.exp(curves.log_speed), mu, mu * np.sqrt(variance))
