@@ -67,8 +67,6 @@ class Curves:
         m = self.log_speed.size
         gaps = np.diff(self.log_speed)
         D = (np.eye(m, k=1) - np.eye(m))[: m - 1]
-        if m == 1:
-            return np.zeros(block.shape)
         coupling = D.T @ (D / gaps[:, None])
         return np.asarray(np.kron(coupling, block), dtype=float)
 

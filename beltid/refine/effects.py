@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
 TEMPERATURE = "temperature_effect"
-STATED = "stated"
 # prior of the standard deviation of ln mu: centre and width of its logarithm
 BEFORE = {
     ARC: (float(np.log(3.0e-3)), 1.5),
@@ -53,14 +52,13 @@ class Effect:
         Name of the effect and of its source of uncertainty.
     columns : ndarray, shape (n, K)
         Change of ln mu of each run per unit of each number.
-    before : tuple of float, optional
-        Prior centre and width of ln of the numbers' standard deviation, which the data determine;
-        None if the numbers are errors in units of their stated standard uncertainty.
+    before : tuple of float
+        Prior centre and width of ln of the numbers' standard deviation, which the data determine.
     """
 
     key: str
     columns: Array
-    before: tuple[float, float] | None = None
+    before: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,13 @@ With the data of the runs in units of their standard errors, y = J p + sum s_e Z
     noise ~ N(0, s² + s_r² r²)      s: one scale for all runs; s_r: scatter of the friction from run
                                     to run (r: sensitivity of each run to a factor on the surface),
     s_e Z_e u_e, u_e ~ N(0, 1)      effects of arcs, run order, temperature
-                                    (:mod:`beltid.refine.effects`), and the errors that runs share,
-                                    in units of their stated standard uncertainties (s_e = 1),
+                                    (:mod:`beltid.refine.effects`), and
+    t X e, e ~ N(0, 1)              errors that runs share; X: by one stated standard uncertainty,
     p ~ exp(-1/2 p' P p)            P = a Q_bending + b Q_difference, an improper prior,
 
-the probability of the data given (s, a, b, s_r, s_e), with p and u integrated out, has a maximum
-where the model is neither too stiff nor too loose (restricted maximum likelihood; D. J. C. MacKay,
-Neural Computation 4 (1992) 415). P does not penalise a level per speed and a common slope.
+the probability of the data given (s, a, b, s_r, t, s_e), with p, u and e integrated out, has a
+maximum where the model is neither too stiff nor too loose (restricted maximum likelihood; D. J. C.
+MacKay, Neural Computation 4 (1992) 415). P does not penalise a level per speed and a common slope.
 
 If noise hides the curvature, the marginal likelihood hardly decreases towards a rigid power law,
 and its maximum often lies there. The stated uncertainty of the surface would then be too small (its
@@ -23,6 +23,11 @@ two to three at one standard deviation. Data that show the shape override them.
 A few arcs determine the size of their differences poorly: with three there are two degrees of
 freedom, and the most probable s_e is too small in most draws. The posterior mean of s_e² replaces
 it, as this is what the variance of the surface depends on; likewise for the other effects.
+
+The stated errors are doubts, not facts: the bench may well be better. Where the runs show that it
+is (t < 1), effects of the campaign need not be shared out between errors that are not there, which
+amplifies noise. The runs can only clear the bench: t is at most 1, and every uncertainty is that of
+the errors as stated.
 """
 
 from __future__ import annotations
@@ -48,6 +53,8 @@ SCATTER_BEFORE = (float(np.log(3.0e-3)), 1.5)
 WEIGHT_RANGE = (-6.0, 18.0)
 EFFECT_RANGE = (float(np.log(1.0e-5)), float(np.log(0.3)))
 EFFECT_SMALL, EFFECT_LARGE = float(np.log(1.0e-3)), float(np.log(3.0e-2))  # start values
+STATED_BEFORE = (0.0, 1.0)
+LEAST_STATED = 0.01  # share of the stated errors that is as good as none
 EFFECT_STEPS = 60  # steps of the quadrature over ln of the size of an effect
 
 
@@ -64,7 +71,9 @@ class Smoothness:
     scatter : float
         Standard deviation of ln mu of the friction from run to run, beyond the stated errors [-].
     effects : tuple of float
-        Standard deviation of the numbers of each effect; 1 for errors of stated uncertainty.
+        Standard deviation of the numbers of each effect.
+    stated : float
+        Size of the errors that runs share over their stated standard uncertainties, at most 1 [-].
     """
 
     bending: float
@@ -72,6 +81,7 @@ class Smoothness:
     noise_scale: float
     scatter: float = 0.0
     effects: tuple[float, ...] = ()
+    stated: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +93,11 @@ class Solution:
     parameters : ndarray, shape (size,)
         Parameters of the surface.
     effects : ndarray, shape (K,)
-        Numbers of all effects.
+        Numbers of all effects, then the stated errors if they were solved for.
     covariance : ndarray, shape (size, size)
         Covariance of the parameters.
     effects_covariance : ndarray, shape (K, K)
-        Covariance of the numbers.
+        Covariance of the numbers, with the stated errors as large as stated.
     gain, effects_gain : ndarray, shape (size, n), (K, n)
         Derivatives of parameters and numbers with respect to the data (in standard errors).
     pull, effects_pull : ndarray, shape (size, size), (K, size)
@@ -132,8 +142,13 @@ class LinearModel:
         scatter of the friction.
     effects : sequence of ndarray, shape (n, K_e)
         Sensitivities to the numbers of each effect over standard errors.
-    before : sequence of (float, float) or None
-        Prior centre and width of ln of the size of each effect; None if its size is fixed at 1.
+    before : sequence of (float, float)
+        Prior centre and width of ln of the size of each effect.
+    stated : ndarray, shape (n, K), optional
+        Changes by one stated standard uncertainty of each error that runs share, over standard
+        errors.
+    least_stated : float
+        Smallest share of the stated errors that may be chosen; 1 takes them as stated.
     """
 
     J: Array
@@ -142,24 +157,32 @@ class LinearModel:
     difference: Array
     response: Array
     effects: Sequence[Array] = ()
-    before: Sequence[tuple[float, float] | None] = ()
+    before: Sequence[tuple[float, float]] = ()
+    stated: Array | None = None
+    least_stated: float = LEAST_STATED
 
     def solve(self, smoothness: Smoothness) -> Solution:
-        """Compute the most probable parameters and effects."""
+        """Compute the most probable parameters, effects and stated errors."""
         size, sizes = self.J.shape[1], self._sizes(smoothness)
         design, A = self._design(smoothness), self._normal(smoothness)
-        covariance = cho_solve(cho_factor(A), np.eye(A.shape[0]))
-        gain = covariance @ (design / self.variance(smoothness)[:, None]).T
+        inverse = cho_solve(cho_factor(A), np.eye(A.shape[0]))
+        scale = np.concatenate([np.ones(size), sizes])
+        gain = scale[:, None] * (inverse @ (design / self.variance(smoothness)[:, None]).T)
         unknowns = gain @ self.y
+        # errors of stated size: what of them is missed, and what is taken for something else
+        X = self._stated
+        missed = gain @ X - np.eye(A.shape[0])[:, A.shape[0] - X.shape[1] :]
+        covariance = np.outer(scale, scale) * inverse
+        covariance += (1.0 - smoothness.stated**2) * missed @ missed.T
         return Solution(
             parameters=unknowns[:size],
-            effects=sizes * unknowns[size:],
+            effects=unknowns[size:],
             covariance=covariance[:size, :size],
-            effects_covariance=np.outer(sizes, sizes) * covariance[size:, size:],
+            effects_covariance=covariance[size:, size:],
             gain=gain[:size],
-            effects_gain=sizes[:, None] * gain[size:],
-            pull=covariance[:size, :size],
-            effects_pull=sizes[:, None] * covariance[size:, :size],
+            effects_gain=gain[size:],
+            pull=inverse[:size, :size],
+            effects_pull=sizes[:, None] * inverse[size:, :size],
         )
 
     def solve_surface(self, smoothness: Smoothness) -> Solution:
@@ -169,9 +192,9 @@ class LinearModel:
         covariance is that due to scatter and effects. Without stated errors, the result equals that
         of :meth:`solve`.
         """
-        full, free = self.solve(smoothness), self.is_free
+        full, free = self.solve(smoothness), slice(self.effects_count)
         no_effects = replace(smoothness, effects=())
-        model = replace(self, effects=(), before=())
+        model = replace(self, effects=(), before=(), stated=None)
         alone, variance = model.solve(no_effects), self.variance(smoothness)
         response = alone.gain @ self._Z[:, free]  # of the parameters to the effects
         gain = alone.gain - response @ full.effects_gain[free]
@@ -184,7 +207,7 @@ class LinearModel:
             parameters=gain @ self.y,
             effects=full.effects[free],
             covariance=covariance,
-            effects_covariance=full.effects_covariance[np.ix_(free, free)],
+            effects_covariance=full.effects_covariance[free, free],
             gain=gain,
             effects_gain=full.effects_gain[free],
             pull=pull,
@@ -192,10 +215,9 @@ class LinearModel:
         )
 
     @property
-    def is_free(self) -> NDArray[np.bool_]:
-        """Whether the data determine the size of each number (K,)."""
-        counts = [columns.shape[1] for columns in self.effects]
-        return np.repeat([prior is not None for prior in self.before], counts).astype(bool)
+    def effects_count(self) -> int:
+        """Number of the numbers of all effects, without the stated errors."""
+        return sum(columns.shape[1] for columns in self.effects)
 
     def residual(self, solution: Solution) -> Array:
         """Compute the residual of the data after surface and effects (n,)."""
@@ -222,15 +244,16 @@ class LinearModel:
     def effective_parameters(self, smoothness: Smoothness) -> float:
         """Count the parameters that the data determine: trace of the influence matrix."""
         solution = self.solve_surface(smoothness)
-        by_effects = solution.effects_gain @ self._Z[:, self.is_free]
+        by_effects = solution.effects_gain @ self._Z[:, : self.effects_count]
         return float(np.trace(solution.gain @ self.J) + np.trace(by_effects))
 
     def log_evidence(self, smoothness: Smoothness) -> tuple[float, Array]:
         """Compute the logarithm of the marginal likelihood up to a constant, and its derivatives.
 
-        The derivatives are with respect to ln of noise scale, bending, difference, scatter and the
-        sizes of the effects. With A the normal matrix, d_i the rows of the design, r the residual,
-        v the variance of the noise, and P⁺ the inverse of the roughness where it is not zero:
+        The derivatives are with respect to ln of noise scale, bending, difference, scatter, the
+        sizes of the effects and that of the stated errors. With A the normal matrix, d_i the rows
+        of the design, r the residual, v the variance of the noise, and P⁺ the inverse of the
+        roughness where it is not zero:
 
             d/d ln a   = [tr(P⁺ a Q) - tr(A⁻¹ a Q) - p' a Q p]/2,
             d/d ln s   = sum_i (dv_i/d ln s) [(d_i' A⁻¹ d_i + r_i²)/v_i² - 1/v_i]/2,
@@ -261,14 +284,15 @@ class LinearModel:
         by_scale = smoothness.noise_scale**2 * by_variance.sum()
         by_scatter = np.square(smoothness.scatter * self.response) @ by_variance
         by_number = np.diag(inverse)[size:] + np.square(u) - 1.0
-        first = np.cumsum([0, *(columns.shape[1] for columns in self.effects)])
+        first = np.cumsum([0, *self._counts])
         by_effects = [by_number[a:b].sum() for a, b in itertools.pairwise(first)]
         return float(value), np.array([by_scale, *by_weights, by_scatter, *by_effects])
 
     def log_evidence_by_size(self, smoothness: Smoothness, k: int, sizes: Array) -> Array:
         """Compute the log marginal likelihood for sizes (m,) of effect `k`, up to a constant."""
         Z = self.effects[k]
-        at = self._marginal(_with_size(smoothness, k, 0.0))
+        others = [size if i != k else 0.0 for i, size in enumerate(smoothness.effects)]
+        at = self._marginal(replace(smoothness, effects=tuple(others)))
         weighted = Z / at.variance[:, None]
         projected = at.design.T @ weighted
         M = Z.T @ weighted - projected.T @ cho_solve(at.factor, projected)
@@ -286,7 +310,7 @@ class LinearModel:
 
     def shifts(self, solution: Solution) -> Array:
         """Compute the shift of the data (n,) by the effects of :meth:`solve_surface`."""
-        return np.asarray(self._Z[:, self.is_free] @ solution.effects)
+        return np.asarray(self._Z[:, : self.effects_count] @ solution.effects)
 
     def misfit(self, residual: Array, parameters: Array, smoothness: Smoothness) -> float:
         """Compute the penalised misfit ``r' S^-1 r + p' P p``, S the variance of the noise.
@@ -305,14 +329,21 @@ class LinearModel:
         """Add both quadratic forms of the roughness with their weights, shape (size, size)."""
         return smoothness.bending * self.bending + smoothness.difference * self.difference
 
+    @property
+    def _stated(self) -> Array:
+        return np.zeros((self.y.size, 0)) if self.stated is None else self.stated
+
+    @property
+    def _counts(self) -> list[int]:
+        return [columns.shape[1] for columns in (*self.effects, self._stated)]
+
     def _sizes(self, smoothness: Smoothness) -> Array:
-        counts = [columns.shape[1] for columns in self.effects]
-        return np.repeat(smoothness.effects, counts) if counts else np.zeros(0)
+        return np.repeat([*smoothness.effects, smoothness.stated], self._counts)
 
     @property
     def _Z(self) -> Array:
-        """Sensitivities to the numbers of all effects, shape (n, K)."""
-        return np.hstack([np.zeros((self.y.size, 0)), *self.effects])
+        """Sensitivities to the numbers of all effects and to the stated errors, shape (n, K)."""
+        return np.hstack([*self.effects, self._stated])
 
     def _columns(self, smoothness: Smoothness) -> Array:
         return self._Z * self._sizes(smoothness)
@@ -334,8 +365,9 @@ class LinearModel:
 class _Priors(NamedTuple):
     """Priors of the hyperparameters, normal in their logarithms.
 
-    In the order noise scale, bending, difference, scatter, effects whose sizes the data determine.
-    `active` marks the hyperparameters that are chosen; the others are zero.
+    In the order noise scale, bending, difference, scatter, effects, stated errors. `active` marks
+    the hyperparameters that the runs determine; of the others, the weights and the scatter are
+    zero and the stated errors as stated.
     """
 
     centre: Array
@@ -349,30 +381,22 @@ class _Priors(NamedTuple):
 
 
 def _priors(model: LinearModel) -> _Priors:
-    """Collect the priors: difference and scatter are active only if the runs determine them."""
+    """Collect the priors: a hyperparameter without columns in the model is not active."""
     priors = [SCALE_BEFORE, BENDING_BEFORE, DIFFERENCE_BEFORE, SCATTER_BEFORE]
-    priors += [prior for prior in model.before if prior is not None]
+    priors += [*model.before, STATED_BEFORE]
     limits = [(np.log(SMALLEST_SCALE), np.log(LARGEST_SCALE)), WEIGHT_RANGE, WEIGHT_RANGE]
-    limits += [EFFECT_RANGE] * (len(priors) - 3)
+    limits += [EFFECT_RANGE] * (1 + len(model.before)) + [(np.log(model.least_stated), 0.0)]
     active = np.ones(len(priors), dtype=bool)
     active[2:4] = bool(np.any(model.difference)), bool(np.any(model.response))
+    active[-1] = bool(np.any(model._stated))
     centre, width = np.array(priors).T
     return _Priors(centre, width, np.array(limits), active)
 
 
 def log_posterior(model: LinearModel, smoothness: Smoothness) -> float:
     """Compute the log of marginal likelihood times hyperparameter priors, up to a constant."""
-    priors = _priors(model)
-    sizes = (size for size, prior in zip(smoothness.effects, model.before, strict=True) if prior)
-    values = np.array(
-        [
-            smoothness.noise_scale,
-            smoothness.bending,
-            smoothness.difference,
-            smoothness.scatter,
-            *sizes,
-        ]
-    )
+    s, priors = smoothness, _priors(model)
+    values = np.array([s.noise_scale, s.bending, s.difference, s.scatter, *s.effects, s.stated])
     distance = priors.normalised(np.log(values[priors.active]))
     return model.log_evidence(smoothness)[0] - float(0.5 * distance @ distance)
 
@@ -382,23 +406,20 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
 
     The size of an effect is the root of the posterior mean of its square, given the others.
     """
-    free = [k for k, prior in enumerate(model.before) if prior is not None]
     priors = _priors(model)
     active, centre = priors.active, priors.centre
-    rows = np.flatnonzero([*active[:4], *(prior is not None for prior in model.before)])
-    sizes = np.ones(len(model.before))
 
     def unpack(x: Array) -> Smoothness:
         values = np.zeros(active.size)
+        values[-1] = 1.0
         values[active] = np.exp(x)
-        sizes[free] = values[4:]
-        scale, bending, difference, scatter = values[:4].tolist()
-        return Smoothness(bending, difference, scale, scatter, tuple(sizes.tolist()))
+        scale, bending, difference, scatter, *effects, stated = values.tolist()
+        return Smoothness(bending, difference, scale, scatter, tuple(effects), stated)
 
     def cost(x: Array) -> tuple[float, Array]:
         distance = priors.normalised(x)
         value, slope = model.log_evidence(unpack(x))
-        gradient = distance / priors.width[active] - slope[rows]
+        gradient = distance / priors.width[active] - slope[active]
         return float(0.5 * distance @ distance) - value, gradient
 
     def starts() -> Iterator[Array]:
@@ -407,13 +428,13 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
         x[:3] = np.log([start.noise_scale, start.bending, start.difference or 1.0])
         if start.effects:
             x[3] = np.log(start.scatter) if start.scatter else x[3]
-            x[4:] = np.log(np.array(start.effects)[free])
+            x[4:] = np.log([*start.effects, start.stated])
             yield x
             return
         yield x
-        for k in range(4, x.size):
+        for k in range(4, x.size - 1):
             x = x.copy()
-            x[4:] = EFFECT_SMALL
+            x[4:-1] = EFFECT_SMALL
             x[k] = EFFECT_LARGE
             yield x
 
@@ -421,10 +442,17 @@ def choose_smoothness(model: LinearModel, start: Smoothness) -> Smoothness:
     inside = [np.clip(x[active], *bounds.T) for x in starts()]
     minima = [minimize(cost, x, jac=True, bounds=bounds, method="L-BFGS-B") for x in inside]
     smoothness = unpack(min(minima, key=lambda minimum: float(minimum.fun)).x)
-    means = [_mean_square_root(model, smoothness, k) for k in free]
-    for k, size in zip(free, means, strict=True):
-        smoothness = _with_size(smoothness, k, size)
-    return smoothness
+    sizes = [_mean_square_root(model, smoothness, k) for k in range(len(model.effects))]
+    return replace(smoothness, effects=tuple(sizes))
+
+
+def log_evidence_of(model: LinearModel, found: Smoothness) -> float:
+    """Compute the log of the probability of the data, the stated errors being as large as stated.
+
+    What these explain is no evidence for anything else, even if the runs do not show them.
+    """
+    as_stated = replace(model, least_stated=1.0)
+    return log_posterior(as_stated, choose_smoothness(as_stated, found))
 
 
 def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[int]) -> float:
@@ -439,20 +467,13 @@ def log_evidence_for(model: LinearModel, found: Smoothness, effects: Sequence[in
         before=[model.before[k] for k in kept],
     )
     start = replace(found, effects=())
-    return log_posterior(model, found) - log_posterior(without, choose_smoothness(without, start))
+    return log_evidence_of(model, found) - log_evidence_of(without, start)
 
 
 def _mean_square_root(model: LinearModel, smoothness: Smoothness, k: int) -> float:
     """Compute the root of the posterior mean square of the size of effect `k`, the others fixed."""
     grid, prior = np.linspace(*EFFECT_RANGE, EFFECT_STEPS), model.before[k]
-    assert prior is not None
     log_density = model.log_evidence_by_size(smoothness, k, np.exp(grid))
     log_density -= 0.5 * np.square((grid - prior[0]) / prior[1])
     density = np.exp(log_density - log_density.max())
     return float(np.sqrt(density @ np.exp(2.0 * grid) / density.sum()))
-
-
-def _with_size(smoothness: Smoothness, k: int, size: float) -> Smoothness:
-    sizes = list(smoothness.effects)
-    sizes[k] = size
-    return replace(smoothness, effects=tuple(sizes))

@@ -7,12 +7,12 @@ Eq. (6), applied to the simulated tensions, gives each measured coefficient. The
 surface is free. The data determine its smoothness (:mod:`beltid.refine.evidence`) and the other
 effects on friction (:mod:`beltid.refine.effects`).
 
-Errors that runs share have stated standard uncertainties. The data determine the size of the
-effects beyond those errors: an incorrectly set arc counts once, as the stated error. The surface
-itself is not corrected for the errors estimated from the runs: a bench without them would lose
-accuracy, since such an error and a model error leave similar traces. It is corrected only for the
-effects, in the size that the stated errors leave to them. :mod:`beltid.uncertainty.refined`
-propagates the errors.
+Errors that runs share have stated standard uncertainties. The data determine how much of them is
+there, and the size of the effects beyond them: an incorrectly set arc counts once, as the stated
+error. The surface itself is not corrected for the errors estimated from the runs: a bench without
+them would lose accuracy, since such an error and a model error leave similar traces. It is
+corrected only for the effects, in the size that the stated errors leave to them.
+:mod:`beltid.uncertainty.refined` propagates the errors.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ from numpy.typing import NDArray
 from beltid.errors import BeltidError, ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.curves import Curves
-from beltid.refine.effects import STATED, Effect, EstimatedEffect, campaign_effects
+from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
 from beltid.refine.evidence import (
     SMALLEST_SCALE,
     LinearModel,
     Smoothness,
+    Solution,
     choose_smoothness,
     log_evidence_for,
-    log_posterior,
+    log_evidence_of,
 )
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -115,9 +116,9 @@ class RefinedSurface:
     effects_covariance : ndarray, shape (K, K)
         Covariance of the numbers of all effects, in order, including the uncertainty due to the
         stated errors.
-    stated : EstimatedEffect or None
+    stated : ndarray, shape (K,)
         The errors that runs share as estimated from the runs, in units of their stated standard
-        uncertainties; the surface is not corrected for them. None if no error was stated.
+        uncertainties; the surface is not corrected for them. Empty if no error was stated.
     model : LinearModel
         The model, linearised about the solution, for which the hyperparameters were chosen.
     """
@@ -142,7 +143,7 @@ class RefinedSurface:
     roughness: Array
     effects: tuple[EstimatedEffect, ...]
     effects_covariance: Array
-    stated: EstimatedEffect | None
+    stated: Array
     model: LinearModel
 
     def effect(self, key: str) -> EstimatedEffect | None:
@@ -158,7 +159,7 @@ class RefinedSurface:
         """
         # a weight below 1 means a larger variance of the run
         weights = 0.5 * float(np.log(self.weight).sum())
-        return log_posterior(self.model, self.smoothness) + weights
+        return log_evidence_of(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
         """Compute the log probability ratio of the runs with and without some effects.
@@ -234,13 +235,12 @@ def refine_surface(
         np.array([run.temperature_degC for run in runs]),
         reference_degC,
     )
-    shared = Effect(STATED, np.zeros((len(runs), 0)) if stated is None else stated)
+    shared = np.zeros((len(runs), 0)) if stated is None else stated
     problem = _Problem(rig, curves, measured, errors, effects, shared)
     fit = _gauss_newton(problem, start)
     last = sweep_with_slopes(rig, curves, fit.parameters)
     variance = fit.model.variance(fit.smoothness)
     solution = fit.model.solve_surface(fit.smoothness)
-    estimates = _estimate_effects((*effects, shared), fit.model, fit.smoothness)
     return RefinedSurface(
         surface=_tabulated(curves, fit.parameters, solution.covariance, forces),
         curves=curves,
@@ -260,18 +260,18 @@ def refine_surface(
         speed_slope=last.speed_slope,
         pull=solution.pull,
         roughness=fit.model.roughness(fit.smoothness),
-        effects=estimates[:-1],
+        effects=_estimated(effects, fit.model, fit.smoothness, solution),
         effects_covariance=solution.effects_covariance,
-        stated=None if stated is None else estimates[-1],
+        stated=fit.model.solve(fit.smoothness).effects[fit.model.effects_count :],
         model=fit.model,
     )
 
 
-def _estimate_effects(
-    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness
+def _estimated(
+    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness, solution: Solution
 ) -> tuple[EstimatedEffect, ...]:
-    """Estimate the numbers of each effect, with the surface and all other effects unknown."""
-    solution, estimates, first = model.solve(smoothness), [], 0
+    """Divide the numbers of all effects and their covariance among the effects."""
+    estimates, first = [], 0
     parts = zip(effects, smoothness.effects, model.effects, strict=True)
     for effect, size, columns in parts:
         own = slice(first, first + effect.columns.shape[1])
@@ -293,7 +293,7 @@ class _Problem:
     log_mu: Array
     errors: Array
     effects: tuple[Effect, ...]
-    stated: Effect
+    stated: Array
 
     def linearised(
         self, sweep: Sweep, parameters: Array, weight: Array, response: Array
@@ -310,11 +310,9 @@ class _Problem:
             bending=self.curves.bending(),
             difference=self.curves.difference(),
             response=response / self.errors,
-            effects=[
-                *(effect.columns * (scale * response)[:, None] for effect in self.effects),
-                self.stated.columns * scale[:, None],
-            ],
-            before=[effect.before for effect in (*self.effects, self.stated)],
+            effects=[effect.columns * (scale * response)[:, None] for effect in self.effects],
+            before=[effect.before for effect in self.effects],
+            stated=self.stated * scale[:, None],
         )
 
 
@@ -449,10 +447,7 @@ def _tabulated(
 ) -> FrictionSurface:
     """Tabulate the curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
     basis = curves.basis(np.log(forces))
-    k = curves.log_force.size
-    mu = np.exp(basis @ parameters.reshape(-1, k).T)
-    se = np.empty_like(mu)
-    for j in range(curves.log_speed.size):
-        block = covariance[j * k : (j + 1) * k, j * k : (j + 1) * k]
-        se[:, j] = mu[:, j] * np.sqrt(np.einsum("nk,kl,nl->n", basis, block, basis))
-    return FrictionSurface(forces, np.exp(curves.log_speed), mu, se)
+    shape = curves.log_speed.size, curves.log_force.size
+    mu = np.exp(basis @ parameters.reshape(shape).T)
+    variance = np.einsum("nk,jkjl,nl->nj", basis, covariance.reshape(shape * 2), basis)
+    return FrictionSurface(forces, np.exp(curves.log_speed), mu, mu * np.sqrt(variance))

@@ -187,18 +187,13 @@ def sweep_with_slopes(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
     """Return line forces at each speed (m, 3) [N/m]: limits of both :data:`SHARES`, and peak."""
-    acting: list[list[tuple[float, float, float]]] = [[] for _ in rig.speeds]
-    by_speed = [start] * rig.speeds.size
-    for i, (_, state) in enumerate(rig.slide(by_speed)):
+    acting = np.empty((len(rig.models), 3))
+    for i, (_, state) in enumerate(rig.slide([start] * rig.speeds.size)):
         points = state.points
         touching = points.F_N > 0.0
         f, load = points.f_look[touching].ravel(), points.F_look[touching].ravel()
         order = np.argsort(f)
         share = np.cumsum(load[order]) / load.sum()
-        lowest, low = np.interp(SHARES, share, f[order]).tolist()
-        acting[rig.label[i]].append((lowest, low, float(f.max())))
-    ranges = []
-    for limits_and_peaks in acting:
-        lowest, low, high = np.array(limits_and_peaks).T
-        ranges.append((lowest.min(), low.min(), high.max()))
-    return np.array(ranges)
+        acting[i] = *np.interp(SHARES, share, f[order]), f.max()
+    by_speed = [acting[rig.label == j] for j in range(rig.speeds.size)]
+    return np.array([[*of.min(axis=0)[:2], of[:, 2].max()] for of in by_speed])

@@ -72,12 +72,10 @@ class Refined:
 
     def contradictions(self) -> dict[str, float]:
         """Return errors that contradict their stated size: name -> standard uncertainties."""
-        errors = self.refined.stated
         sizes: dict[str, float] = {}
-        if errors is not None:
-            for source, size in zip(self.sources, np.abs(errors.values).tolist(), strict=False):
-                if size > CLEAR:
-                    sizes[source.name] = max(size, sizes.get(source.name, 0.0))
+        for source, size in zip(self.sources, np.abs(self.refined.stated).tolist(), strict=False):
+            if size > CLEAR:
+                sizes[source.name] = max(size, sizes.get(source.name, 0.0))
         return sizes
 
 

@@ -11,19 +11,21 @@ from truth_bench import SPEEDS, TWO, R, bench_and_runs, solved, true_mu
 
 from beltid.refine.effects import (
     ARC,
+    BEFORE,
     COURSE,
     ORDER,
-    STATED,
     TEMPERATURE,
     Effect,
     EstimatedEffect,
     campaign_effects,
 )
-from beltid.refine.inverse import RefinedSurface, refine_surface
+from beltid.refine.evidence import Smoothness, choose_smoothness
+from beltid.refine.inverse import MeasuredRun, RefinedSurface, refine_surface
 from beltid.uncertainty.refined import LEAST_EVIDENCE, Refined, ShownEffect
 from beltid.uncertainty.sources import Source
 
 NOISE = 0.001
+START = Smoothness(10.0, 10.0, 1.0)
 N = 120
 NO_MATTER = np.eye(1), np.zeros(1)
 PERMUTED = np.random.default_rng(1).permutation(N)
@@ -191,6 +193,44 @@ def test_a_campaign_in_which_nothing_shifts_shows_nothing():
     assert found.smoothness.scatter < 0.001
 
 
+def usual_errors(runs: list[MeasuredRun]) -> np.ndarray:
+    """Changes of ln mu by Eq. (6): arc settings by 0.2°, gains by 0.1 %, offsets by 0.05 N."""
+    mu, beta, T_0 = np.array([(run.mu, run.point.beta, run.point.T_0) for run in runs]).T
+    _, arc = np.unique(np.round(beta, 6), return_inverse=True)
+    ratio = np.exp(mu * beta)
+    slack = 2.0 * T_0 / (1.0 + ratio)
+    of_cells = np.column_stack([np.full((N, 2), 0.001), 0.05 / slack, 0.05 / (slack * ratio)])
+    of_arcs = np.radians(0.2) * np.eye(3)[arc] / beta[:, None]
+    return np.column_stack([of_arcs, of_cells / (mu * beta)[:, None]])
+
+
+def test_effects_that_are_absent_cost_the_surface_little():
+    """Against a solution that knows neither effects nor errors, on draws of noise alone.
+
+    In a campaign sorted by arcs, errors as large as stated would take part of every effect, and
+    what is left of an absent one would be noise: 2.1 times the error.
+    """
+    bench, runs, force = bench_and_runs("5pk", 0.0005)
+    _, arc = np.unique([round(run.point.beta, 6) for run in runs], return_inverse=True)
+    runs = [replace(run, arc=int(arc[i]), order=i) for i, run in enumerate(runs)]
+    found = refine_surface(bench, runs, SPEEDS, stated=usual_errors(runs))
+    log_force = found.curves.log_force
+    # a power law at each speed, so that no error is one of smoothness
+    law = np.concatenate([np.log(true_mu("5pk", np.exp(log_force), v)) for v in SPEEDS])
+    within = found.curves.basis(np.log(np.geomspace(force.min(), force.max(), 40)))
+    looked_at = np.kron(np.eye(SPEEDS.size), within)
+    squares = []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).normal(size=N)
+        model = replace(found.model, y=found.model.J @ law + noise)
+        alone = replace(model, stated=None, effects=(), before=())
+        solutions = [m.solve_surface(choose_smoothness(m, START)) for m in (model, alone)]
+        squares.append([np.mean((looked_at @ (s.parameters - law)) ** 2) for s in solutions])
+    of_both = np.sqrt(np.mean(squares, axis=0))
+    assert of_both[1] < 0.0005  # the noise of a run
+    assert of_both[0] < 1.25 * of_both[1]
+
+
 def few_runs(by: str) -> RefinedSurface:
     """Six tensions at two speeds and one arc, in the order of their forces or in random order."""
     bench, runs, force = bench_and_runs("5pk")
@@ -220,12 +260,13 @@ def test_what_no_usual_campaign_shows_is_named():
 
     ln s of an order effect is expected at ln 1 % ± 1.5, so that 98 % of them are below 20 %.
     """
-    stated = EstimatedEffect(Effect(STATED, np.eye(3)), 1.0, np.array([3.5, -4.0, 2.0]), *NO_MATTER)
     sources = tuple(Source(name, "arc", 0, 1.0, "", 1.0, "") for name in ("cells", "cells", "arc"))
-    refined = SimpleNamespace(stated=stated)
+    refined = SimpleNamespace(stated=np.array([3.5, -4.0, 2.0]))
     assert Refined(refined, None, sources, None).contradictions() == {"cells": 4.0}
     for size, unusual in ((-0.21, True), (0.19, False)):
-        order = EstimatedEffect(Effect(ORDER, np.eye(1)), 0.1, np.array([size]), *NO_MATTER)
+        order = EstimatedEffect(
+            Effect(ORDER, np.eye(1), BEFORE[ORDER]), 0.1, np.array([size]), *NO_MATTER
+        )
         assert order.largest_usual == pytest.approx(0.2009, rel=1e-3)
         assert order.is_unusual is unusual
 

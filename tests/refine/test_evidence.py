@@ -39,15 +39,15 @@ def test_evidence_ratio_is_that_of_the_marginal_gaussians():
     J, y = rng.normal(size=(6, 3)), rng.normal(size=6)
     B = rng.normal(size=(3, 3))
     Z, X, response = rng.normal(size=(6, 2)), rng.normal(size=(6, 1)), rng.normal(size=6)
-    before = ((-5.0, 1.0), None)
-    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3), response, (Z, X), before)
+    before = ((-5.0, 1.0),)
+    model = LinearModel(J, y, B @ B.T + np.eye(3), np.eye(3), response, (Z,), before, X)
     values = []
     for s in (
-        Smoothness(0.7, 0.4, 1.3, 0.9, (0.6, 1.0)),
-        Smoothness(2.0, 3.0, 0.8, 0.0, (0.0, 1.0)),
+        Smoothness(0.7, 0.4, 1.3, 0.9, (0.6,), 1.0),
+        Smoothness(2.0, 3.0, 0.8, 0.0, (0.0,), 0.3),
     ):
         prior = np.linalg.inv(s.bending * model.bending + s.difference * model.difference)
-        V = s.noise_scale**2 * np.eye(6) + s.effects[0] ** 2 * Z @ Z.T + X @ X.T
+        V = s.noise_scale**2 * np.eye(6) + s.effects[0] ** 2 * Z @ Z.T + s.stated**2 * X @ X.T
         V += np.diag(np.square(s.scatter * response))
         direct = multivariate_normal(np.zeros(6), J @ prior @ J.T + V)
         values.append(model.log_evidence(s)[0] - direct.logpdf(y))
@@ -55,7 +55,7 @@ def test_evidence_ratio_is_that_of_the_marginal_gaussians():
 
 
 def _with_effects() -> tuple[LinearModel, np.ndarray]:
-    """A model with two effects, one of them of a stated size, and ln of some hyperparameters."""
+    """A model with an effect and stated errors, and ln of some hyperparameters."""
     rng = np.random.default_rng(0)
     curves = Curves(np.linspace(0.0, 3.0, 6), np.array([0.0, 1.0]))
     model = LinearModel(
@@ -64,15 +64,16 @@ def _with_effects() -> tuple[LinearModel, np.ndarray]:
         bending=curves.bending(),
         difference=curves.difference(),
         response=300.0 * rng.normal(size=40),
-        effects=(100.0 * rng.normal(size=(40, 3)), rng.normal(size=(40, 2))),
-        before=((-5.0, 1.0), None),
+        effects=(100.0 * rng.normal(size=(40, 3)),),
+        before=((-5.0, 1.0),),
+        stated=rng.normal(size=(40, 2)),
     )
-    return model, np.log([1.3, 20.0, 30.0, 0.004, 0.01, 1.0])
+    return model, np.log([1.3, 20.0, 30.0, 0.004, 0.01, 0.6])
 
 
 def _smoothness(x: np.ndarray) -> Smoothness:
-    scale, bending, difference, scatter, *effects = np.exp(x).tolist()
-    return Smoothness(bending, difference, scale, scatter, tuple(effects))
+    scale, bending, difference, scatter, effect, stated = np.exp(x).tolist()
+    return Smoothness(bending, difference, scale, scatter, (effect,), stated)
 
 
 def test_slope_of_the_evidence_is_its_difference_quotient():
@@ -84,12 +85,12 @@ def test_slope_of_the_evidence_is_its_difference_quotient():
 
 
 def test_the_posterior_is_the_evidence_times_log_normal_priors():
-    """Medians 1, e^5, e^7, 0.3 % and the effect's own; the number of a stated size has none."""
+    """Medians 1, e^5, e^7, 0.3 %, the effect's own, and 1 for the stated errors."""
     model, x = _with_effects()
-    before = norm([0.0, 5.0, 7.0, math.log(0.003), -5.0], [0.5, 1.5, 2.0, 1.5, 1.0])
-    other = x + np.array([0.2, -0.3, 0.4, -0.5, 0.6, 0.0])
+    before = norm([0.0, 5.0, 7.0, math.log(0.003), -5.0, 0.0], [0.5, 1.5, 2.0, 1.5, 1.0, 1.0])
+    other = x + np.array([0.2, -0.3, 0.4, -0.5, 0.6, -0.7])
     expected = [
-        model.log_evidence(_smoothness(at))[0] + before.logpdf(at[:5]).sum() for at in (x, other)
+        model.log_evidence(_smoothness(at))[0] + before.logpdf(at).sum() for at in (x, other)
     ]
     found = [log_posterior(model, _smoothness(at)) for at in (x, other)]
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=1e-9)
@@ -130,7 +131,7 @@ def test_evidence_over_the_size_of_one_effect_is_that_of_the_whole_model():
     model, x = _with_effects()
     sizes = np.array([0.0, 0.001, 0.02, 0.3])
     quick = model.log_evidence_by_size(_smoothness(x), 0, sizes)
-    chosen = [replace(_smoothness(x), effects=(size, 1.0)) for size in sizes]
+    chosen = [replace(_smoothness(x), effects=(size,)) for size in sizes]
     whole = np.array([model.log_evidence(one)[0] for one in chosen])
     np.testing.assert_allclose(quick - quick[0], whole - whole[0], rtol=1e-6)
 
@@ -215,26 +216,34 @@ def test_effects_of_arcs_are_solved_for_and_merit_is_that_of_the_marginal_gaussi
     assert model.misfit(r, p, chosen) == pytest.approx(of_noise + p @ P @ p, rel=1e-10)
 
 
-def test_the_surface_follows_the_effects_that_stated_errors_do_not_explain():
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_the_surface_follows_the_effects_that_stated_errors_do_not_explain(share):
     # effects: generalised least squares with the stated errors marginalised; then the surface from
-    # what they leave; its covariance from 40,000 drawn campaigns of the same priors
+    # what they leave; its covariance from 40,000 drawn campaigns of the same priors, that of the
+    # numbers with the errors as large as stated, however little of them the runs show
     rng = np.random.default_rng(9)
     J, Z, X = rng.normal(size=(9, 3)), rng.normal(size=(9, 2)), 3.0 * rng.normal(size=(9, 1))
     y, s_u, P = rng.normal(size=9), 0.6, 1.8 * np.eye(3)
-    effects, before = (Z, X), ((-5.0, 1.0), None)
-    model = LinearModel(J, y, 2.0 * np.eye(3), np.eye(3), np.zeros(9), effects, before)
-    chosen = Smoothness(0.7, 0.4, 1.3, 0.0, (s_u, 1.0))
+    model = LinearModel(
+        J, y, 2.0 * np.eye(3), np.eye(3), np.zeros(9), (Z,), ((-5.0, 1.0),), stated=X
+    )
+    chosen = Smoothness(0.7, 0.4, 1.3, 0.0, (s_u,), stated=share)
     found = model.solve_surface(chosen)
-    V = 1.69 * np.eye(9) + s_u**2 * Z @ Z.T + X @ X.T + J @ np.linalg.inv(P) @ J.T
+    V = 1.69 * np.eye(9) + s_u**2 * Z @ Z.T + share**2 * X @ X.T + J @ np.linalg.inv(P) @ J.T
     of_effects = s_u**2 * Z.T @ np.linalg.inv(V)
     np.testing.assert_allclose(found.effects, of_effects @ y, rtol=1e-7)
     alone = np.linalg.solve(J.T @ J / 1.69 + P, J.T / 1.69)
     np.testing.assert_allclose(found.gain, alone @ (np.eye(9) - Z @ of_effects), rtol=1e-7)
     np.testing.assert_allclose(found.gain @ J, np.eye(3) - found.pull @ P, atol=1e-8)
     p = rng.normal(size=(40_000, 3)) @ np.linalg.cholesky(np.linalg.inv(P)).T
-    drawn = p @ J.T + s_u * rng.normal(size=(40_000, 2)) @ Z.T + 1.3 * rng.normal(size=(40_000, 9))
+    u, e = s_u * rng.normal(size=(40_000, 2)), rng.normal(size=(40_000, 1))
+    drawn = p @ J.T + u @ Z.T + 1.3 * rng.normal(size=(40_000, 9))
     scatter = np.cov((drawn @ found.gain.T - p).T)
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(scatter), rtol=0.03)
+    all_drawn, numbers = drawn + e @ X.T, np.column_stack([u, e])
+    missed = np.cov((all_drawn @ model.solve(chosen).effects_gain.T - numbers).T)
+    for one in (found.effects_covariance, model.solve(chosen).effects_covariance):
+        np.testing.assert_allclose(np.diag(one), np.diag(missed)[: len(one)], rtol=0.04)
     by_effects = np.trace(of_effects @ Z) + np.trace(found.gain @ J)
     assert model.effective_parameters(chosen) == pytest.approx(by_effects, rel=1e-7)
 
@@ -274,9 +283,10 @@ def _arcs_set_wrongly(seed: int, sigma: float) -> LinearModel:
     arc = np.eye(4)[np.arange(80) % 4]
     J = curves.basis(rng.uniform(6.2, 8.8, 80))
     y = J @ np.full(6, 0.2) + sigma * arc @ rng.normal(size=4) + 0.003 * rng.normal(size=80)
-    effects, before = (arc / 0.003, sigma * arc / 0.003), (BEFORE[ARC], None)
-    roughness = curves.bending(), curves.difference()
-    return LinearModel(J / 0.003, y / 0.003, *roughness, np.zeros(80), effects, before)
+    Z, roughness = arc / 0.003, (curves.bending(), curves.difference())
+    return LinearModel(
+        J / 0.003, y / 0.003, *roughness, np.zeros(80), (Z,), (BEFORE[ARC],), sigma * Z
+    )
 
 
 @pytest.mark.long
@@ -288,7 +298,7 @@ def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
     for seed in range(30):
         whole = _arcs_set_wrongly(seed, sigma)
         chosen = choose_smoothness(whole, Smoothness(1.0, 0.0, 1.0))
-        blind = replace(whole, effects=whole.effects[:1], before=whole.before[:1])
+        blind = replace(whole, stated=None)
         of_blind = choose_smoothness(blind, Smoothness(1.0, 0.0, 1.0))
         (level, u), (_, u_blind) = (
             _level(whole, found)
@@ -305,9 +315,42 @@ def test_a_stated_error_of_the_arcs_is_not_counted_once_more_as_their_effect():
     assert np.mean(np.abs(z) < 1.96) >= 0.90
 
 
+def _thirty_errors(errors: np.ndarray, seed: int) -> LinearModel:
+    """The four arcs with errors of 1 % among 34, each far larger as stated than the noise."""
+    rng, sigma, noise = np.random.default_rng(seed), 0.01, 0.001
+    curves = Curves(np.linspace(6.0, 9.0, 6), np.array([0.0]))
+    arc, others = np.eye(4)[np.arange(120) % 4], rng.normal(size=(120, 30))
+    J, X = curves.basis(rng.uniform(6.2, 8.8, 120)), sigma * np.column_stack([arc, others])
+    y = J @ np.full(6, 0.2) + X @ errors + noise * rng.normal(size=120)
+    roughness = curves.bending(), curves.difference()
+    Z, before = (arc / noise,), (BEFORE[ARC],)
+    return LinearModel(J / noise, y / noise, *roughness, np.zeros(120), Z, before, X / noise)
+
+
+@pytest.mark.parametrize(("there", "found"), [(0.1, 0.1), (0.5, 0.5), (3.0, 1.0)])
+def test_the_share_of_the_stated_errors_that_is_there_is_found_but_none_beyond(there, found):
+    # 34 errors tell their size within a factor of 1 ± 12 %
+    errors = there * np.random.default_rng(1).normal(size=34)
+    model = _thirty_errors(errors, 2)
+    share = choose_smoothness(model, Smoothness(1.0, 0.0, 1.0)).stated
+    expected = min(found, float(np.sqrt(np.mean(errors**2))))
+    assert share == pytest.approx(expected, rel=0.25)
+
+
+def test_an_error_within_its_statement_is_no_effect_even_where_no_other_error_is_there():
+    errors = np.concatenate([[1.0, -1.5, 0.5, 1.2], np.zeros(30)])
+    model = _thirty_errors(errors, 3)
+    found = choose_smoothness(model, Smoothness(1.0, 0.0, 1.0))
+    assert found.stated < 0.5
+    assert log_evidence_for(model, found, [0]) < 1.0
+    number = model.solve(found).effects[:4]
+    u = np.sqrt(np.diag(model.solve(found).effects_covariance)[:4])
+    assert np.all(np.abs(number - number.mean()) < 2.0 * u)
+
+
 def _level(whole: LinearModel, found: Solution) -> tuple[float, float]:
     """The level of the surface and its uncertainty by scatter, effects and the stated errors."""
     mean = np.full(6, 1 / 6)
-    stated = found.gain @ whole.effects[1]
+    stated = found.gain @ whole.stated
     variance = mean @ (found.covariance + stated @ stated.T) @ mean
     return float(mean @ found.parameters), float(np.sqrt(variance))
