@@ -183,7 +183,7 @@ def _zip(*names: str) -> bytes:
     ("content", "words"),
     [
         (_tar(), "is a tar archive, unpack it"),
-        (gzip.compress(_tar()), "is a tar archive, unpack it"),
+        (gzip.compress(_tar(), mtime=0), "is a tar archive, unpack it"),
         (_zip("mimetype", "content.xml"), "is an OpenDocument file (.ods), save it as .xlsx"),
         (_zip("t.npy", "f.npy"), "is a file of NumPy arrays, save the samples as CSV"),
         (_zip("[Content_Types].xml", "xl/workbook.bin"), "a binary Excel workbook (.xlsb)"),
@@ -191,7 +191,7 @@ def _zip(*names: str) -> bytes:
         (b"%PDF-1.4 " + bytes(99), "a PDF file"),
         (b"CDF\x01" + bytes(99), "a classic NetCDF file, save it as NetCDF-4"),
         (b"TDSh" + bytes(99), "the index of a TDMS file"),
-        (gzip.compress(gzip.compress(b"x" * 99)), "packed twice"),
+        (gzip.compress(gzip.compress(b"x" * 99, mtime=0), mtime=0), "packed twice"),
         (b"\x93NUMPY\x01\0", "is an array of NumPy, save the samples as CSV"),
         (b"ARROW1\0\0" + bytes(99), "is an Arrow or Feather file, save it as Parquet"),
         (b"SQLite format 3\0", "is an SQLite database, export the samples as CSV"),
