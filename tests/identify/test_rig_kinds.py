@@ -126,6 +126,11 @@ def test_what_two_cells_show_is_found_from_other_channels(rig, two_cells, rewrit
         assert [getattr(run, name) for run in runs] == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_radius_of_zero_is_refused_before_a_torque_is_divided_by_it(rig):
+    with pytest.raises(InputError, match=r"pulley_radius_m = 0\.0, must be > 0"):
+        reduce_runs(by_torque(rig, "tight"), 0.0, None, RigKind("torque"))
+
+
 def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
     """A level at rest and one that slides, without noise, at the settings of some runs."""
     n, parts = 70, []

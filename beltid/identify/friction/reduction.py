@@ -105,6 +105,7 @@ def reduce_runs(
         If a column is missing, has another length or is not numeric, if there are no samples, or
         if the radius is not positive.
     """
+    _check_radius(pulley_radius_m)  # a torque is divided by it
     records = run_records(columns, pulley_radius_m, kind)
     return reduce_stream(records, pulley_radius_m, settings or FrictionSettings())
 
@@ -136,8 +137,7 @@ def reduce_stream(
         If the radius is not positive, or if the tensions at rest do not match the stated ones, see
         :func:`against_stated`.
     """
-    if not (np.isfinite(R) and R > 0.0):
-        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
+    _check_radius(R)
     prepared = list(mapper(partial(prepare_run, R=R, settings=settings), records))
     sliding = [run for run in prepared if run.sliding is not None]
     if sliding:
@@ -149,6 +149,11 @@ def reduce_stream(
         if problem := against_stated(*np.array(tensions, dtype=float).reshape(-1, 2).T):
             raise InputError(problem)
     return results
+
+
+def _check_radius(R: float) -> None:
+    if not (np.isfinite(R) and R > 0.0):
+        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
 
 
 def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: FrictionSettings) -> None:
