@@ -1,0 +1,1 @@
+"""What must stay: the program at its doors, as it was before it was written again."""
