@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from golden import benches
 from golden.door import ROOT, configured, done
 

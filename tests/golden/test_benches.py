@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+
 from golden import benches, kept
 from golden.door import ROOT, Said, beltid, configured, done, refused
 
@@ -82,8 +83,14 @@ def keep(name: str, said: Said, folder: Path, mu: Sequence[float], rows: Rows) -
 
 @pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
 def test_three_belts(belt: str, tmp_path: Path) -> None:
-    said = done(ROOT, "fit-friction", f"rigdata/{belt}/rig.csv", "-o", tmp_path / "friction.parquet",
-                "--json")  # fmt: skip
+    said = done(
+        ROOT,
+        "fit-friction",
+        f"rigdata/{belt}/rig.csv",
+        "-o",
+        tmp_path / "friction.parquet",
+        "--json",
+    )
     truth = pd.read_csv(ROOT / f"tests/truth/{belt}/truth.csv")
     assert said.json["origin"] == "synthetic"
     keep(belt, said, tmp_path, truth["mu_app"].tolist(), slice(None, None, 7))
@@ -243,8 +250,16 @@ def press_error(path: Path, law: tuple[float, float]) -> float:
 @pytest.mark.parametrize("belt", LAWS)
 def test_press_of_three_belts(belt: str, tmp_path: Path) -> None:
     config = ROOT / f"configs/{belt}.yaml"
-    said = done(ROOT, "fit-stiffness", f"rigdata/{belt}/press.csv", "-c", config, "--json",
-                "-o", tmp_path / "stiffness.parquet")  # fmt: skip
+    said = done(
+        ROOT,
+        "fit-stiffness",
+        f"rigdata/{belt}/press.csv",
+        "-c",
+        config,
+        "--json",
+        "-o",
+        tmp_path / "stiffness.parquet",
+    )
     wanted = ("temperature_matters", "quadratic_law_supported")
     found = {
         "columns": columns(tmp_path / "stiffness.parquet", STIFFNESS),
@@ -295,8 +310,9 @@ def test_sliding_speeds_of_a_drive(small: Path) -> None:
 
 @pytest.mark.parametrize("belt", LAWS)
 def test_sliding_speeds_of_three_belts(belt: str, tmp_path: Path) -> None:
-    said = done(ROOT, "fit-slip", f"rigdata/{belt}/speedloss.csv", "--json",
-                "-o", tmp_path / "slip.parquet")  # fmt: skip
+    said = done(
+        ROOT, "fit-slip", f"rigdata/{belt}/speedloss.csv", "--json", "-o", tmp_path / "slip.parquet"
+    )
     truth = pd.read_csv(ROOT / f"tests/truth/{belt}/speedloss_truth.csv").set_index("run")
     found = pd.read_parquet(tmp_path / "slip.parquet").set_index("run")
     error = found["slip_speed_m_s"] - truth["slip_speed_m_s"].reindex(found.index)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+
+import beltid as beltid_api
 from golden import kept
 from golden.door import ROOT, beltid, configured, done, refused
 from golden.test_benches import columns
-
-import beltid as beltid_api
 
 LAWS = {
     "4pk": (1.05, 0.20, 0.50, 0.0020),
@@ -77,8 +77,9 @@ def test_verdicts_of_the_5pk_belt(name: str, belt_5pk: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("belt", ["4pk", "6pk"])
 def test_surfaces_of_the_other_belts(belt: str, tmp_path: Path) -> None:
-    said = beltid(ROOT, "run", f"configs/{belt}.yaml", "--out", tmp_path, "--jobs", 2, "--no-report",
-                  "--json")  # fmt: skip
+    said = beltid(
+        ROOT, "run", f"configs/{belt}.yaml", "--out", tmp_path, "--jobs", 2, "--no-report", "--json"
+    )
     assert said.status == 0, said.stderr
     errors = {
         name: surface_error(tmp_path / belt / f"{name}.parquet", belt)
@@ -90,10 +91,19 @@ def test_surfaces_of_the_other_belts(belt: str, tmp_path: Path) -> None:
 def test_artifacts_of_a_chain(belt_5pk: Path) -> None:
     """What `run` leaves, by name; every artifact says that its data are synthetic."""
     wanted = {
-        "stiffness", "slip", "friction", "surface", "surface_refined", "simulated",
-        "simulated_refined", "compare", "compare_refined", "compare_hold_out", "drive",
+        "stiffness",
+        "slip",
+        "friction",
+        "surface",
+        "surface_refined",
+        "simulated",
+        "simulated_refined",
+        "compare",
+        "compare_refined",
+        "compare_hold_out",
+        "drive",
         "compare_drive",
-    }  # fmt: skip
+    }
     there = {path.stem for path in belt_5pk.glob("*.parquet")}
     assert wanted <= there
     assert (belt_5pk / "report.html").exists()
@@ -126,16 +136,26 @@ def test_compare_says_whether_it_agrees(bench: Path) -> None:
     kept.check("chain/small_compare", {"rms_percent": facts, "runs": passed.facts["runs_compared"]})
     tight = {"compare": {"max_rms_relative_error": 1e-4}}
     config = configured(bench, {"belt": {"name": "small"}, **tight}, "tight.yaml")
-    failed = beltid(bench, "compare", "friction.parquet", "simulated.parquet", "-c", config,
-                    "-o", "tight.parquet", "--json")  # fmt: skip
+    failed = beltid(
+        bench,
+        "compare",
+        "friction.parquet",
+        "simulated.parquet",
+        "-c",
+        config,
+        "-o",
+        "tight.parquet",
+        "--json",
+    )
     assert failed.status == 4
     assert failed.json["verdict"].startswith("FAIL")
     assert (bench / "tight.parquet").exists()
 
 
 def test_runs_left_out_are_predicted(bench: Path) -> None:
-    said = beltid(bench, "compare", "friction.parquet", "stiffness.parquet", "--hold-out", "arc",
-                  "--json")  # fmt: skip
+    said = beltid(
+        bench, "compare", "friction.parquet", "stiffness.parquet", "--hold-out", "arc", "--json"
+    )
     frame = pd.read_parquet(bench / "compare_hold_out.parquet")
     found = columns(bench / "compare_hold_out.parquet", ["run", "mu_measured", "mu_simulated"])
     kept.check("chain/small_hold_out", {"columns": found, "status": said.status})
@@ -145,13 +165,29 @@ def test_runs_left_out_are_predicted(bench: Path) -> None:
 def test_selected_runs_of_the_rig(bench: Path) -> None:
     """Runs that are selected go to a file of their own."""
     before = (bench / "simulated.parquet").read_bytes()
-    done(bench, "simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", 82, "--tension",
-         200, "--speed", 0.21, "--method", "transient", "--jobs", 1)  # fmt: skip
+    done(
+        bench,
+        "simulate-rig",
+        "surface.parquet",
+        "stiffness.parquet",
+        "--arc",
+        82,
+        "--tension",
+        200,
+        "--speed",
+        0.21,
+        "--method",
+        "transient",
+        "--jobs",
+        1,
+    )
     frame = pd.read_parquet(bench / "simulated_part.parquet")
     assert (bench / "simulated.parquet").read_bytes() == before
     names = ["time_s", "tension_tight_N", "tension_slack_N"]
-    kept.check("chain/one_run", {"columns": columns(bench / "simulated_part.parquet", names,
-                                                    slice(None, None, 10))})  # fmt: skip
+    kept.check(
+        "chain/one_run",
+        {"columns": columns(bench / "simulated_part.parquet", names, slice(None, None, 10))},
+    )
     assert frame["run"].nunique() == 1
     other = beltid(bench, "simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", 60)
     refused(other, "60", "40", "82")
@@ -171,8 +207,18 @@ def test_simulated_rigs(name: str, bench: Path) -> None:
     config = {"simulation": {"method": "steady", "elements": 20}, **RIGS[name]}
     config["rig"] = rig | config["rig"]
     configured(bench, config, "rig.yaml")
-    done(bench, "simulate-rig", "surface.parquet", "stiffness.parquet", "-c", "rig.yaml", "-o",
-         "other.parquet", "--jobs", 1)  # fmt: skip
+    done(
+        bench,
+        "simulate-rig",
+        "surface.parquet",
+        "stiffness.parquet",
+        "-c",
+        "rig.yaml",
+        "-o",
+        "other.parquet",
+        "--jobs",
+        1,
+    )
     last = pd.read_parquet(bench / "other.parquet").groupby("run", sort=False).last()
     found = {name: last[name].tolist() for name in ("tension_tight_N", "tension_slack_N")}
     kept.check(f"chain/simulated_{name}", {"columns": found})
@@ -226,6 +272,14 @@ def test_plan_of_the_first_runs(tmp_path: Path) -> None:
 
 def test_plan_says_stop(small: Path, tmp_path: Path) -> None:
     """Where more runs do not help, none are proposed."""
-    done(small, "plan", "surface_refined.parquet", "stiffness.parquet", "--from",
-         "friction.parquet", "-o", tmp_path / "plan.csv")  # fmt: skip
+    done(
+        small,
+        "plan",
+        "surface_refined.parquet",
+        "stiffness.parquet",
+        "--from",
+        "friction.parquet",
+        "-o",
+        tmp_path / "plan.csv",
+    )
     assert pd.read_csv(tmp_path / "plan.csv").empty
