@@ -44,11 +44,12 @@ run-all: $(RUNTIME)  ## the same for the belts 4PK, 5PK and 6PK
 test: $(DEVELOPMENT)  ## the tests, in two processes (one: make test ARGS="-n 0")
 	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
-check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts
+check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts, size of the house
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m benchmarks.house
 	$(BIN)/python -m benchmarks.audit
 
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
