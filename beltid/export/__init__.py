@@ -13,7 +13,7 @@ Module            Responsibility
 ``preamble``      comment at the start of every file
 ``targets``       table of the targets by name
 ``python_text``   Exudyn and Project Chrono modules
-``compiled_text`` C, Fortran; user subroutines of MBDyn, RecurDyn, Adams, MotionSolve
+``compiled_text`` C, Fortran; module of MBDyn
 ``solver_text``   MBDyn, Adams, Abaqus
 ``table_text``    Modelica, MATLAB, CSV
 ================= ===================================================================

@@ -1,8 +1,7 @@
-"""Write the whole law as C and Fortran functions, and as user subroutines of multibody codes.
+"""Write the whole law as C and Fortran functions, and as a module of MBDyn.
 
 The functions evaluate the same polynomials as the surface and agree with it to rounding; they need
-only the mathematics library of their language. Wrappers for MBDyn, RecurDyn, Adams and MotionSolve
-pass them the normal force and the sliding velocity of a contact.
+only the mathematics library of their language.
 """
 
 from __future__ import annotations
@@ -20,11 +19,6 @@ LONGEST_NAME: Final = 40
 """Longest prefix in characters: Fortran names may have 63."""
 PER_LINE: Final = 4
 EXACT: Final = "The functions are the law itself, to rounding; nothing is reduced."
-PARAMETERS: Final = (
-    "USER(length, metre, still): length of belt that a contact point represents, in the length "
-    "unit of the model; metres per length unit (0.001 for mm); speed, in units of the model, "
-    "below which friction falls linearly to 0, as a penalty method requires."
-)
 
 
 def c(law: ContactLaw, choices: Choices) -> Export:
@@ -51,51 +45,6 @@ def mbdyn(law: ContactLaw) -> dict[str, bytes]:
     ]
     module = _written(law, "MBDyn", own, "mbdyn.cc", "//")
     return {f"module-{name}.cc": module, **_c_files(law)}
-
-
-def recurdyn(law: ContactLaw, choices: Choices) -> Export:
-    """Write the RecurDyn user subroutine CONTACT_FORCE: normal force and friction of a contact."""
-    name = identifier(law.belt.name)
-    own = [
-        "Holds: contact_force, a user subroutine of the contact: normal force from the "
-        "penetration, friction from normal force and relative velocity.",
-        f"Use: compile it with {name}_law.c to a library and name it as CONTACT_FORCE of the "
-        "contact. " + PARAMETERS.replace("USER(", "Parameters (").replace("still):", "still, n):"),
-        "n is the axis of the contact frame along the normal force, 1 to 3, negative if the force "
-        "points against it: check it with a block at rest before trusting a model.",
-        EXACT,
-    ]
-    subroutine = _written(law, "RecurDyn", own, "recurdyn.c", "//")
-    return Export({f"{name}_recurdyn.c": subroutine, **_c_files(law)})
-
-
-def motionsolve(law: ContactLaw, choices: Choices) -> Export:
-    """Write the MotionSolve user subroutine CFFSUB in C: friction by velocity and normal force."""
-    name = identifier(law.belt.name)
-    own = [
-        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force; "
-        f"the normal force of a penetration is {_prefix(law)}_line_force.",
-        f"Use: compile it with {name}_law.c to a library and name it in Force_Contact: "
-        'cff_type="UserCFF", cff_fnc_name="CFFSUB". Its cff_param_string is ' + PARAMETERS,
-        EXACT,
-    ]
-    return Export(
-        {f"{name}_cffsub.c": _written(law, "MotionSolve", own, "cffsub.c", "//")} | _c_files(law)
-    )
-
-
-def cffsub(law: ContactLaw) -> dict[str, bytes]:
-    """Write CFFSUB in Fortran, with the calling sequence of Adams and MotionSolve."""
-    name = identifier(law.belt.name)
-    own = [
-        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force.",
-        f"Use: compile {name}_law.f90, then this file, to a library of Adams Solver, and name it "
-        "as the friction function of CONTACT: FRICTION_FUNCTION = " + PARAMETERS,
-        EXACT,
-    ]
-    return {f"{name}_cffsub.f90": _written(law, "Adams", own, "cffsub.f90", "!")} | _fortran_file(
-        law
-    )
 
 
 def _c_files(law: ContactLaw) -> dict[str, bytes]:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 FORCE_SPLINE = 1001
 FRICTION_SPLINE = 1002
 FEWEST_POINTS = 4
-"""Smallest number of spline points that Adams and RecurDyn accept."""
+"""Smallest number of spline points that Adams accepts."""
 
 
 def mbdyn(law: ContactLaw, choices: Choices) -> Export:
@@ -86,7 +86,7 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
         )
     )
     files = {f"{name}.adm": adm.encode("ascii"), f"{name}.cmd": cmd.encode("ascii")}
-    return Export(files | compiled_text.cffsub(law), table.reductions)
+    return Export(files, table.reductions)
 
 
 def abaqus(law: ContactLaw, choices: Choices) -> Export:

@@ -70,18 +70,11 @@ TARGETS: Final = {
         ),
         Target(
             "adams",
-            "Adams: splines, .adm and .cmd; CFFSUB in Fortran",
+            "Adams: splines, .adm and .cmd",
             EVERYTHING,
             solver_text.adams,
             True,
         ),
-        Target(
-            "motionsolve",
-            "Altair MotionSolve: CFFSUB in C",
-            EVERYTHING,
-            compiled_text.motionsolve,
-        ),
-        Target("recurdyn", "RecurDyn: CONTACT_FORCE in C", EVERYTHING, compiled_text.recurdyn),
         Target("modelica", "Modelica: CombiTable1D and 2D", EVERYTHING, table_text.modelica),
         Target("matlab", "MATLAB: MAT-file", EVERYTHING, table_text.matlab),
         Target(

@@ -34,7 +34,7 @@ def test_all_targets_from_a_folder_of_results(results: Path) -> None:
     assert {row["file"] for row in product["table"]} == set(contents(results / "export"))
     reduced = {(row["target"], row["reduction"]) for row in product["details"]["reductions"]}
     assert ("exudyn", "constant mu") in reduced
-    assert not {"mbdyn", "recurdyn", "motionsolve", "c", "fortran"} & {of for of, _ in reduced}
+    assert not {"mbdyn", "c", "fortran"} & {of for of, _ in reduced}
     shown = call("all", results).stdout.splitlines()
     assert [sum(line.split()[:1] == [name] for line in shown) for name in TARGETS] == [1] * len(
         TARGETS
@@ -130,8 +130,8 @@ def test_the_law_file_that_is_read_is_never_replaced(law: ContactLaw, tmp_path: 
 def test_units_and_reference_point_reach_the_files(results: Path) -> None:
     call("adams", results, "--units", "mm")
     assert "Units: mm, N, s." in (results / "export" / "belt_six.adm").read_text()
-    done = call("recurdyn", results, "--units", "mm")
-    assert "--units mm: files for recurdyn are in SI" in done.stderr
+    done = call("c", results, "--units", "mm")
+    assert "--units mm: files for c are in SI" in done.stderr
     call("exudyn", results, "--normal-force", 5000, "--speed", 0.02)
     assert "NORMAL_FORCE = 5000.0" in (results / "export" / "belt_six_exudyn.py").read_text()
 
@@ -209,4 +209,4 @@ def test_names_of_targets_are_completed() -> None:
     from beltid.cli.commands.export import TARGET_NAMES, _complete
 
     assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
-    assert _complete("m") == ["mbdyn", "motionsolve", "modelica", "matlab"]
+    assert _complete("m") == ["mbdyn", "modelica", "matlab"]

@@ -19,8 +19,6 @@ TARGET_NAMES = (
     "fortran",
     "mbdyn",
     "adams",
-    "motionsolve",
-    "recurdyn",
     "modelica",
     "matlab",
     "abaqus",
@@ -76,7 +74,7 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, c, fortran, mbdyn, adams, motionsolve, recurdyn, modelica, "
+            help="json, exudyn, chrono, c, fortran, mbdyn, adams, modelica, "
             "matlab, abaqus, csv, "
             "or all. schema prints the JSON Schema of the law file.",
             autocompletion=_complete,
