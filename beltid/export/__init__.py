@@ -14,7 +14,7 @@ Module            Responsibility
 ``targets``       table of the targets by name
 ``python_text``   Exudyn and Project Chrono modules
 ``compiled_text`` C, Fortran; module of MBDyn
-``solver_text``   MBDyn, Adams, Abaqus
+``solver_text``   MBDyn, Adams
 ``table_text``    Modelica, MATLAB, CSV
 ================= ===================================================================
 

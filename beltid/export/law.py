@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
@@ -17,8 +16,6 @@ from beltid.laws.uncertain_surface import UncertainSurface
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
 SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
-RIB_PITCH_M: Final = {"H": 1.60e-3, "J": 2.34e-3, "K": 3.56e-3, "L": 4.70e-3, "M": 9.40e-3}
-"""Rib pitch of the profiles PH to PM, ISO 9982."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Range = tuple[NonNegativeFloat, NonNegativeFloat]
@@ -217,22 +214,6 @@ def _surface(part: FrictionPart) -> UncertainSurface:
         se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
     surface = FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
     return UncertainSurface(surface, part.factor, part.sources, part.ensemble)
-
-
-def ribbed_width(belt_type: str | None, ribs: int | None) -> float | None:
-    """Compute the width [m] of a belt from its profile, such as 5PK or PJ; None if not named.
-
-    Parameters
-    ----------
-    belt_type : str or None
-        Type as written by the manufacturer.
-    ribs : int or None
-        Number of ribs.
-    """
-    profile = re.search(r"(?<![A-Z])P([HJKLM])(?![A-Z])", (belt_type or "").upper())
-    if profile is None or ribs is None:
-        return None
-    return ribs * RIB_PITCH_M[profile[1]]
 
 
 def friction_part(

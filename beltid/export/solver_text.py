@@ -1,16 +1,15 @@
-"""Write input for programs with an input language: MBDyn, Adams, Abaqus."""
+"""Write input for programs with an input language: MBDyn, Adams."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import InputError
 from beltid.export import compiled_text
 from beltid.export.choices import Choices, Export
-from beltid.export.law import ContactLaw, ribbed_width
+from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
 from beltid.export.reduction import (
     between_nodes,
@@ -89,57 +88,6 @@ def adams(law: ContactLaw, choices: Choices) -> Export:
     return Export(files, table.reductions)
 
 
-def abaqus(law: ContactLaw, choices: Choices) -> Export:
-    """Write an Abaqus surface interaction: friction by slip rate and pressure, overclosure table.
-
-    Raises
-    ------
-    InputError
-        If the width of the belt is unknown: pressure is line force over width.
-    """
-    name, units = identifier(law.belt.name), choices.units
-    width = law.belt.width_m or ribbed_width(law.belt.type, law.belt.ribs)
-    if width is None:
-        raise InputError(
-            f"{law.belt.name}: Abaqus needs the contact pressure, which is the line force over "
-            "the width of the belt; give a config with --config that states belt.width_m, or "
-            "belt.type with the profile (such as 5PK) and belt.ribs",
-            code="belt-width",
-        )
-    table = friction_table(law.surface)
-    delta = penetration_nodes(law)
-    pressure = table.normal_force_N_m / width * units.pascal
-    lines = preamble(
-        law,
-        "Abaqus",
-        [
-            f"Width of the belt: {width * units.metre:.6g} {units.length}. Contact pressure "
-            f"[{units.pressure}] is the line force over it.",
-            "Holds: pressure over overclosure, and mu by slip rate and contact pressure. Abaqus "
-            "interpolates linearly and takes the nearest value outside, as required.",
-            f"Use: *INCLUDE this file, and name {name.upper()} in *CONTACT PAIR. Rate-dependent "
-            "friction needs a step in time (dynamic, or steady-state transport).",
-            between_nodes(law, table),
-        ],
-        units,
-    )
-    overclosure = zip(_force(law, delta) / width * units.pascal, delta * units.metre, strict=True)
-    friction = (
-        (mu, speed, p)
-        for p, row in zip(pressure, table.mu, strict=True)
-        for speed, mu in zip(table.slip_speed_m_s * units.metre, row, strict=True)
-    )
-    text = (
-        commented("**", lines)
-        + f"*SURFACE INTERACTION, NAME={name.upper()}\n"
-        + "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n"
-        + _rows(overclosure)
-        + "*FRICTION\n"
-        + _rows(friction)
-    )
-    return Export({f"{name}_abaqus.inp": text.encode("ascii")}, table.reductions)
-
-
 def _force(law: ContactLaw, delta: Array) -> Array:
     return law.normal_law.force(delta)
 
@@ -178,7 +126,3 @@ def _cmd_spline(name: str, number: int, axes: dict[str, Array]) -> str:
         lines.append(f"{key} = " + ", &\n      ".join(parts))
     lines.append("linear_extrapolate = no")
     return "data_element create spline &\n   " + " &\n   ".join(lines) + "\n"
-
-
-def _rows(rows: Iterable[tuple[float, ...]]) -> str:
-    return "".join(", ".join(_g(float(value)) for value in row) + "\n" for row in rows)

@@ -77,13 +77,6 @@ TARGETS: Final = {
         ),
         Target("modelica", "Modelica: CombiTable1D and 2D", EVERYTHING, table_text.modelica),
         Target("matlab", "MATLAB: MAT-file", EVERYTHING, table_text.matlab),
-        Target(
-            "abaqus",
-            "Abaqus: surface interaction, friction by slip rate and pressure",
-            EVERYTHING,
-            solver_text.abaqus,
-            True,
-        ),
         Target("csv", "CSV: plain grids", EVERYTHING, table_text.csv),
     )
 }

@@ -14,7 +14,6 @@ from scipy.interpolate import Akima1DInterpolator, RegularGridInterpolator
 from scipy.io import loadmat
 
 import beltid
-from beltid.errors import InputError
 from beltid.export.choices import MM, SI, Choices
 from beltid.export.law import BeltFacts, ContactLaw, friction_part
 from beltid.export.reduction import ReferencePoint
@@ -63,7 +62,7 @@ def test_every_file_says_what_it_is_and_depends_on_the_law_only(
         assert "beltid 0.0" in text, name
         if target != "json":
             for word in ("400 to 12000 N/m", "never extrapolate", "Use", "Standard "):
-                assert word in re.sub(r"\s+", " ", text.replace("**", "")), (name, word)
+                assert word in re.sub(r"\s+", " ", text), (name, word)
 
 
 @pytest.mark.parametrize("target", ["exudyn", "chrono"])
@@ -85,7 +84,7 @@ def test_no_text_of_a_law_leaves_the_comment(law: ContactLaw) -> None:
             lines = data.decode("ascii").replace("\r", "\n").splitlines()
             for line in lines:
                 if "import os" in line or "SystemExit" in line:
-                    assert line.startswith(("#", "!", "**", "//")), (target, line)
+                    assert line.startswith(("#", "!", "//")), (target, line)
 
 
 def test_measured_data_are_not_called_synthetic(law: ContactLaw) -> None:
@@ -143,50 +142,6 @@ def test_matlab_file(law: ContactLaw) -> None:
     assert_is_surface(
         law, read["table_normal_force_N_m"], read["table_slip_speed_m_s"], read["table_mu"]
     )
-
-
-# ---------------------------------------------------------------- Abaqus
-
-
-def abaqus_options(text: str) -> dict[str, list[list[float]]]:
-    """Data lines by keyword line."""
-    options: dict[str, list[list[float]]] = {}
-    for line in text.splitlines():
-        if line.startswith("**"):
-            continue
-        if line.startswith("*"):
-            options[line] = rows = []
-        else:
-            rows.append([float(cell) for cell in line.split(",")])
-    return options
-
-
-@pytest.mark.parametrize(("units", "metre", "pascal"), [(SI, 1.0, 1.0), (MM, 1e3, 1e-6)])
-def test_abaqus_interaction(law: ContactLaw, units: Any, metre: float, pascal: float) -> None:
-    options = abaqus_options(text_of(law, "abaqus", ".inp", units))
-    assert list(options) == [
-        "*SURFACE INTERACTION, NAME=BELT_5PK",
-        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
-        "*FRICTION",
-    ]
-    width = 5 * 3.56e-3  # five ribs of the profile PK
-    pressure, overclosure = np.array(options["*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR"]).T
-    assert_is_normal_law(overclosure / metre, pressure / pascal * width)
-    mu, rate, pressure = np.array(options["*FRICTION"]).T
-    # slip rate runs fastest, at constant pressure, both growing
-    speeds = np.unique(rate)
-    assert rate.tolist() == np.tile(speeds, rate.size // speeds.size).tolist()
-    forces = pressure.reshape(-1, speeds.size)[:, 0] / pascal * width
-    assert np.all(np.diff(forces) > 0)
-    assert_is_surface(law, forces, speeds / metre, mu.reshape(-1, speeds.size))
-
-
-def test_abaqus_needs_the_width_of_the_belt(law: ContactLaw) -> None:
-    unknown = law.model_copy(update={"belt": BeltFacts(name="odd", type="flat", ribs=5)})
-    with pytest.raises(InputError, match="odd: Abaqus needs the contact pressure"):
-        written(unknown, "abaqus")
-    wide = law.model_copy(update={"belt": BeltFacts(name="odd", width_m=0.02)})
-    assert "Width of the belt: 0.02 m" in text_of(wide, "abaqus", ".inp")
 
 
 # ---------------------------------------------------------------- Adams

@@ -21,7 +21,6 @@ TARGET_NAMES = (
     "adams",
     "modelica",
     "matlab",
-    "abaqus",
     "csv",
     "all",
     "schema",
@@ -74,8 +73,7 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, c, fortran, mbdyn, adams, modelica, "
-            "matlab, abaqus, csv, "
+            help="json, exudyn, chrono, c, fortran, mbdyn, adams, modelica, matlab, csv, "
             "or all. schema prints the JSON Schema of the law file.",
             autocompletion=_complete,
         ),
@@ -109,9 +107,7 @@ def export(
     ] = None,
     units: Annotated[
         UnitsChoice,
-        typer.Option(
-            help="Units of the files for adams and abaqus: SI, or mm, N, MPa. Others are in SI."
-        ),
+        typer.Option(help="Units of the files for adams: SI, or mm, N, s. Others are in SI."),
     ] = UnitsChoice.SI,
     listed: Annotated[
         bool,
@@ -120,7 +116,7 @@ def export(
     *,
     common: Common,
 ) -> None:
-    """Write the contact law of a belt for multibody and finite-element programs.
+    """Write the contact law of a belt for multibody programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot represent is replaced by an approximation; the file states its deviation from

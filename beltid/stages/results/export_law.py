@@ -83,12 +83,7 @@ def run(
         warnings.append(f"--units {units}: files for {target} are in SI")
     for selected in targets:
         choices = Choices(point, SYSTEMS[units] if selected.in_units else SI)
-        try:
-            exports[selected.name] = selected.write(law, choices)
-        except InputError as error:
-            if len(targets) == 1:
-                raise
-            warnings += [f"{selected.name} left out: {line}" for line in error.problems]
+        exports[selected.name] = selected.write(law, choices)
     up_to_date = _write(folder, exports.values(), source, options)
     return _summary(law, folder, exports, tuple(warnings), up_to_date)
 
