@@ -13,9 +13,8 @@ Module            Responsibility
 ``preamble``      comment at the start of every file
 ``targets``       table of the targets by name
 ``python_text``   Exudyn and Project Chrono modules
-``compiled_text`` C, Fortran; module of MBDyn
-``solver_text``   MBDyn, Adams
-``table_text``    Modelica, MATLAB, CSV
+``compiled_text`` C, Fortran
+``table_text``    Adams, Modelica, MATLAB, CSV
 ================= ===================================================================
 
 This package returns texts and bytes; it does not read or write files.

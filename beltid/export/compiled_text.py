@@ -1,4 +1,4 @@
-"""Write the whole law as C and Fortran functions, and as a module of MBDyn.
+"""Write the whole law as C and Fortran functions.
 
 The functions evaluate the same polynomials as the surface and agree with it to rounding; they need
 only the mathematics library of their language.
@@ -23,44 +23,18 @@ EXACT: Final = "The functions are the law itself, to rounding; nothing is reduce
 
 def c(law: ContactLaw, choices: Choices) -> Export:
     """Write C99 functions: line force, friction coefficient, friction."""
-    return Export(_c_files(law))
-
-
-def fortran(law: ContactLaw, choices: Choices) -> Export:
-    """Write the same functions in Fortran 2003, with the names of C."""
-    return Export(_fortran_file(law))
-
-
-def mbdyn(law: ContactLaw) -> dict[str, bytes]:
-    """Write an MBDyn module of drive callers with two drives: line force and sliding speed."""
-    name, prefix = identifier(law.belt.name), _prefix(law)
-    own = [
-        f'Holds: drive callers "{prefix}_mu" and "{prefix}_friction"; each takes two drives, the '
-        "line force [N/m] and the sliding speed [m/s]. Friction [N/m] opposes the sliding; "
-        "multiply it by the length of belt of a contact point.",
-        f"Use: put this file and {name}_law.c, {name}_law.h into modules/module-{name} of the "
-        f'MBDyn sources, build it like the other modules, and put module load: "libmodule-{name}" '
-        f"into the input; then {prefix}_friction, <drive of the force>, <drive of the speed>.",
-        EXACT,
-    ]
-    module = _written(law, "MBDyn", own, "mbdyn.cc", "//")
-    return {f"module-{name}.cc": module, **_c_files(law)}
-
-
-def _c_files(law: ContactLaw) -> dict[str, bytes]:
     name, prefix = identifier(law.belt.name), _prefix(law)
     own = [
         f"Holds: {prefix}_line_force, {prefix}_mu and {prefix}_friction, in SI units.",
         f"Use: compile {name}_law.c (C99, needs only the math library), include {name}_law.h.",
         EXACT,
     ]
-    return {
-        f"{name}_law.{ending}": _written(law, "C", own, f"law.{ending}", "//")
-        for ending in ("c", "h")
-    }
+    files = ("law.c", "law.h")
+    return Export({f"{name}_{file}": _written(law, "C", own, file, "//") for file in files})
 
 
-def _fortran_file(law: ContactLaw) -> dict[str, bytes]:
+def fortran(law: ContactLaw, choices: Choices) -> Export:
+    """Write the same functions in Fortran 2003, with the names of C."""
     name, prefix = identifier(law.belt.name), _prefix(law)
     own = [
         f"Holds: module {prefix}_law with {prefix}_line_force, {prefix}_mu and {prefix}_friction, "
@@ -68,7 +42,7 @@ def _fortran_file(law: ContactLaw) -> dict[str, bytes]:
         f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {prefix}_law.",
         EXACT,
     ]
-    return {f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")}
+    return Export({f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")})
 
 
 def _prefix(law: ContactLaw) -> str:

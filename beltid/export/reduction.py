@@ -198,15 +198,13 @@ def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
     """Describe the error of straight lines between the nodes of both tables."""
-    return f"{between_penetrations(law)} Straight lines of mu are off by {table.deviation}."
-
-
-def between_penetrations(law: ContactLaw) -> str:
-    """Describe the error of straight lines between the penetrations of a table."""
     width = float(penetration_nodes(law)[1])
     # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
     above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
-    return f"Straight lines between penetrations overestimate the line force by <= {above:.2g} N/m."
+    return (
+        f"Straight lines between penetrations overestimate the line force by <= {above:.2g} N/m. "
+        f"Straight lines of mu are off by {table.deviation}."
+    )
 
 
 def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from beltid.export import compiled_text, python_text, solver_text, table_text
+from beltid.export import compiled_text, python_text, table_text
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import SUFFIX, law_text
@@ -63,16 +63,10 @@ TARGETS: Final = {
         Target("c", "C: functions, no library needed", EVERYTHING, compiled_text.c),
         Target("fortran", "Fortran 2003: the same", EVERYTHING, compiled_text.fortran),
         Target(
-            "mbdyn",
-            "MBDyn: scalar function, module of drive callers in C++",
-            EVERYTHING,
-            solver_text.mbdyn,
-        ),
-        Target(
             "adams",
             "Adams: splines, .adm and .cmd",
             EVERYTHING,
-            solver_text.adams,
+            table_text.adams,
             True,
         ),
         Target("modelica", "Modelica: CombiTable1D and 2D", EVERYTHING, table_text.modelica),

@@ -99,15 +99,3 @@ def test_a_noisy_surface_stays_bounded_and_one_node_is_no_axis(
             speed = float(rng.uniform(-0.12, 0.12))
             expected = float(surface.mu(force, speed))
             assert mu(force, speed) == pytest.approx(expected, rel=1e-12)
-
-
-def test_the_module_of_mbdyn_reads_two_drives(law: ContactLaw) -> None:
-    """It cannot be compiled without the sources of MBDyn; its text is what can be looked at."""
-    files = TARGETS["mbdyn"].write(law, Choices(POINT)).files
-    assert set(files) == {
-        "belt_5pk.mbd", "module-belt_5pk.cc", "belt_5pk_law.c", "belt_5pk_law.h",
-    }  # fmt: skip
-    text = files["module-belt_5pk.cc"].decode()
-    for caller in ("belt_5pk_mu", "belt_5pk_friction"):
-        assert f'SetDriveCallerData("{caller}", new Reader({caller}))' in text
-    assert text.count("parser.GetDriveCaller()") == 2

@@ -34,7 +34,7 @@ def test_all_targets_from_a_folder_of_results(results: Path) -> None:
     assert {row["file"] for row in product["table"]} == set(contents(results / "export"))
     reduced = {(row["target"], row["reduction"]) for row in product["details"]["reductions"]}
     assert ("exudyn", "constant mu") in reduced
-    assert not {"mbdyn", "c", "fortran"} & {of for of, _ in reduced}
+    assert not {"c", "fortran"} & {of for of, _ in reduced}
     shown = call("all", results).stdout.splitlines()
     assert [sum(line.split()[:1] == [name] for line in shown) for name in TARGETS] == [1] * len(
         TARGETS
@@ -201,4 +201,4 @@ def test_names_of_targets_are_completed() -> None:
     from beltid.cli.commands.export import TARGET_NAMES, _complete
 
     assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
-    assert _complete("m") == ["mbdyn", "modelica", "matlab"]
+    assert _complete("m") == ["modelica", "matlab"]

@@ -216,26 +216,6 @@ def test_splines_have_four_points_even_where_the_surface_has_fewer(law: ContactL
     assert min(loadmat(io.BytesIO(data))["table_mu"].shape) == 2
 
 
-# ---------------------------------------------------------------- MBDyn
-
-
-def mbdyn_functions(text: str) -> dict[str, np.ndarray]:
-    kept = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
-    functions = {}
-    for statement in filter(None, (part.strip() for part in kept.split(";"))):
-        match = re.fullmatch(r'scalar function: "(\w+)", multilinear,(\s.*)', statement, re.S)
-        assert match is not None
-        functions[match[1]] = numbers(match[2]).reshape(-1, 2)
-    return functions
-
-
-def test_mbdyn_functions(law: ContactLaw) -> None:
-    functions = mbdyn_functions(text_of(law, "mbdyn", ".mbd"))
-    x, y = functions["belt_5pk_line_force"].T
-    assert (x[0], y[0]) == (-1.0, 0.0)  # an open contact pushes nothing
-    assert_is_normal_law(x[1:], y[1:])
-
-
 # ---------------------------------------------------------------- Chrono
 
 
@@ -288,7 +268,7 @@ def csv_rows(data: bytes) -> list[dict[str, str]]:
 def test_measured_inferred_and_extrapolated_are_distinguished(law: ContactLaw) -> None:
     ranges = law.validity.model_copy(update={"measured_force_N_m": (900.0, 8000.0)})
     law = law.model_copy(update={"validity": ranges})
-    for target, ending in (("adams", ".adm"), ("mbdyn", ".mbd"), ("modelica", ".txt")):
+    for target, ending in (("adams", ".adm"), ("modelica", ".txt")):
         text = re.sub(r" [#!*]+ ", " ", " ".join(text_of(law, target, ending).split()))
         assert "mean line force of the runs 900 to 8000 N/m" in text, target
         assert "mu is inferred by the refined surface for line forces of 400 to 12000 N/m" in text

@@ -17,7 +17,6 @@ TARGET_NAMES = (
     "chrono",
     "c",
     "fortran",
-    "mbdyn",
     "adams",
     "modelica",
     "matlab",
@@ -73,7 +72,7 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, c, fortran, mbdyn, adams, modelica, matlab, csv, "
+            help="json, exudyn, chrono, c, fortran, adams, modelica, matlab, csv, "
             "or all. schema prints the JSON Schema of the law file.",
             autocompletion=_complete,
         ),
