@@ -12,7 +12,7 @@ Module            Responsibility
 ``choices``       units (SI, or millimetre and newton), reference point; the files
 ``preamble``      comment at the start of every file
 ``targets``       table of the targets by name
-``python_text``   Exudyn and Project Chrono modules
+``python_text``   Python modules: numpy alone, Exudyn
 ``compiled_text`` C, Fortran
 ``table_text``    Adams, Modelica, MATLAB, CSV
 ================= ===================================================================

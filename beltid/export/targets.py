@@ -54,12 +54,7 @@ TARGETS: Final = {
             "linear stiffness, constant mu; all of it by update_contacts()",
             python_text.exudyn,
         ),
-        Target(
-            "chrono",
-            "Project Chrono: Python module for PyChrono",
-            "linear stiffness, constant mu; all of it by contact_force()",
-            python_text.chrono,
-        ),
+        Target("python", "Python: functions, needs numpy", EVERYTHING, python_text.python),
         Target("c", "C: functions, no library needed", EVERYTHING, compiled_text.c),
         Target("fortran", "Fortran 2003: the same", EVERYTHING, compiled_text.fortran),
         Target(

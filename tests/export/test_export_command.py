@@ -34,7 +34,7 @@ def test_all_targets_from_a_folder_of_results(results: Path) -> None:
     assert {row["file"] for row in product["table"]} == set(contents(results / "export"))
     reduced = {(row["target"], row["reduction"]) for row in product["details"]["reductions"]}
     assert ("exudyn", "constant mu") in reduced
-    assert not {"c", "fortran"} & {of for of, _ in reduced}
+    assert not {"python", "c", "fortran"} & {of for of, _ in reduced}
     shown = call("all", results).stdout.splitlines()
     assert [sum(line.split()[:1] == [name] for line in shown) for name in TARGETS] == [1] * len(
         TARGETS
@@ -171,7 +171,7 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("tyre", "x"), "target = tyre, must be one of json, exudyn, chrono"),
+        (("tyre", "x"), "target = tyre, must be one of json, exudyn, python"),
         (("json",), "LAW is missing"),
         (("json", "nowhere"), "nowhere: there is no such folder or file"),
         (("json", "."), "stiffness.parquet: there is no such file"),

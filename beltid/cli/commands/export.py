@@ -14,7 +14,7 @@ from beltid.cli.program import Common, command
 TARGET_NAMES = (
     "json",
     "exudyn",
-    "chrono",
+    "python",
     "c",
     "fortran",
     "adams",
@@ -72,7 +72,7 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, c, fortran, adams, modelica, matlab, csv, "
+            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, "
             "or all. schema prints the JSON Schema of the law file.",
             autocompletion=_complete,
         ),
