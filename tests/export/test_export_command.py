@@ -13,7 +13,7 @@ import beltid
 from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
 from beltid.export.law import ContactLaw
-from beltid.export.law_file import law_text, schema
+from beltid.export.law_file import law_text
 from beltid.export.targets import TARGETS
 
 
@@ -188,17 +188,16 @@ def test_what_cannot_be_exported_is_reported(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_list_names_every_target_and_schema_prints_the_schema() -> None:
+def test_list_names_every_target() -> None:
     listed = call("--list")
     assert listed.exit_code == 0
     lines = listed.stdout.splitlines()
     assert [line.split()[0] for line in lines if line[0] != " "] == list(TARGETS)
     assert max(map(len, lines)) <= 80
-    assert json.loads(call("schema").stdout) == schema()
 
 
 def test_names_of_targets_are_completed() -> None:
     from beltid.cli.commands.export import TARGET_NAMES, _complete
 
-    assert set(TARGET_NAMES) == {*TARGETS, "all", "schema"}
+    assert set(TARGET_NAMES) == {*TARGETS, "all"}
     assert _complete("m") == ["modelica", "matlab"]

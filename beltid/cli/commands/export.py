@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from beltid.cli.execute import finish, print_text
+from beltid.cli.execute import finish
 from beltid.cli.program import Common, command
 
 TARGET_NAMES = (
@@ -22,7 +22,6 @@ TARGET_NAMES = (
     "matlab",
     "csv",
     "all",
-    "schema",
 )
 
 
@@ -72,8 +71,7 @@ def export(
         str,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, "
-            "or all. schema prints the JSON Schema of the law file.",
+            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, or all.",
             autocompletion=_complete,
         ),
     ],
@@ -130,8 +128,6 @@ def export(
     """  # noqa: D301
     from beltid.stages.results import export_law as stage
 
-    if target == stage.SCHEMA:
-        print_text(lambda options: stage.schema_text(), common)
     finish(
         lambda options: stage.run(
             target,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +10,6 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
 from beltid.export.choices import SI, SYSTEMS, Choices, Export
 from beltid.export.law import ContactLaw
-from beltid.export.law_file import schema
 from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Target
 from beltid.report.summary import Summary
@@ -21,7 +19,6 @@ from beltid.stages.results.law_of_belt import law_of_folder
 from beltid.stages.tables import load_law
 
 ALL: Final = "all"
-SCHEMA: Final = "schema"
 
 
 def run(
@@ -99,11 +96,6 @@ def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
     return law
 
 
-def schema_text() -> str:
-    """Return the JSON Schema of the law file as text."""
-    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
-
-
 def target_rows() -> list[dict[str, Any]]:
     """Return a row per target: name, output, and how much of the law it holds."""
     return [
@@ -116,7 +108,7 @@ def _targets(name: str) -> Sequence[Target]:
     if name == ALL:
         return tuple(TARGETS.values())
     if name not in TARGETS:
-        allowed = ", ".join((*TARGETS, ALL, SCHEMA))
+        allowed = ", ".join((*TARGETS, ALL))
         raise InputError(f"target = {name}, must be one of {allowed}")
     return (TARGETS[name],)
 
