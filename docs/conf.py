@@ -25,6 +25,7 @@ html_copy_source = False
 
 
 def setup(app):
+    """Connect what the build also does."""
     app.connect("build-finished", write_schema)
 
 

@@ -188,12 +188,13 @@ def test_what_cannot_be_exported_is_reported(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_list_names_every_target() -> None:
-    listed = call("--list")
+def test_without_a_target_all_are_listed() -> None:
+    listed = call()
     assert listed.exit_code == 0
     lines = listed.stdout.splitlines()
-    assert [line.split()[0] for line in lines if line[0] != " "] == list(TARGETS)
+    assert [sum(line.split()[:1] == [name] for line in lines) for name in TARGETS] == [1] * 9
     assert max(map(len, lines)) <= 80
+    assert [row["target"] for row in json.loads(call("--json").stdout)["table"]] == list(TARGETS)
 
 
 def test_names_of_targets_are_completed() -> None:

@@ -43,20 +43,6 @@ def _complete(incomplete: str) -> list[str]:
     return [name for name in TARGET_NAMES if name.startswith(incomplete)]
 
 
-def _list(wanted: bool) -> None:
-    if wanted:
-        from beltid.export.targets import EVERYTHING
-        from beltid.stages.results.export_law import target_rows
-
-        rows = target_rows()
-        width = max(len(row["target"]) for row in rows) + 2
-        for row in rows:
-            typer.echo(f"{row['target']:<{width}}{row['writes']}")
-            if row["holds"] != EVERYTHING:
-                typer.echo(f"{'':<{width}}holds {row['holds']}")
-        raise typer.Exit
-
-
 @command(
     "export",
     out=typer.Option(
@@ -68,13 +54,14 @@ def _list(wanted: bool) -> None:
 )
 def export(
     target: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, or all.",
+            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, or all. "
+            "Without it, the targets are listed.",
             autocompletion=_complete,
         ),
-    ],
+    ] = None,
     source: Annotated[
         Path | None,
         typer.Argument(
@@ -106,10 +93,6 @@ def export(
         UnitsChoice,
         typer.Option(help="Units of the files for adams: SI, or mm, N, s. Others are in SI."),
     ] = UnitsChoice.SI,
-    listed: Annotated[
-        bool,
-        typer.Option("--list", callback=_list, is_eager=True, help="List the targets and exit."),
-    ] = False,
     *,
     common: Common,
 ) -> None:
@@ -124,7 +107,6 @@ def export(
     Example: beltid export exudyn runs/5pk
              beltid export adams runs/5pk --units mm
              beltid export all runs/5pk -o laws/5pk
-             beltid export --list
     """  # noqa: D301
     from beltid.stages.results import export_law as stage
 

@@ -22,7 +22,7 @@ ALL: Final = "all"
 
 
 def run(
-    target: str,
+    target: str | None,
     source: Path | None,
     config: Path | None,
     out: Path | None,
@@ -37,8 +37,8 @@ def run(
 
     Parameters
     ----------
-    target : str
-        Name of a target, or "all".
+    target : str or None
+        Name of a target, or "all"; None to list them.
     source : Path or None
         Folder with the artifacts of a belt, or a law file; None if the user named none.
     config : Path or None
@@ -60,6 +60,8 @@ def run(
     InputError
         If a required input is missing, or a file with other content already exists.
     """
+    if target is None:
+        return _listed()
     if source is None:
         raise InputError(
             "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
@@ -96,12 +98,13 @@ def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
     return law
 
 
-def target_rows() -> list[dict[str, Any]]:
-    """Return a row per target: name, output, and how much of the law it holds."""
-    return [
+def _listed() -> Summary:
+    """List the targets: name, output, and how much of the law it holds."""
+    rows = [
         {"target": target.name, "writes": target.title, "holds": target.holds}
         for target in TARGETS.values()
     ]
+    return Summary("export", "targets", table=rows, shown=("target", "writes"))
 
 
 def _targets(name: str) -> Sequence[Target]:
