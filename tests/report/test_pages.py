@@ -23,6 +23,7 @@ from report_belt_data import (
     write,
 )
 
+from beltid.artifacts.metadata_models import BudgetRow
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
@@ -146,6 +147,8 @@ def test_tables_can_be_downloaded_as_shown() -> None:
     table = nodes(results().get("surface_refined"), "refined")
     rows = list(csv.reader(io.StringIO(base64.b64decode(table.csv).decode())))
     assert rows == [list(table.headings), *table.rows]
+    harmful = replace(table, rows=[["-1.5", "=1+1"]], headings=("f", "run"), numeric=(True, False))
+    assert base64.b64decode(harmful.csv).decode().splitlines()[1] == "-1.5,'=1+1"
     assert table.file.endswith(".csv")
     long = replace(table, title="What shifts the friction beside the refined surface, in percent")
     assert long.file == "what_shifts_the_friction_beside_the_refined_surface_in.csv"
@@ -174,9 +177,11 @@ def test_names_cannot_bring_markup_along() -> None:
     labels[:] = NAUGHTY + "\x1b[31m\u202e"
     status = friction.columns["status"].copy()
     status[0] = NAUGHTY
-    said = {"notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}  # no model lets origin be
+    row = dict.fromkeys(BudgetRow.__annotations__) | {"unit": "", "contribution_percent": 1.0}
+    budget = [{**row, "quantity": NAUGHTY, "source": NAUGHTY, "basis": "stated"}]
+    said = {name: [NAUGHTY] for name in ("notes", "warnings")} | {"config": NAUGHTY}
     columns = {**friction.columns, "run": labels, "status": status}
-    whole["friction"] = stating(replace(friction, columns=columns), **said)
+    whole["friction"] = stating(replace(friction, columns=columns), **said, budget=budget)
     naughty = replace(results(NAUGHTY), sheets=whole, problems=(NAUGHTY,))
     for text in (
         rendered(belt_page(naughty, "0" * 64)),
