@@ -15,17 +15,15 @@ from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
 
-LONGEST_NAME: Final = 40
-"""Longest prefix in characters: Fortran names may have 63."""
 PER_LINE: Final = 4
 EXACT: Final = "The functions are the law itself, to rounding; nothing is reduced."
 
 
 def c(law: ContactLaw, choices: Choices) -> Export:
     """Write C99 functions: line force, friction coefficient, friction."""
-    name, prefix = identifier(law.belt.name), _prefix(law)
+    name = identifier(law.belt.name)
     own = [
-        f"Holds: {prefix}_line_force, {prefix}_mu and {prefix}_friction, in SI units.",
+        f"Holds: {name}_line_force, {name}_mu and {name}_friction, in SI units.",
         f"Use: compile {name}_law.c (C99, needs only the math library), include {name}_law.h.",
         EXACT,
     ]
@@ -35,18 +33,14 @@ def c(law: ContactLaw, choices: Choices) -> Export:
 
 def fortran(law: ContactLaw, choices: Choices) -> Export:
     """Write the same functions in Fortran 2003, with the names of C."""
-    name, prefix = identifier(law.belt.name), _prefix(law)
+    name = identifier(law.belt.name)
     own = [
-        f"Holds: module {prefix}_law with {prefix}_line_force, {prefix}_mu and {prefix}_friction, "
+        f"Holds: module {name}_law with {name}_line_force, {name}_mu and {name}_friction, "
         "in SI units; they have the names and arguments of the C functions.",
-        f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {prefix}_law.",
+        f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {name}_law.",
         EXACT,
     ]
     return Export({f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")})
-
-
-def _prefix(law: ContactLaw) -> str:
-    return identifier(law.belt.name)[:LONGEST_NAME]
 
 
 def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, sign: str) -> bytes:
@@ -54,9 +48,8 @@ def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, si
     folder = files("beltid.export") / "templates"
     text = Template((folder / f"{template}.txt").read_text("utf-8"))
     values = _fortran_values(law) if template.endswith("f90") else _c_values(law)
-    prefix = _prefix(law)
-    names = {"file": identifier(law.belt.name), "name": prefix, "guard": f"{prefix.upper()}_LAW_H"}
-    source = text.substitute(values, **names)
+    name = identifier(law.belt.name)
+    source = text.substitute(values, name=name, guard=f"{name.upper()}_LAW_H")
     return (commented(sign, preamble(law, target, own)) + "\n" + source).encode("ascii")
 
 

@@ -6,9 +6,10 @@ from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeFloat, PositiveFloat
 
 from beltid.artifacts.metadata_models import Origin
+from beltid.config.fields import FOLDER_NAME, PLAIN_WORDS, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -31,11 +32,12 @@ class Part(BaseModel):
 class BeltFacts(Part):
     """The belt that the law was identified with."""
 
-    name: str = Field(
-        description="name of the belt; files are named by it",
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+    name: Annotated[str, BeforeValidator(folder_name)] = Field(
+        description="name of the belt; files are named by it", pattern=f"^{FOLDER_NAME}$"
     )
-    type: str | None = Field(default=None, description="type, such as 5PK")
+    type: Annotated[str, Field(pattern=f"^{PLAIN_WORDS}$"), BeforeValidator(plain_words)] | None = (
+        Field(default=None, description="type, such as 5PK")
+    )
     ribs: int | None = Field(default=None, description="number of ribs", ge=1)
     width_m: PositiveFloat | None = Field(default=None, description="width of the ribbed side [m]")
     axial_stiffness_N: PositiveFloat | None = Field(default=None, description="EA [N]")

@@ -16,6 +16,8 @@ from beltid.export.reduction import (
 
 LINEAR = "linear normal law"
 CONSTANT = "constant mu"
+CODING = "# -*- coding: utf-8 -*-\n"
+"""First line of a module: no comment below it can name another encoding."""
 
 
 def python(law: ContactLaw, choices: Choices) -> Export:
@@ -80,7 +82,7 @@ def _module(law: ContactLaw, lines: list[str], target: str, **values: str) -> by
         patches=_rows(patches.reshape(-1, 4).tolist()),
         shape=repr(patches.shape),
     )
-    return (commented("#", lines) + "\n" + source).encode("ascii")
+    return (CODING + commented("#", lines) + "\n" + source).encode("ascii")
 
 
 def _range(nodes: tuple[float, ...]) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
-from beltid.export.preamble import commented, identifier, preamble
+from beltid.export.preamble import commented, identifier, plain_ascii, preamble
 from beltid.export.reduction import (
     FrictionTable,
     between_nodes,
@@ -189,7 +189,7 @@ def _with_text(data: bytes, law: ContactLaw) -> bytes:
     """Replace the machine and date that scipy writes by a text about the law."""
     synthetic = ", SYNTHETIC DATA" if law.synthetic else ""
     text = f"MATLAB 5.0 MAT-file, contact law of a belt{synthetic}, {law.provenance.software}"
-    return text.encode("ascii", "replace")[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
+    return plain_ascii(text).encode()[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
 
 
 def _normal_csv(law: ContactLaw) -> str:

@@ -88,13 +88,13 @@ def test_a_noisy_surface_stays_bounded_and_one_node_is_no_axis(
     by_force = FrictionSurface([500.0, 2000.0, 9000.0], [0.01], [[1.3], [1.0], [0.8]])
     from_zero = FrictionSurface([0.0, 2000.0], [0.0, 0.02], [[1.3, 1.2], [1.0, 0.8]])
     for number, surface in enumerate((noisy, constant, by_force, from_zero)):
-        facts = BeltFacts(name=f"{'x' * 60}{number}")
+        facts = BeltFacts(name=f"{'x' * 39}{number}")
         changed = law.model_copy(
             update={"friction": friction_part(surface, "refined"), "belt": facts}
         )
         folder = tmp_path / f"{number}"
         folder.mkdir()
-        mu = function(compiled(folder, changed, target, compiler), f"belt_{'x' * 35}_mu", 2)
+        mu = function(compiled(folder, changed, target, compiler), f"belt_{facts.name}_mu", 2)
         for force in rng.uniform(0.0, 2.5e4, 200):
             speed = float(rng.uniform(-0.12, 0.12))
             expected = float(surface.mu(force, speed))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +169,53 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
     other = call("adams", results, "-c", named)
     assert "was made with a different config" in other.stderr
     assert "belt mine (4PK" in (results / "export" / "belt_mine.adm").read_text()
+
+
+CODE = r'coding=unicode_escape\nopen("P","w")#'
+"""In a comment at the top, Python takes it for the encoding of the file, and runs the rest."""
+
+
+def runs_the_code(modules: Path) -> bool:
+    """Import what was exported, if anything was; whether that made the file P."""
+    names = [path.stem for path in modules.glob("*.py")]
+    call = [sys.executable, "-c", "".join(f"import {name}\n" for name in names)]
+    subprocess.run(call, cwd=modules.parent, env={**os.environ, "PYTHONPATH": str(modules)})
+    return (modules.parent / "P").exists()
+
+
+@pytest.mark.parametrize("key", ["name", "type"])
+@pytest.mark.parametrize("target", ["exudyn", "python"])
+def test_a_name_in_a_config_is_no_code(results: Path, target: str, key: str) -> None:
+    named = results / "named.yaml"
+    named.write_text(json.dumps({"belt": {"name": "mine", key: CODE}}))
+    refused = call(target, results, "-c", named)
+    assert not runs_the_code(results / "export")
+    assert refused.exit_code == 2
+    for word in ("named.yaml:1:", f"belt.{key}", "1 to 40", "A-Z a-z 0-9"):
+        assert word in refused.stderr
+
+
+@pytest.mark.parametrize("target", ["exudyn", "python", "json"])
+def test_a_type_in_a_law_file_is_no_code(law: ContactLaw, tmp_path: Path, target: str) -> None:
+    document = json.loads(law_text(law))
+    del document["content_sha256"]
+    longer = CODE.replace('"w")', '"w").write("a"+"b"*1000)')
+    document["belt"]["type"] = longer
+    path = tmp_path / "5pk.beltlaw.json"
+    path.write_text(json.dumps(document))
+    (tmp_path / "export").mkdir()
+    refused = call(target, path)
+    assert not runs_the_code(tmp_path / "export")
+    assert refused.exit_code == 2
+    for word in ("5pk.beltlaw.json", "belt.type", "1 to 40"):
+        assert word in refused.stderr
+
+
+def test_the_first_line_of_a_module_states_its_encoding(results: Path) -> None:
+    for target in ("exudyn", "python"):
+        call(target, results)
+    for path in (results / "export").glob("*.py"):
+        assert path.read_text().splitlines()[0] == "# -*- coding: utf-8 -*-"
 
 
 @pytest.mark.parametrize(

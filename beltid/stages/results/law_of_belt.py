@@ -148,7 +148,7 @@ def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
 def _belt_name(folder: Path) -> str:
     """Turn the name of a folder into a valid name of a belt."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
-    return name[:64] or "belt"
+    return name[:40] or "belt"
 
 
 def _belt(config: Config) -> BeltFacts:
