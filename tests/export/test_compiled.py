@@ -24,7 +24,7 @@ POINT = ReferencePoint(3000.0, 0.01)
 DOUBLE = ctypes.c_double
 FLAGS = {
     "gcc": ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"),
-    "gfortran": ("-std=f2008", "-pedantic", "-Wall", "-Werror"),
+    "gfortran": ("-std=f2003", "-pedantic", "-Wall", "-Werror"),
 }
 TRUE = st.floats(-1e3, 1e5) | st.sampled_from([400.0, 12000.0, 0.0])
 SPEED = st.floats(-0.1, 0.1) | st.sampled_from([0.0025, 0.04, 0.0])
