@@ -1,7 +1,7 @@
 """Export the contact law of a belt: an open law file, and input for multibody codes.
 
 A target receives as much of the law as it can represent. The rest is simplified, and the file
-states the deviation from the law over its measured range.
+states the deviation from the law over the range of mu.
 
 ================= ===================================================================
 Module            Responsibility

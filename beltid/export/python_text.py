@@ -50,7 +50,7 @@ def exudyn(law: ContactLaw, choices: Choices) -> Export:
             "touch the pulley.",
             "The object holds a linear normal law and a constant friction coefficient. Both are "
             f"exact at {point}: stiffness {linear_stiffness(law, point):.5g} N/m^2, mu "
-            f"{float(law.surface.mu(force, speed)):.5g}. Over the measured range the linear force "
+            f"{float(law.surface.mu(force, speed)):.5g}. Over the range of mu the linear force "
             f"is off by {reductions[LINEAR]}, the constant mu by {reductions[CONSTANT]}.",
             "update_contacts(mbs, contacts, slip_speed) removes these reductions: called between "
             "solutions or before each step, it gives every element the stiffness and friction of "
@@ -73,8 +73,8 @@ def _module(law: ContactLaw, lines: list[str], target: str, **values: str) -> by
         synthetic=law.synthetic,
         k_linear=repr(law.normal.k_linear_N_m2),
         k_quadratic=repr(law.normal.k_quadratic_N_m3),
-        force_range=_range(part.normal_force_N_m),
-        speed_range=_range(part.slip_speed_m_s),
+        force_range=repr(law.validity.measured_force_N_m),
+        speed_range=repr(law.validity.slip_speed_m_s),
         f_ref='float("inf")' if part.f_ref_N_m is None else repr(part.f_ref_N_m),
         v_ref='float("inf")' if part.v_ref_m_s is None else repr(part.v_ref_m_s),
         x_nodes=_listed(part.x_nodes),
@@ -83,12 +83,6 @@ def _module(law: ContactLaw, lines: list[str], target: str, **values: str) -> by
         shape=repr(patches.shape),
     )
     return (CODING + commented("#", lines) + "\n" + source).encode("ascii")
-
-
-def _range(nodes: tuple[float, ...]) -> str:
-    if nodes == (0.0,):
-        return '(0.0, float("inf"))'
-    return f"({nodes[0]!r}, {nodes[-1]!r})"
 
 
 def _listed(values: tuple[float, ...]) -> str:

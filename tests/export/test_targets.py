@@ -274,6 +274,10 @@ def test_measured_inferred_and_extrapolated_are_distinguished(law: ContactLaw) -
         assert "mean line force of the runs 900 to 8000 N/m" in text, target
         assert "mu is inferred by the refined surface for line forces of 400 to 12000 N/m" in text
         assert "Extrapolated: line forces of the normal law beyond 10000 N/m" in text
+    for target in ("python", "exudyn"):
+        names: dict[str, Any] = {}
+        exec(text_of(law, target, ".py"), names)
+        assert (names["FORCE_RANGE"], names["SPEED_RANGE"]) == ((900.0, 8000.0), (0.0025, 0.04))
     nodes = csv_rows(written(law, "csv")["belt_5pk_friction_nodes.csv"])
     of_force = {float(row["normal_force_N_m"]): row["range"] for row in nodes}
     inside = {force: "measured" if 900 <= force <= 8000 else "inferred" for force in of_force}

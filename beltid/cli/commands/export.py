@@ -78,8 +78,8 @@ def export(
         float | None,
         typer.Option(
             metavar="N/m",
-            help="Line force at which a linear stiffness, a constant mu or mu(v) is exact, for "
-            "targets that support no more. Default: the middle of the measured range.",
+            help="Line force at which a linear stiffness and a constant mu are exact, for "
+            "targets that support no more. Default: the middle of the range of mu.",
         ),
     ] = None,
     speed: Annotated[
@@ -100,7 +100,7 @@ def export(
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot represent is replaced by an approximation; the file states its deviation from
-    the law over the measured range. An existing file with different content is replaced only with
+    the law over the range of mu. An existing file with different content is replaced only with
     --force.
 
     \b

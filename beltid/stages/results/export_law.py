@@ -51,7 +51,7 @@ def run(
         Friction surface to export; None for the refined one if it exists.
     normal_force_N_m, slip_speed_m_s : float or None
         Point at which targets with a single stiffness or mu are exact; None for the middle of the
-        measured range.
+        range of mu.
     units : {"SI", "mm"}
         Units of the files, for targets that do not prescribe them.
 
