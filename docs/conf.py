@@ -1,6 +1,10 @@
 """Sphinx configuration: `make docs` builds the pages into docs/_build/html."""
 
+import json
+from pathlib import Path
+
 from beltid import __version__
+from beltid.export.law_file import schema
 
 project = "beltid"
 author = "the beltid authors"
@@ -18,3 +22,14 @@ autodoc_member_order = "bysource"
 html_theme = "furo"
 html_title = f"beltid {release}"
 html_copy_source = False
+
+
+def setup(app):
+    """Connect what the build also does."""
+    app.connect("build-finished", write_schema)
+
+
+def write_schema(app, exception):
+    """Write the JSON Schema of the law file beside the pages."""
+    text = json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
+    Path(app.outdir, "beltlaw.schema.json").write_text(text, "utf-8")

@@ -13,7 +13,7 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import BaseModel, ConfigDict
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError, core_schema
@@ -25,6 +25,8 @@ from beltid.tables.units import Calibration, allowed_units, calibration, convers
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
+FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
+PLAIN_WORDS: Final = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
 _LARGEST = sys.float_info.max  # compared without conversion: an int may be larger than any float
 
 
@@ -183,12 +185,21 @@ def auto_or_switch(value: Any) -> Any:
 
 def folder_name(value: Any) -> str:
     """Check a name that must be a safe folder name on every system."""
+    return _plain(value, FOLDER_NAME, "", "it names the folder of the results")
+
+
+def plain_words(value: Any) -> str:
+    """Check words that must be harmless in a comment of every programming language."""
+    return _plain(value, PLAIN_WORDS, " and blanks", "it stands in exported programs")
+
+
+def _plain(value: Any, pattern: str, more: str, why: str) -> str:
     if not isinstance(value, str):
         raise complain("a name (put it in quotes)")
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", value):
+    if not re.fullmatch(pattern, value):
         raise complain(
-            "1 to 64 of the characters A-Z a-z 0-9 . _ -, beginning with a letter or digit: "
-            "it names the folder of the results"
+            f"1 to 40 of the characters A-Z a-z 0-9 . _ -{more}, beginning with a letter or "
+            f"digit: {why}"
         )
     return value
 

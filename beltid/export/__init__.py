@@ -1,7 +1,7 @@
 """Export the contact law of a belt: an open law file, and input for multibody codes.
 
 A target receives as much of the law as it can represent. The rest is simplified, and the file
-states the deviation from the law over its measured range.
+states the deviation from the law over the range of mu.
 
 ================= ===================================================================
 Module            Responsibility
@@ -12,10 +12,9 @@ Module            Responsibility
 ``choices``       units (SI, or millimetre and newton), reference point; the files
 ``preamble``      comment at the start of every file
 ``targets``       table of the targets by name
-``python_text``   Exudyn and Project Chrono modules
-``compiled_text`` C, Fortran; user subroutines of MBDyn, RecurDyn, Adams, MotionSolve
-``solver_text``   MBDyn, Adams, Abaqus
-``table_text``    Modelica, MATLAB, CSV
+``python_text``   Python modules: numpy alone, Exudyn
+``compiled_text`` C, Fortran
+``table_text``    Adams, Modelica, MATLAB, CSV
 ================= ===================================================================
 
 This package returns texts and bytes; it does not read or write files.

@@ -16,12 +16,10 @@ class UnitSystem:
     ----------
     name : str
         Value of the command-line option.
-    length, line_force, stiffness, speed, pressure : str
+    length, line_force, stiffness, speed : str
         Names of the units.
     metre : float
         Units of length per metre.
-    pascal : float
-        Units of pressure per pascal.
     """
 
     name: str
@@ -29,9 +27,7 @@ class UnitSystem:
     line_force: str
     stiffness: str
     speed: str
-    pressure: str
     metre: float
-    pascal: float
 
     @property
     def newton_per_metre(self) -> float:
@@ -39,8 +35,8 @@ class UnitSystem:
         return 1.0 / self.metre
 
 
-SI: Final = UnitSystem("SI", "m", "N/m", "N/m^2", "m/s", "Pa", 1.0, 1.0)
-MM: Final = UnitSystem("mm", "mm", "N/mm", "N/mm^2", "mm/s", "MPa", 1.0e3, 1.0e-6)
+SI: Final = UnitSystem("SI", "m", "N/m", "N/m^2", "m/s", 1.0)
+MM: Final = UnitSystem("mm", "mm", "N/mm", "N/mm^2", "mm/s", 1.0e3)
 SYSTEMS: Final = {system.name: system for system in (SI, MM)}
 
 

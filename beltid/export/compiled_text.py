@@ -1,8 +1,7 @@
-"""Write the whole law as C and Fortran functions, and as user subroutines of multibody codes.
+"""Write the whole law as C and Fortran functions.
 
 The functions evaluate the same polynomials as the surface and agree with it to rounding; they need
-only the mathematics library of their language. Wrappers for MBDyn, RecurDyn, Adams and MotionSolve
-pass them the normal force and the sliding velocity of a contact.
+only the mathematics library of their language.
 """
 
 from __future__ import annotations
@@ -16,114 +15,32 @@ from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.preamble import commented, identifier, preamble
 
-LONGEST_NAME: Final = 40
-"""Longest prefix in characters: Fortran names may have 63."""
 PER_LINE: Final = 4
 EXACT: Final = "The functions are the law itself, to rounding; nothing is reduced."
-PARAMETERS: Final = (
-    "USER(length, metre, still): length of belt that a contact point represents, in the length "
-    "unit of the model; metres per length unit (0.001 for mm); speed, in units of the model, "
-    "below which friction falls linearly to 0, as a penalty method requires."
-)
 
 
 def c(law: ContactLaw, choices: Choices) -> Export:
     """Write C99 functions: line force, friction coefficient, friction."""
-    return Export(_c_files(law))
+    name = identifier(law.belt.name)
+    own = [
+        f"Holds: {name}_line_force, {name}_mu and {name}_friction, in SI units.",
+        f"Use: compile {name}_law.c (C99, needs only the math library), include {name}_law.h.",
+        EXACT,
+    ]
+    files = ("law.c", "law.h")
+    return Export({f"{name}_{file}": _written(law, "C", own, file, "//") for file in files})
 
 
 def fortran(law: ContactLaw, choices: Choices) -> Export:
     """Write the same functions in Fortran 2003, with the names of C."""
-    return Export(_fortran_file(law))
-
-
-def mbdyn(law: ContactLaw) -> dict[str, bytes]:
-    """Write an MBDyn module of drive callers with two drives: line force and sliding speed."""
-    name, prefix = identifier(law.belt.name), _prefix(law)
-    own = [
-        f'Holds: drive callers "{prefix}_mu" and "{prefix}_friction"; each takes two drives, the '
-        "line force [N/m] and the sliding speed [m/s]. Friction [N/m] opposes the sliding; "
-        "multiply it by the length of belt of a contact point.",
-        f"Use: put this file and {name}_law.c, {name}_law.h into modules/module-{name} of the "
-        f'MBDyn sources, build it like the other modules, and put module load: "libmodule-{name}" '
-        f"into the input; then {prefix}_friction, <drive of the force>, <drive of the speed>.",
-        EXACT,
-    ]
-    module = _written(law, "MBDyn", own, "mbdyn.cc", "//")
-    return {f"module-{name}.cc": module, **_c_files(law)}
-
-
-def recurdyn(law: ContactLaw, choices: Choices) -> Export:
-    """Write the RecurDyn user subroutine CONTACT_FORCE: normal force and friction of a contact."""
     name = identifier(law.belt.name)
     own = [
-        "Holds: contact_force, a user subroutine of the contact: normal force from the "
-        "penetration, friction from normal force and relative velocity.",
-        f"Use: compile it with {name}_law.c to a library and name it as CONTACT_FORCE of the "
-        "contact. " + PARAMETERS.replace("USER(", "Parameters (").replace("still):", "still, n):"),
-        "n is the axis of the contact frame along the normal force, 1 to 3, negative if the force "
-        "points against it: check it with a block at rest before trusting a model.",
-        EXACT,
-    ]
-    subroutine = _written(law, "RecurDyn", own, "recurdyn.c", "//")
-    return Export({f"{name}_recurdyn.c": subroutine, **_c_files(law)})
-
-
-def motionsolve(law: ContactLaw, choices: Choices) -> Export:
-    """Write the MotionSolve user subroutine CFFSUB in C: friction by velocity and normal force."""
-    name = identifier(law.belt.name)
-    own = [
-        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force; "
-        f"the normal force of a penetration is {_prefix(law)}_line_force.",
-        f"Use: compile it with {name}_law.c to a library and name it in Force_Contact: "
-        'cff_type="UserCFF", cff_fnc_name="CFFSUB". Its cff_param_string is ' + PARAMETERS,
-        EXACT,
-    ]
-    return Export(
-        {f"{name}_cffsub.c": _written(law, "MotionSolve", own, "cffsub.c", "//")} | _c_files(law)
-    )
-
-
-def cffsub(law: ContactLaw) -> dict[str, bytes]:
-    """Write CFFSUB in Fortran, with the calling sequence of Adams and MotionSolve."""
-    name = identifier(law.belt.name)
-    own = [
-        "Holds: CFFSUB, friction from the sliding velocity (xdot, x and y) and the normal force.",
-        f"Use: compile {name}_law.f90, then this file, to a library of Adams Solver, and name it "
-        "as the friction function of CONTACT: FRICTION_FUNCTION = " + PARAMETERS,
-        EXACT,
-    ]
-    return {f"{name}_cffsub.f90": _written(law, "Adams", own, "cffsub.f90", "!")} | _fortran_file(
-        law
-    )
-
-
-def _c_files(law: ContactLaw) -> dict[str, bytes]:
-    name, prefix = identifier(law.belt.name), _prefix(law)
-    own = [
-        f"Holds: {prefix}_line_force, {prefix}_mu and {prefix}_friction, in SI units.",
-        f"Use: compile {name}_law.c (C99, needs only the math library), include {name}_law.h.",
-        EXACT,
-    ]
-    return {
-        f"{name}_law.{ending}": _written(law, "C", own, f"law.{ending}", "//")
-        for ending in ("c", "h")
-    }
-
-
-def _fortran_file(law: ContactLaw) -> dict[str, bytes]:
-    name, prefix = identifier(law.belt.name), _prefix(law)
-    own = [
-        f"Holds: module {prefix}_law with {prefix}_line_force, {prefix}_mu and {prefix}_friction, "
+        f"Holds: module {name}_law with {name}_line_force, {name}_mu and {name}_friction, "
         "in SI units; they have the names and arguments of the C functions.",
-        f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {prefix}_law.",
+        f"Use: compile {name}_law.f90 (Fortran 2003) and write: use {name}_law.",
         EXACT,
     ]
-    return {f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")}
-
-
-def _prefix(law: ContactLaw) -> str:
-    return identifier(law.belt.name)[:LONGEST_NAME]
+    return Export({f"{name}_law.f90": _written(law, "Fortran", own, "law.f90", "!")})
 
 
 def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, sign: str) -> bytes:
@@ -131,9 +48,8 @@ def _written(law: ContactLaw, target: str, own: Sequence[str], template: str, si
     folder = files("beltid.export") / "templates"
     text = Template((folder / f"{template}.txt").read_text("utf-8"))
     values = _fortran_values(law) if template.endswith("f90") else _c_values(law)
-    prefix = _prefix(law)
-    names = {"file": identifier(law.belt.name), "name": prefix, "guard": f"{prefix.upper()}_LAW_H"}
-    source = text.substitute(values, **names)
+    name = identifier(law.belt.name)
+    source = text.substitute(values, name=name, guard=f"{name.upper()}_LAW_H")
     return (commented(sign, preamble(law, target, own)) + "\n" + source).encode("ascii")
 
 

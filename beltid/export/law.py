@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from functools import lru_cache
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeFloat, PositiveFloat
 
 from beltid.artifacts.metadata_models import Origin
+from beltid.config.fields import FOLDER_NAME, PLAIN_WORDS, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
@@ -17,8 +17,6 @@ from beltid.laws.uncertain_surface import UncertainSurface
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
 SCHEMA_ID: Final = f"urn:beltid:{FORMAT}:{VERSION}"
-RIB_PITCH_M: Final = {"H": 1.60e-3, "J": 2.34e-3, "K": 3.56e-3, "L": 4.70e-3, "M": 9.40e-3}
-"""Rib pitch of the profiles PH to PM, ISO 9982."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Range = tuple[NonNegativeFloat, NonNegativeFloat]
@@ -34,11 +32,12 @@ class Part(BaseModel):
 class BeltFacts(Part):
     """The belt that the law was identified with."""
 
-    name: str = Field(
-        description="name of the belt; files are named by it",
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+    name: Annotated[str, BeforeValidator(folder_name)] = Field(
+        description="name of the belt; files are named by it", pattern=f"^{FOLDER_NAME}$"
     )
-    type: str | None = Field(default=None, description="type, such as 5PK")
+    type: Annotated[str, Field(pattern=f"^{PLAIN_WORDS}$"), BeforeValidator(plain_words)] | None = (
+        Field(default=None, description="type, such as 5PK")
+    )
     ribs: int | None = Field(default=None, description="number of ribs", ge=1)
     width_m: PositiveFloat | None = Field(default=None, description="width of the ribbed side [m]")
     axial_stiffness_N: PositiveFloat | None = Field(default=None, description="EA [N]")
@@ -217,22 +216,6 @@ def _surface(part: FrictionPart) -> UncertainSurface:
         se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
     surface = FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
     return UncertainSurface(surface, part.factor, part.sources, part.ensemble)
-
-
-def ribbed_width(belt_type: str | None, ribs: int | None) -> float | None:
-    """Compute the width [m] of a belt from its profile, such as 5PK or PJ; None if not named.
-
-    Parameters
-    ----------
-    belt_type : str or None
-        Type as written by the manufacturer.
-    ribs : int or None
-        Number of ribs.
-    """
-    profile = re.search(r"(?<![A-Z])P([HJKLM])(?![A-Z])", (belt_type or "").upper())
-    if profile is None or ribs is None:
-        return None
-    return ribs * RIB_PITCH_M[profile[1]]
 
 
 def friction_part(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -62,9 +63,14 @@ def identifier(name: str) -> str:
     return "belt_" + "".join(c if c.isascii() and c.isalnum() else "_" for c in name).lower()
 
 
+def plain_ascii(text: str) -> str:
+    """Replace what could end a comment or continue it in some language, such as ``??/`` in C."""
+    one_line = " ".join(text.replace("²", "^2").replace("³", "^3").split())
+    return re.sub(r"[^ -~]|[\\?]", "_", one_line)
+
+
 def _wrapped(text: str) -> list[str]:
-    plain = text.replace("²", "^2").replace("³", "^3").encode("ascii", "replace").decode()
-    return textwrap.wrap(plain, WIDTH, subsequent_indent="  ", break_long_words=False)
+    return textwrap.wrap(plain_ascii(text), WIDTH, subsequent_indent="  ", break_long_words=False)
 
 
 def _belt(law: ContactLaw) -> str:

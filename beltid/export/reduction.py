@@ -103,12 +103,12 @@ class FrictionTable:
 def reference_point(
     law: ContactLaw, normal_force_N_m: float | None = None, slip_speed_m_s: float | None = None
 ) -> ReferencePoint:
-    """Return the requested point; by default the logarithmic middle of the measured range.
+    """Return the requested point; by default the logarithmic middle of the range of mu.
 
     Raises
     ------
     InputError
-        If a value is not positive or lies outside the measured range.
+        If a value is not positive or lies outside the range of mu.
     """
     problems: list[str] = []
     surface = law.surface
@@ -121,8 +121,7 @@ def reference_point(
         low, high = (0.0, math.inf) if nodes[-1] == 0.0 else (float(nodes[0]), float(nodes[-1]))
         if value is not None and not (low <= value <= high and 0.0 < value < math.inf):
             text = (
-                f"{option} = {value:g}, must be in the measured range, "
-                f"{low:.6g} to {high:.6g} {unit}"
+                f"{option} = {value:g}, must be in the range of mu, {low:.6g} to {high:.6g} {unit}"
             )
             problems.append(Problem(text, "outside-range"))
         chosen.append(_middle(nodes) if value is None else value)
@@ -140,7 +139,7 @@ def linear_stiffness(law: ContactLaw, point: ReferencePoint) -> float:
 def linear_normal_deviation(law: ContactLaw, point: ReferencePoint) -> Deviation:
     """Compute the deviation of the linear normal law, in force at the same penetration.
 
-    Samples the penetrations at which friction was measured.
+    Samples the penetrations in the range of mu.
     """
     f = sample_points(law.surface)[0][:, 0]
     f = f[f > 0.0]  # without contact both laws are zero
@@ -198,19 +197,17 @@ def is_extrapolated(law: ContactLaw, penetration_m: Array) -> NDArray[np.bool_]:
 
 def between_nodes(law: ContactLaw, table: FrictionTable) -> str:
     """Describe the error of straight lines between the nodes of both tables."""
-    return f"{between_penetrations(law)} Straight lines of mu are off by {table.deviation}."
-
-
-def between_penetrations(law: ContactLaw) -> str:
-    """Describe the error of straight lines between the penetrations of a table."""
     width = float(penetration_nodes(law)[1])
     # a chord of the parabola k_quadratic delta² lies above it by at most k_quadratic width²/4
     above = law.normal_law.k_quadratic_N_m3 * width**2 / 4.0
-    return f"Straight lines between penetrations overestimate the line force by <= {above:.2g} N/m."
+    return (
+        f"Straight lines between penetrations overestimate the line force by <= {above:.2g} N/m. "
+        f"Straight lines of mu are off by {table.deviation}."
+    )
 
 
 def sample_points(surface: FrictionSurface) -> tuple[Array, Array]:
-    """Sample the measured range evenly in logarithms: forces (n, 1) and speeds (1, m)."""
+    """Sample the range of mu evenly in logarithms: forces (n, 1) and speeds (1, m)."""
     return (
         _even(surface.normal_force_N_m, SAMPLES)[:, None],
         _even(surface.slip_speed_m_s, SAMPLES)[None, :],

@@ -1,15 +1,16 @@
-"""Write tables for programs that interpolate: Modelica, MATLAB, anything that reads CSV."""
+"""Write tables for programs that interpolate: Adams, Modelica, MATLAB, all that read CSV."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
-from beltid.export.preamble import commented, identifier, preamble
+from beltid.export.preamble import commented, identifier, plain_ascii, preamble
 from beltid.export.reduction import (
     FrictionTable,
     between_nodes,
@@ -20,10 +21,54 @@ from beltid.export.reduction import (
 
 Array = NDArray[np.float64]
 
+FORCE_SPLINE = 1001
+FRICTION_SPLINE = 1002
+FEWEST_OF_ADAMS = 4
+"""Smallest number of points of a spline."""
 FEWEST_OF_MATLAB = 2
 """Smallest number of points on an axis that griddedInterpolant accepts."""
 MAT_TEXT_BYTES = 116
 """Length of the free text at the beginning of a MAT-file of version 5."""
+
+
+def adams(law: ContactLaw, choices: Choices) -> Export:
+    """Write Adams splines, as solver statements (.adm) and as Adams View commands (.cmd)."""
+    name, units = identifier(law.belt.name), choices.units
+    table = friction_table(law.surface).with_nodes(FEWEST_OF_ADAMS)
+    delta = penetration_nodes(law)
+    x = delta * units.metre, law.normal_law.force(delta) * units.newton_per_metre
+    f, v = table.normal_force_N_m * units.newton_per_metre, table.slip_speed_m_s * units.metre
+    mu = table.mu
+    lines = preamble(
+        law,
+        "Adams",
+        [
+            f"Holds: spline {FORCE_SPLINE}, line force [{units.line_force}] over penetration "
+            f"[{units.length}]; spline {FRICTION_SPLINE}, mu over sliding speed x "
+            f"[{units.speed}] and line force z [{units.line_force}].",
+            f"Use: AKISPL(MAX(0,penetration),0,{FORCE_SPLINE}) times the length of belt of a "
+            f"contact point; AKISPL(MAX({_g(v[0])},MIN({_g(v[-1])},ABS(v))),"
+            f"MAX({_g(f[0])},MIN({_g(f[-1])},f_N)),{FRICTION_SPLINE}). Keep MAX and MIN: Adams "
+            "extrapolates splines, and mu is unknown outside. Paste the .adm into a dataset before "
+            "END, or read the .cmd into Adams View, with your model in place of .MODEL_1.",
+            between_nodes(law, table),
+        ],
+        units,
+    )
+    adm = commented("!", lines) + "".join(
+        (
+            _adm_spline(FORCE_SPLINE, x[0], [x[1]]),
+            _adm_spline(FRICTION_SPLINE, v, [np.r_[z, row] for z, row in zip(f, mu, strict=True)]),
+        )
+    )
+    cmd = commented("!", lines) + "".join(
+        (
+            _cmd_spline(f"{name}_line_force", FORCE_SPLINE, {"x": x[0], "y": x[1]}),
+            _cmd_spline(f"{name}_mu", FRICTION_SPLINE, {"x": v, "y": mu.ravel(), "z": f}),
+        )
+    )
+    files = {f"{name}.adm": adm.encode("ascii"), f"{name}.cmd": cmd.encode("ascii")}
+    return Export(files, table.reductions)
 
 
 def modelica(law: ContactLaw, choices: Choices) -> Export:
@@ -144,7 +189,7 @@ def _with_text(data: bytes, law: ContactLaw) -> bytes:
     """Replace the machine and date that scipy writes by a text about the law."""
     synthetic = ", SYNTHETIC DATA" if law.synthetic else ""
     text = f"MATLAB 5.0 MAT-file, contact law of a belt{synthetic}, {law.provenance.software}"
-    return text.encode("ascii", "replace")[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
+    return plain_ascii(text).encode()[:MAT_TEXT_BYTES].ljust(MAT_TEXT_BYTES) + data[116:]
 
 
 def _normal_csv(law: ContactLaw) -> str:
@@ -188,3 +233,34 @@ def _table_csv(table: FrictionTable) -> str:
         for force, row in zip(table.normal_force_N_m, table.mu, strict=True)
     ]
     return "\n".join(rows) + "\n"
+
+
+def _g(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _adm_spline(number: int, x: Array, rows: Sequence[Array]) -> str:
+    lines = [f"SPLINE/{number}", *_statement("X", x)]
+    for row in rows:
+        lines += _statement("Y", row)
+    return "\n".join(lines) + "\n"
+
+
+def _sixes(values: Array) -> list[Array]:
+    return np.split(values, range(6, values.size, 6))
+
+
+def _statement(key: str, values: Array) -> Iterator[str]:
+    """Yield the lines of a ``, KEY=a,b,...`` statement in the solver's language."""
+    for i, part in enumerate(_sixes(values)):
+        start = f", {key}=" if i == 0 else ", "
+        yield start + ",".join(_g(value) for value in part)
+
+
+def _cmd_spline(name: str, number: int, axes: dict[str, Array]) -> str:
+    lines = [f"spline_name = .MODEL_1.{name}", f"adams_id = {number}"]
+    for key, values in axes.items():
+        parts = [", ".join(_g(value) for value in part) for part in _sixes(values)]
+        lines.append(f"{key} = " + ", &\n      ".join(parts))
+    lines.append("linear_extrapolate = no")
+    return "data_element create spline &\n   " + " &\n   ".join(lines) + "\n"

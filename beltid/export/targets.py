@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from beltid.export import compiled_text, python_text, solver_text, table_text
+from beltid.export import compiled_text, python_text, table_text
 from beltid.export.choices import Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.law_file import SUFFIX, law_text
@@ -54,43 +54,18 @@ TARGETS: Final = {
             "linear stiffness, constant mu; all of it by update_contacts()",
             python_text.exudyn,
         ),
-        Target(
-            "chrono",
-            "Project Chrono: Python module for PyChrono",
-            "linear stiffness, constant mu; all of it by contact_force()",
-            python_text.chrono,
-        ),
+        Target("python", "Python: functions, needs numpy", EVERYTHING, python_text.python),
         Target("c", "C: functions, no library needed", EVERYTHING, compiled_text.c),
         Target("fortran", "Fortran 2003: the same", EVERYTHING, compiled_text.fortran),
         Target(
-            "mbdyn",
-            "MBDyn: scalar function, module of drive callers in C++",
-            EVERYTHING,
-            solver_text.mbdyn,
-        ),
-        Target(
             "adams",
-            "Adams: splines, .adm and .cmd; CFFSUB in Fortran",
+            "Adams: splines, .adm and .cmd",
             EVERYTHING,
-            solver_text.adams,
+            table_text.adams,
             True,
         ),
-        Target(
-            "motionsolve",
-            "Altair MotionSolve: CFFSUB in C",
-            EVERYTHING,
-            compiled_text.motionsolve,
-        ),
-        Target("recurdyn", "RecurDyn: CONTACT_FORCE in C", EVERYTHING, compiled_text.recurdyn),
         Target("modelica", "Modelica: CombiTable1D and 2D", EVERYTHING, table_text.modelica),
         Target("matlab", "MATLAB: MAT-file", EVERYTHING, table_text.matlab),
-        Target(
-            "abaqus",
-            "Abaqus: surface interaction, friction by slip rate and pressure",
-            EVERYTHING,
-            solver_text.abaqus,
-            True,
-        ),
         Target("csv", "CSV: plain grids", EVERYTHING, table_text.csv),
     )
 }

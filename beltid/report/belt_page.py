@@ -16,7 +16,6 @@ PREDICTED: Final = {
     "arc": "arc left out, predicted from the others",
     "speed": "speed left out, predicted from the others",
 }
-SPACE: Final = "surface-space"
 
 
 def belt_page(results: BeltResults, made_from: str) -> Page:
@@ -29,7 +28,6 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     made_from : str
         Hash of all inputs of the page.
     """
-    plot = surface.surface_plot(results)
     return Page(
         kind="Contact parameters between a V-ribbed belt and a pulley",
         title=f"Belt {results.belt}",
@@ -53,7 +51,6 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         verdict=verdict_of(results),
         conditions=conditions(results),
         synthetic=results.origin == "synthetic",
-        plot=surface.as_json(plot) if plot else "",
         made_from=made_from,
     )
 
@@ -105,7 +102,7 @@ def _surface(results: BeltResults) -> Section:
     best = results.best_surface
     pictures = surface.pictures(results)
     if best is not None:
-        pictures.insert(0, surface.in_space(best))
+        pictures = [surface.in_space(best), surface.slices(best), *pictures]
     sheets = [(sheet, of) for name, of in SURFACES.items() if (sheet := results.get(name))]
     return Section(
         "surface",
@@ -119,7 +116,6 @@ def _surface(results: BeltResults) -> Section:
             *(table for sheet, _ in sheets if (table := tables.effects(sheet)) is not None),
         ],
         _merged_notes(sheets),
-        live=SPACE if best is not None else "",
     )
 
 

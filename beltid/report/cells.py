@@ -90,6 +90,12 @@ def between(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
+def no_formula(value: Any) -> Any:
+    """Put an apostrophe before a text that a spreadsheet would take for a formula."""
+    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
+    return f"'{value}" if is_formula and value != MISSING else value
+
+
 def sentence(text: str) -> str:
     """Capitalize the first letter of a text."""
     return text[:1].upper() + text[1:]

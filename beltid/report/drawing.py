@@ -68,6 +68,7 @@ STYLE: Final[dict[str, Any]] = {
     "figure.facecolor": "white",
     "figure.constrained_layout.use": True,
     "savefig.facecolor": "white",
+    "text.parse_math": False,  # names are no formulas
     "svg.fonttype": "path",
     "svg.hashsalt": "beltid",
     "pdf.fonttype": 42,
@@ -253,6 +254,7 @@ def inline_svg(fig: Figure, key: str) -> str:
     Ids within it begin with `key`, so that one page can contain several figures. It has a view box
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
+    key = re.sub(r"[^A-Za-z0-9_-]", "-", key)  # it may hold a name
     text = saved(fig, "svg", letters=True).decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)

@@ -1,11 +1,7 @@
-"""Render sections as one self-contained page: no network, strict policy, reproducible bytes."""
+"""Render sections as one self-contained page: no network, no scripts, reproducible bytes."""
 
 from __future__ import annotations
 
-import base64
-import functools
-import gzip
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,8 +44,6 @@ class Section:
         Notes, a line each.
     links : sequence of (str, str)
         Links: address and text.
-    live : str
-        Key of the picture that the interactive surface replaces.
     tiles : sequence of Tile
         Many small pictures side by side.
     """
@@ -61,7 +55,6 @@ class Section:
     tables: Sequence[View] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
-    live: str = ""
     tiles: Sequence[Tile] = ()
 
 
@@ -81,8 +74,6 @@ class Page:
         Test conditions, each with its value.
     synthetic : bool
         Whether any data are synthetic.
-    plot : str
-        Data of the interactive surface as JSON; "" for none.
     made_from : str
         Hash of all inputs of the page.
     """
@@ -93,7 +84,6 @@ class Page:
     verdict: Verdict | None = None
     conditions: Sequence[tuple[str, str]] = ()
     synthetic: bool = False
-    plot: str = ""
     made_from: str = ""
 
 
@@ -102,12 +92,10 @@ def rendered(page: Page) -> str:
     from markupsafe import Markup
 
     css = (TEMPLATES / "page.css").read_text("utf-8")
-    scripts = [_library(), (TEMPLATES / "page.js").read_text("utf-8")] if page.plot else []
     return (
         _environment()
         .get_template("page.html.j2")
         .render(
-            policy=_policy(scripts),
             generator=GENERATOR,
             made_from=page.made_from,
             version=__version__,
@@ -119,9 +107,6 @@ def rendered(page: Page) -> str:
             sections=page.sections,
             most_notes=MOST_NOTES,
             css=Markup(css),
-            plot=Markup(page.plot),
-            library=Markup(_packed(scripts[0])) if scripts else "",
-            script=Markup(scripts[1]) if scripts else "",
         )
         + "\n"
     )
@@ -157,31 +142,3 @@ def _sanitized(value: Any) -> Any:
         c if c.isprintable() or c in "\n\t" or category(c) == "Zs" else ascii(c)[1:-1]
         for c in value
     )
-
-
-def _library() -> str:
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
-
-
-@functools.cache
-def _packed(script: str) -> str:
-    """Compress a script to a third of its size; the page unpacks it, the browser checks its hash.
-
-    Cached: the plotting library is the same in all pages of a process, and takes a second.
-    """
-    return base64.b64encode(gzip.compress(script.encode(), 9, mtime=0)).decode()
-
-
-def _policy(scripts: Sequence[str]) -> str:
-    """Return the content security policy: the page's own scripts by hash, and nothing external."""
-    allowed = " ".join(f"'sha256-{_digest(script)}'" for script in scripts) or "'none'"
-    return (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
-        "img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
-
-
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

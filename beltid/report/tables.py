@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.metadata_models import AgreementRow, DriftRow, EffectRow
-from beltid.report.cells import MISSING, are_numbers, cell, heading
+from beltid.report.cells import MISSING, are_numbers, cell, heading, no_formula
 from beltid.report.results import BeltResults, Sheet
 from beltid.report.summary import rows_of
 
@@ -111,7 +111,10 @@ class View:
         """The table as CSV in base64, to download."""
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerows([self.headings, *self.rows])
+        writer.writerow(self.headings)
+        for row in self.rows:
+            cells = zip(row, self.numeric, strict=True)
+            writer.writerow([text if number else no_formula(text) for text, number in cells])
         return base64.b64encode(text.getvalue().encode()).decode()
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from beltid.artifacts.metadata_models import Origin
+from beltid.report.cells import no_formula
 from beltid.report.summary import combined_origin
 from beltid.tables import schemas
 from beltid.tables.values import outside
@@ -235,25 +236,19 @@ def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def csv_bytes(columns: Mapping[str, np.ndarray], origin: Origin | None) -> bytes:
     """Return a whole table as CSV, with the origin of its data as a column.
 
-    Columns with several numbers in a cell are left out. A label that a spreadsheet would take for a
-    formula is prefixed with an apostrophe.
+    Columns with several numbers in a cell are left out.
     """
     import pandas as pd
 
     frame = pd.DataFrame(
         {
-            name: [_quoted(label) for label in values] if values.dtype == object else values
+            name: [no_formula(label) for label in values] if values.dtype == object else values
             for name, values in flat(columns).items()
         }
     )
     if origin is not None:
         frame["origin"] = origin
     return frame.to_csv(index=False, lineterminator="\n").encode()
-
-
-def _quoted(cell: Any) -> Any:
-    is_formula = isinstance(cell, str) and cell.startswith(("=", "+", "-", "@"))
-    return f"'{cell}" if is_formula else cell
 
 
 def rows_per_setting(

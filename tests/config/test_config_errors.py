@@ -177,7 +177,7 @@ def test_a_dict_has_key_paths_but_no_places():
         load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}, 5: 3})
     found = caught.value.problems
     assert "rig.arcs_deg[1] = 400, must be in (0, 360)" in found
-    assert any(p.startswith('belt.name = "a/b", must be 1 to 64') for p in found)
+    assert any(p.startswith('belt.name = "a/b", must be 1 to 40') for p in found)
     assert any(p.startswith("5 is not a known key") for p in found)
 
 

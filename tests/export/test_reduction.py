@@ -82,8 +82,8 @@ def test_table_is_as_close_as_it_says(law: ContactLaw) -> None:
 @pytest.mark.parametrize(
     ("force", "speed", "said"),
     [
-        (100.0, None, "--normal-force = 100, must be in the measured range, 400 to 12000 N/m"),
-        (None, 1.0, "--speed = 1, must be in the measured range, 0.0025 to 0.04 m/s"),
+        (100.0, None, "--normal-force = 100, must be in the range of mu, 400 to 12000 N/m"),
+        (None, 1.0, "--speed = 1, must be in the range of mu, 0.0025 to 0.04 m/s"),
         (math.nan, None, "--normal-force = nan"),
         (math.inf, None, "--normal-force = inf"),
         (-3.0, -1.0, "--speed = -1"),

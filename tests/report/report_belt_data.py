@@ -18,7 +18,7 @@ SPEEDS = (0.05, 0.21)
 RADIUS = 0.05
 ORIGIN = {"origin": "synthetic", "notes": [], "warnings": []}
 MEASURED = {"normal_force_N_m": (2500.0, 7000.0), "slip_speed_m_s": (0.0025, 0.0105)}
-NAUGHTY = '<script>alert("1")</script>&<b>'
+NAUGHTY = '<script>alert("1")</script>&<b>$\\frac{$'
 
 
 def stiffness() -> dict[str, Any]:

@@ -42,7 +42,7 @@ def line(axes: Any, label: str) -> np.ndarray:
 
 def test_every_figure_is_drawn_and_its_axes_have_units(drawn_page: Page) -> None:
     pictures = [p for section in drawn_page.sections for p in section.pictures]
-    assert len(pictures) == 17
+    assert len(pictures) == 18
     assert len({p.key for p in pictures}) == len(pictures)
     for picture in pictures:
         labels = [text.get_text() for text in picture.figure.texts]  # type: ignore[union-attr]

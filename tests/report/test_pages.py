@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import csv
-import gzip
-import hashlib
 import io
 import re
 from dataclasses import replace
@@ -25,13 +23,13 @@ from report_belt_data import (
     write,
 )
 
+from beltid.artifacts.metadata_models import BudgetRow
 from beltid.errors import ArtifactError, InputError, percent
 from beltid.report.belt_page import belt_page
 from beltid.report.belts_page import belts_page
 from beltid.report.cells import cell
 from beltid.report.conditions import conditions
 from beltid.report.figures import runs
-from beltid.report.figures.surface import as_json, surface_plot
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, Section, rendered
 from beltid.report.results import BeltResults
@@ -81,33 +79,23 @@ def test_page_is_well_formed_and_every_name_stands_once(page: str) -> None:
     assert len(parser.ids) == len(set(parser.ids))
     assert parser.headings[0] == 1
     assert parser.headings.count(1) == 1
-    assert parser.figures == 17
+    assert parser.figures == 18
     anchors = re.findall(r'<a [^>]*href="#([^"]+)"', page)
     assert set(anchors) <= set(parser.ids)
 
 
 def test_page_needs_nothing_from_elsewhere(page: str) -> None:
-    without_scripts = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
-    assert not re.search(r'(src|data|action)="|<link|@import|url\((?!#)', without_scripts)
-    links = re.findall(r'href="([^#"][^"]{0,40})', without_scripts)
+    assert not re.search(r'(src|data|action)="|<script|<link|@import|url\((?!#)', page)
+    links = re.findall(r'href="([^#"][^"]{0,40})', page)
     assert all(link.startswith("data:text/csv;") for link in links)
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', page)
     assert policy is not None
-    scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
-    assert len(scripts) == 1
-    packed = re.search(r'id="library">([^<]+)<', page)
-    assert packed is not None
-    library = gzip.decompress(base64.b64decode(packed[1])).decode()
-    assert "plotly" in library[:200].lower()
-    for script in (*scripts, library):
-        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-        assert f"sha256-{digest}" in policy[1].replace("&#39;", "'")
-    assert "unsafe-eval" not in policy[1]
-    assert policy[1].startswith("default-src &#39;none&#39;")
+    assert policy[1].startswith("default-src 'none'; style-src 'unsafe-inline';")
+    assert "script-src" not in policy[1]
 
 
 def test_page_is_not_too_large(page: str) -> None:
-    assert len(page.encode()) < 4e6
+    assert len(page.encode()) < 1e6
 
 
 def test_conditions_of_the_test_stand_on_top(page: str) -> None:
@@ -159,15 +147,15 @@ def test_tables_can_be_downloaded_as_shown() -> None:
     table = nodes(results().get("surface_refined"), "refined")
     rows = list(csv.reader(io.StringIO(base64.b64decode(table.csv).decode())))
     assert rows == [list(table.headings), *table.rows]
+    harmful = replace(table, rows=[["-1.5", "=1+1"]], headings=("f", "run"), numeric=(True, False))
+    assert base64.b64decode(harmful.csv).decode().splitlines()[1] == "-1.5,'=1+1"
     assert table.file.endswith(".csv")
     long = replace(table, title="What shifts the friction beside the refined surface, in percent")
     assert long.file == "what_shifts_the_friction_beside_the_refined_surface_in.csv"
 
 
 def test_the_speed_has_one_symbol(page: str) -> None:
-    shown = re.sub(
-        r"(?s)<script.*?</script>|<table.*?</table>|<div class=.tiles.*?</details>", "", page
-    )
+    shown = re.sub(r"(?s)<table.*?</table>|<div class=.tiles.*?</details>", "", page)
     assert "ω =" not in shown
     assert "v = 10.5 mm/s" in shown
 
@@ -189,9 +177,11 @@ def test_names_cannot_bring_markup_along() -> None:
     labels[:] = NAUGHTY + "\x1b[31m\u202e"
     status = friction.columns["status"].copy()
     status[0] = NAUGHTY
-    said = {"notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}  # no model lets origin be
+    row = dict.fromkeys(BudgetRow.__annotations__) | {"unit": "", "contribution_percent": 1.0}
+    budget = [{**row, "quantity": NAUGHTY, "source": NAUGHTY, "basis": "stated"}]
+    said = {name: [NAUGHTY] for name in ("notes", "warnings")} | {"config": NAUGHTY}
     columns = {**friction.columns, "run": labels, "status": status}
-    whole["friction"] = stating(replace(friction, columns=columns), **said)
+    whole["friction"] = stating(replace(friction, columns=columns), **said, budget=budget)
     naughty = replace(results(NAUGHTY), sheets=whole, problems=(NAUGHTY,))
     for text in (
         rendered(belt_page(naughty, "0" * 64)),
@@ -200,11 +190,7 @@ def test_names_cannot_bring_markup_along() -> None:
         checked(text)
         assert "<script>alert" not in text
         assert "&lt;script&gt;alert" in text
-        shown = re.sub(r"(?s)<script.*?</script>", "", text)  # the library holds odd signs
-        assert not re.search("[\x00-\x08\x0b-\x1f\x7f\u202a-\u202e\u2066-\u2069]", shown)
-    plot = surface_plot(naughty)
-    assert plot is not None
-    assert "<" not in as_json(plot)
+        assert not re.search("[\x00-\x08\x0b-\x1f\x7f\u202a-\u202e\u2066-\u2069]", text)
 
 
 def test_synthetic_data_are_called_so_on_top(page: str, drawn_page: Page) -> None:
@@ -216,7 +202,7 @@ def test_synthetic_data_are_called_so_on_top(page: str, drawn_page: Page) -> Non
     )
     top = replace(drawn_page, synthetic=real.origin == "synthetic", verdict=verdict_of(real))
     body = rendered(replace(top, sections=())).split("<body>")[1]
-    assert "ynthetic" not in re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
+    assert "ynthetic" not in body
 
 
 def test_proven_needs_runs_that_cover_the_surface() -> None:
@@ -324,12 +310,12 @@ def test_a_single_run_has_no_ranges_at_all() -> None:
 
 def test_many_notes_are_folded_but_for_the_first(drawn_page: Page) -> None:
     notes = [f"Note {k} of fourteen" for k in range(14)]
-    text = rendered(replace(drawn_page, sections=[Section("many", "Many", notes=notes)], plot=""))
+    text = rendered(replace(drawn_page, sections=[Section("many", "Many", notes=notes)]))
     checked(text)
     shown, folded = text.split("<summary>4 more notes</summary>")
     assert "Note 9 of" in shown
     assert "Note 10 of" in folded.split("</details>")[0]
-    one = replace(drawn_page, sections=[Section("many", "Many", notes=notes[:11])], plot="")
+    one = replace(drawn_page, sections=[Section("many", "Many", notes=notes[:11])])
     assert "<summary>1 more note</summary>" in rendered(one)
     assert all(text.count(note) == 1 for note in notes)
 
@@ -409,25 +395,6 @@ def test_settings_that_differ_between_artifacts_are_all_reported() -> None:
     told = {row[0]: row[1] for row in table.rows}
     assert told["rig.pulley_radius_m"] == "0.03 (friction); 0.05 (slip)"
     assert told["rig.pulley_speeds_rad_s"] == "0.05, 0.21"
-
-
-def test_no_surface_no_scripts(drawn_page: Page) -> None:
-    assert surface_plot(without("surface", "surface_refined")) is None
-    text = rendered(replace(drawn_page, plot="", sections=()))
-    assert "<script" not in text
-    assert "script-src &#39;none&#39;" in text
-
-
-def test_surface_plot_holds_the_surface() -> None:
-    plot = surface_plot(results())
-    assert plot is not None
-    refined, published = plot["data"]  # no points: they would float beside the refined surface
-    assert refined["visible"]
-    assert not published["visible"]
-    assert published["x"][0] == 2000.0
-    assert published["z"][0][0] == pytest.approx(1.2 - 0.1 + 0.025)
-    assert published["z"][-1][-1] == pytest.approx(1.2 - 0.4 + 0.105)
-    assert refined["z"][0][0] == pytest.approx(1.05 * published["z"][0][0], rel=1e-4)
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -8,25 +8,20 @@ from typing import Annotated
 
 import typer
 
-from beltid.cli.execute import finish, print_text
+from beltid.cli.execute import finish
 from beltid.cli.program import Common, command
 
 TARGET_NAMES = (
     "json",
     "exudyn",
-    "chrono",
+    "python",
     "c",
     "fortran",
-    "mbdyn",
     "adams",
-    "motionsolve",
-    "recurdyn",
     "modelica",
     "matlab",
-    "abaqus",
     "csv",
     "all",
-    "schema",
 )
 
 
@@ -48,20 +43,6 @@ def _complete(incomplete: str) -> list[str]:
     return [name for name in TARGET_NAMES if name.startswith(incomplete)]
 
 
-def _list(wanted: bool) -> None:
-    if wanted:
-        from beltid.export.targets import EVERYTHING
-        from beltid.stages.results.export_law import target_rows
-
-        rows = target_rows()
-        width = max(len(row["target"]) for row in rows) + 2
-        for row in rows:
-            typer.echo(f"{row['target']:<{width}}{row['writes']}")
-            if row["holds"] != EVERYTHING:
-                typer.echo(f"{'':<{width}}holds {row['holds']}")
-        raise typer.Exit
-
-
 @command(
     "export",
     out=typer.Option(
@@ -73,15 +54,14 @@ def _list(wanted: bool) -> None:
 )
 def export(
     target: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="TARGET",
-            help="json, exudyn, chrono, c, fortran, mbdyn, adams, motionsolve, recurdyn, modelica, "
-            "matlab, abaqus, csv, "
-            "or all. schema prints the JSON Schema of the law file.",
+            help="json, exudyn, python, c, fortran, adams, modelica, matlab, csv, or all. "
+            "Without it, the targets are listed.",
             autocompletion=_complete,
         ),
-    ],
+    ] = None,
     source: Annotated[
         Path | None,
         typer.Argument(
@@ -98,8 +78,8 @@ def export(
         float | None,
         typer.Option(
             metavar="N/m",
-            help="Line force at which a linear stiffness, a constant mu or mu(v) is exact, for "
-            "targets that support no more. Default: the middle of the measured range.",
+            help="Line force at which a linear stiffness and a constant mu are exact, for "
+            "targets that support no more. Default: the middle of the range of mu.",
         ),
     ] = None,
     speed: Annotated[
@@ -111,34 +91,25 @@ def export(
     ] = None,
     units: Annotated[
         UnitsChoice,
-        typer.Option(
-            help="Units of the files for adams and abaqus: SI, or mm, N, MPa. Others are in SI."
-        ),
+        typer.Option(help="Units of the files for adams: SI, or mm, N, s. Others are in SI."),
     ] = UnitsChoice.SI,
-    listed: Annotated[
-        bool,
-        typer.Option("--list", callback=_list, is_eager=True, help="List the targets and exit."),
-    ] = False,
     *,
     common: Common,
 ) -> None:
-    """Write the contact law of a belt for multibody and finite-element programs.
+    """Write the contact law of a belt for multibody programs.
 
     Normal stiffness, friction over normal force and sliding speed, range of validity, origin. What
     a program cannot represent is replaced by an approximation; the file states its deviation from
-    the law over the measured range. An existing file with different content is replaced only with
+    the law over the range of mu. An existing file with different content is replaced only with
     --force.
 
     \b
     Example: beltid export exudyn runs/5pk
              beltid export adams runs/5pk --units mm
              beltid export all runs/5pk -o laws/5pk
-             beltid export --list
     """  # noqa: D301
     from beltid.stages.results import export_law as stage
 
-    if target == stage.SCHEMA:
-        print_text(lambda options: stage.schema_text(), common)
     finish(
         lambda options: stage.run(
             target,

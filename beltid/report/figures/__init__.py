@@ -8,7 +8,7 @@ Module       Responsibility                                  The paper's figure
 ``runs``     tensions and coefficient of runs over time      Fig. 10
 ``arc``      normal force along the arc                      Fig. 11
 ``friction`` coefficients of all runs over force             Figs. 12, 16
-``surface``  the surface in 3-D, interactive, as a map       Fig. 13
+``surface``  the surface in space, in slices, as a map       Fig. 13
 ``proof``    measured against simulated, differences         Fig. 17
 ``drive``    a predicted drive: loss, forces, limits
 ``budget``   where the uncertainty comes from

@@ -62,18 +62,8 @@ REFINED: Final = ("surface", "simulated", "compare")
 
 
 def _surface(sheet: Sheet) -> list[Picture]:
-    law = sheet.surface
-    f, v = np.meshgrid(law.normal_force_N_m, law.slip_speed_m_s, indexing="ij")
-    errors = None if law.mu_se_nodes is None else law.mu_se_nodes.ravel()
-    fig = friction.over_force(np.zeros(f.size), v.ravel(), f.ravel(), law.mu_nodes.ravel(), errors)
-    cuts = Picture(
-        "cuts",
-        "The friction surface along the force",
-        f"A line per speed of the grid, with twice the {sheet.uncertainty}.",
-        fig,
-    )
     named = replace(sheet, name=_name(sheet))
-    return [cuts, surface.as_map(named, None), surface.in_space(named)]
+    return [surface.slices(named), surface.as_map(named, None), surface.in_space(named)]
 
 
 def _profiles(sheet: Sheet) -> list[Picture]:

@@ -1,8 +1,7 @@
-"""Draw the friction surface in 3-D, static and interactive, and as a map (Fig. 13)."""
+"""Draw the friction surface as a map, in slices and in space (Fig. 13)."""
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -24,6 +23,7 @@ from beltid.report.drawing import (
     new_axes,
     style,
 )
+from beltid.report.figures.friction import over_force
 from beltid.report.picture import Picture, absent
 from beltid.report.results import SURFACES, BeltResults, Sheet
 
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
     from beltid.laws.friction_surface import FrictionSurface
 
 LEVELS: Final = 12
-NODES: Final = (41, 31)
-DIGITS: Final = 5
-CAMERA: Final = {"eye": {"x": -1.5, "y": -1.65, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
-HOVER: Final = "f<sub>N</sub> = %{x:.4g} N/m<br>v = %{y:.3g} mm/s<br>µ = %{z:.4f}"
 LEVEL_SLOPE: Final = 1e-3
 """Relative slope of mu per unit of ln v below which mu counts as constant."""
 
@@ -166,6 +162,20 @@ def _levels(mu: np.ndarray) -> np.ndarray:
     return np.asarray(MaxNLocator(LEVELS).tick_values(low, high))
 
 
+def slices(sheet: Sheet) -> Picture:
+    """Draw the nodes of the surface over the force, a line per speed."""
+    surface = sheet.surface
+    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    errors = None if surface.mu_se_nodes is None else surface.mu_se_nodes.ravel()
+    return Picture(
+        "cuts",
+        "The friction surface along the force",
+        f"The {SURFACES[sheet.name]} surface, a line per speed of the grid, with twice the "
+        f"{sheet.uncertainty}.",
+        over_force(np.zeros(f.size), v.ravel(), f.ravel(), surface.mu_nodes.ravel(), errors),
+    )
+
+
 def in_space(sheet: Sheet) -> Picture:
     """Draw the surface in 3-D (Fig. 13a).
 
@@ -213,102 +223,3 @@ def _surface_figure(sheet: Sheet) -> Figure:
         axes.view_init(elev=25, azim=-130)
         axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return fig
-
-
-def surface_plot(results: BeltResults) -> dict[str, Any] | None:
-    """Build traces and layout of the interactive surface; None if there is no surface."""
-    sheets = [sheet for name in SURFACES if (sheet := results.get(name)) is not None]
-    if not sheets:
-        return None
-    mu = np.concatenate([sheet.surface.mu_nodes.ravel() for sheet in sheets])
-    limits = float(mu.min()), float(mu.max())
-    traces = [_trace(sheet, k == 0, limits) for k, sheet in enumerate(sheets)]
-    return {
-        "data": traces,
-        "layout": _layout(sheets),
-        "config": {
-            "responsive": True,
-            "displaylogo": False,
-            "scrollZoom": False,
-            "modeBarButtonsToRemove": ["resetCameraLastSave3d", "tableRotation"],
-        },
-    }
-
-
-def as_json(plot: dict[str, Any]) -> str:
-    """Write JSON that is safe within a script element."""
-    text = json.dumps(plot, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _rounded(values: np.ndarray) -> Any:
-    """Round values to a few digits; nan becomes null."""
-    if values.ndim > 1:
-        return [_rounded(row) for row in values]
-    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
-
-
-def _trace(sheet: Sheet, shown: bool, limits: tuple[float, float]) -> dict[str, Any]:
-    f, v, mu = grid_of(sheet.surface, *NODES)
-    return {
-        "type": "surface",
-        "name": f"{SURFACES[sheet.name]} surface",
-        "x": _rounded(f),
-        "y": _rounded(v * MILLI),
-        "z": _rounded(mu.T),
-        "colorscale": ORDERED.capitalize(),
-        "cmin": limits[0],
-        "cmax": limits[1],
-        "colorbar": {"title": {"text": "µ"}, "thickness": 12, "len": 0.7},
-        "hovertemplate": f"{HOVER}<extra></extra>",
-        "opacity": 0.9,
-        "visible": shown,
-    }
-
-
-def _axis(title: str, values: list[float]) -> dict[str, Any]:
-    axis: dict[str, Any] = {"title": {"text": title}, "color": INK}
-    if is_wide(np.array(values)):
-        axis["title"]["text"] += LOGARITHMIC
-        ticks = log_ticks(np.array(values)).tolist()
-        names = [f"{tick:g}" for tick in ticks]
-        axis |= {"type": "log", "tickvals": ticks, "ticktext": names}
-    return axis
-
-
-def _layout(sheets: list[Sheet]) -> dict[str, Any]:
-    f = [float(x) for s in sheets for x in s.surface.normal_force_N_m[[0, -1]]]
-    v = [MILLI * float(x) for s in sheets for x in s.surface.slip_speed_m_s[[0, -1]]]
-    buttons = [
-        {
-            "method": "restyle",
-            "label": SURFACES[sheet.name],
-            "args": [{"visible": [k == i for k in range(len(sheets))]}],
-        }
-        for i, sheet in enumerate(sheets)
-    ]
-    menu = {
-        "type": "buttons",
-        "direction": "right",
-        "x": 0.0,
-        "xanchor": "left",
-        "y": 1.0,
-        "yanchor": "bottom",
-        "pad": {"b": 4},
-        "buttons": buttons,
-    }
-    return {
-        "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK},
-        "margin": {"l": 0, "r": 0, "t": 44 if len(sheets) > 1 else 8, "b": 0},
-        "showlegend": False,
-        "uirevision": "kept",
-        "updatemenus": [menu] if len(sheets) > 1 else [],
-        "scene": {
-            "xaxis": _axis(LINE_FORCE, f),
-            "yaxis": _axis(SPEED, v),
-            "zaxis": {"title": {"text": "μ"}, "color": INK},
-            "camera": CAMERA,
-            "aspectmode": "manual",
-            "aspectratio": {"x": 1.2, "y": 1.0, "z": 0.8},
-        },
-    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +10,6 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
 from beltid.export.choices import SI, SYSTEMS, Choices, Export
 from beltid.export.law import ContactLaw
-from beltid.export.law_file import schema
 from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Target
 from beltid.report.summary import Summary
@@ -21,11 +19,10 @@ from beltid.stages.results.law_of_belt import law_of_folder
 from beltid.stages.tables import load_law
 
 ALL: Final = "all"
-SCHEMA: Final = "schema"
 
 
 def run(
-    target: str,
+    target: str | None,
     source: Path | None,
     config: Path | None,
     out: Path | None,
@@ -40,8 +37,8 @@ def run(
 
     Parameters
     ----------
-    target : str
-        Name of a target, or "all".
+    target : str or None
+        Name of a target, or "all"; None to list them.
     source : Path or None
         Folder with the artifacts of a belt, or a law file; None if the user named none.
     config : Path or None
@@ -54,7 +51,7 @@ def run(
         Friction surface to export; None for the refined one if it exists.
     normal_force_N_m, slip_speed_m_s : float or None
         Point at which targets with a single stiffness or mu are exact; None for the middle of the
-        measured range.
+        range of mu.
     units : {"SI", "mm"}
         Units of the files, for targets that do not prescribe them.
 
@@ -63,6 +60,8 @@ def run(
     InputError
         If a required input is missing, or a file with other content already exists.
     """
+    if target is None:
+        return _listed()
     if source is None:
         raise InputError(
             "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
@@ -83,12 +82,7 @@ def run(
         warnings.append(f"--units {units}: files for {target} are in SI")
     for selected in targets:
         choices = Choices(point, SYSTEMS[units] if selected.in_units else SI)
-        try:
-            exports[selected.name] = selected.write(law, choices)
-        except InputError as error:
-            if len(targets) == 1:
-                raise
-            warnings += [f"{selected.name} left out: {line}" for line in error.problems]
+        exports[selected.name] = selected.write(law, choices)
     up_to_date = _write(folder, exports.values(), source, options)
     return _summary(law, folder, exports, tuple(warnings), up_to_date)
 
@@ -104,24 +98,20 @@ def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
     return law
 
 
-def schema_text() -> str:
-    """Return the JSON Schema of the law file as text."""
-    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"
-
-
-def target_rows() -> list[dict[str, Any]]:
-    """Return a row per target: name, output, and how much of the law it holds."""
-    return [
+def _listed() -> Summary:
+    """List the targets: name, output, and how much of the law it holds."""
+    rows = [
         {"target": target.name, "writes": target.title, "holds": target.holds}
         for target in TARGETS.values()
     ]
+    return Summary("export", "targets", table=rows, shown=("target", "writes"))
 
 
 def _targets(name: str) -> Sequence[Target]:
     if name == ALL:
         return tuple(TARGETS.values())
     if name not in TARGETS:
-        allowed = ", ".join((*TARGETS, ALL, SCHEMA))
+        allowed = ", ".join((*TARGETS, ALL))
         raise InputError(f"target = {name}, must be one of {allowed}")
     return (TARGETS[name],)
 

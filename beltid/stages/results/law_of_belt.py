@@ -23,7 +23,6 @@ from beltid.export.law import (
     Provenance,
     Validity,
     friction_part,
-    ribbed_width,
 )
 from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.report.summary import combined_origin
@@ -73,8 +72,8 @@ def law_of_folder(
     source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:
         reporter.warn(
-            "the config of these results was not found: type, ribs and width of the belt are "
-            "unknown; name it with --config"
+            "the config of these results was not found: type and ribs of the belt are unknown; "
+            "name it with --config"
         )
     else:
         reporter.report(f"config: {source.origin}")
@@ -149,14 +148,13 @@ def config_of_results(folder: Path, made_with: Metadata) -> ConfigSource | None:
 def _belt_name(folder: Path) -> str:
     """Turn the name of a folder into a valid name of a belt."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", folder.resolve().name).lstrip("._-")
-    return name[:64] or "belt"
+    return name[:40] or "belt"
 
 
 def _belt(config: Config) -> BeltFacts:
     belt = config.belt
-    facts = {name: getattr(belt, name) for name in BeltFacts.model_fields}
-    facts["width_m"] = belt.width_m or ribbed_width(belt.type, belt.ribs)
-    return BeltFacts.model_validate(facts)
+    known = BeltFacts.model_fields.keys() & type(belt).model_fields
+    return BeltFacts.model_validate({name: getattr(belt, name) for name in known})
 
 
 def _finite_or_none(artifact: Artifact, column: str, row: int) -> float | None:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import quote
 
 from beltid._version import __version__
 from beltid.artifacts.file_bytes import page_source_sha256, read_bytes, sha256, write_text
@@ -151,7 +152,8 @@ def of_belt(folder: Path, out: Path, options: Options) -> Summary:
 def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
     """Write the page that compares several belts, unless it is up to date."""
     links = [
-        Path(os.path.relpath(folder / NAME, out.absolute().parent)).as_posix() for folder in folders
+        quote(Path(os.path.relpath(folder / NAME, out.absolute().parent)).as_posix())
+        for folder in folders
     ]
     files = [pair for folder in folders for pair in _files(folder)]
     made_from = hash_of(files, *links)
