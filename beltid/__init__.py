@@ -28,7 +28,7 @@ Module                 Responsibility                                         Pa
 ``config``             YAML to a frozen model; errors with line and column
 ``tables``             column definitions: name, type, unit, range, meaning
 ``plan``               which rig runs to measure next, and when to stop
-``uncertainty``        budgets, Monte Carlo check, normalized differences     JCGM 100, 101
+``uncertainty``        budgets, normalized differences                        JCGM 100
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 4
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)

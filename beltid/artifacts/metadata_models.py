@@ -237,15 +237,6 @@ class DriftRow(TypedDict):
     explained_percent: NotRequired[Number]
 
 
-class MonteCarlo(TypedDict):
-    """Check of the linear uncertainty by replicates."""
-
-    replicates: Count
-    seed: Count
-    table: Rows
-    linear_fails_at: Rows
-
-
 class SolverRecord(TypedDict):
     """Solver statistics of a run."""
 
@@ -462,7 +453,6 @@ class SurfaceMetadata(Metadata):
     effects: Listed[EffectRow] = ()
     reference_temperature_degC: Number | None = None
     bending: BendingFigures | None = None
-    monte_carlo: MonteCarlo | None = None
 
 
 class SimulatedMetadata(Metadata):

@@ -105,11 +105,6 @@ class RefinedSurface:
         respect to ln mu of the runs.
     speed_slope : ndarray, shape (n,)
         Derivative of the simulated ln mu with respect to ln v of the run.
-    pull : ndarray, shape (size, size)
-        Derivatives of the parameters with respect to a force on them: ``gain J = 1 - pull
-        roughness``.
-    roughness : ndarray, shape (size, size)
-        Quadratic form added to the misfit.
     effects : tuple of EstimatedEffect
         Effects on the friction apart from the surface. The part of an effect that the surface can
         represent, too, cannot be identified; the covariance of both includes it.
@@ -139,8 +134,6 @@ class RefinedSurface:
     J: Array
     gain: Array
     speed_slope: Array
-    pull: Array
-    roughness: Array
     effects: tuple[EstimatedEffect, ...]
     effects_covariance: Array
     stated: Array
@@ -258,8 +251,6 @@ def refine_surface(
         J=last.J,
         gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
-        pull=solution.pull,
-        roughness=fit.model.roughness(fit.smoothness),
         effects=_estimated(effects, fit.model, fit.smoothness, solution),
         effects_covariance=solution.effects_covariance,
         stated=fit.model.solve(fit.smoothness).effects[fit.model.effects_count :],

@@ -301,7 +301,6 @@ _SURFACE = Table(
             Column("measured", "bool", "", "whether the node lies within the measured range"),
             nonnegative("mu_u", "1", "combined standard uncertainty (k = 1)", nullable=True),
             numbers("mu_factor", "1", "row of the factor of the covariance of ln mu"),
-            numbers("mu_members", "1", "mu of the members of the Monte Carlo ensemble"),
         ),
     ),
 )

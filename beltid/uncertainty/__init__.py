@@ -1,4 +1,4 @@
-"""Uncertainty of the results: law of propagation (GUM), Monte Carlo check, and validation.
+"""Uncertainty of the results: law of propagation (GUM) and validation.
 
 ==================== ===================================================== =====================
 Module               Responsibility                                        Equation
@@ -18,8 +18,6 @@ Module               Responsibility                                        Equat
 ``drive``            uncertainty of a drive's speed losses by its inputs
 ``budget``           contributions named, compared and combined;           JCGM 100 (10), (G.2b)
                      covariance of a surface by its causes
-``monte_carlo``      the chain again with drawn errors, and where linear   JCGM 101
-                     is not good enough
 ``agreement``        simulated minus measured over its uncertainty         ASME V&V 20
 ==================== ===================================================== =====================
 """

@@ -167,21 +167,9 @@ class Errors:
         return 0.0 if values is None or place >= values.size else float(values[place])
 
     @classmethod
-    def drawn(cls, sources: Sequence[Source], z: Array) -> Errors:
-        """Return errors of ``z`` (n,) standard uncertainties of each source."""
-        values: dict[str, Array] = {}
-        for source, share in zip(sources, z, strict=True):
-            array = values.get(source.error, np.zeros(0))
-            if array.size <= source.place:
-                array = np.append(array, np.zeros(source.place + 1 - array.size))
-            array[source.place] += share * source.size
-            values[source.error] = array
-        return cls(values)
-
-    @classmethod
     def single(cls, source: Source) -> Errors:
         """Return errors with one source wrong by its standard uncertainty and no others."""
-        return cls.drawn([source], np.ones(1))
+        return cls({source.error: source.size * np.eye(source.place + 1)[source.place]})
 
 
 PERCENT = ("%", 0.01)

@@ -165,10 +165,8 @@ def _outcome(
     at_rest = Simulator(drive).at_rest
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
     good, failed = _solve_points(Simulator(drive, method), points)
-    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    has_covariance = uncertain.members is not None or uncertain.factor is not None
-    ensemble = uncertain.ensemble() if has_covariance else ()
-    uncertainty, sources = _uncertainty(config, drive, good, press, ensemble)
+    has_covariance = isinstance(surface, UncertainSurface) and surface.factor is not None
+    uncertainty, sources = _uncertainty(config, drive, good, press)
     by_string = [
         labelled.run
         for (labelled, _), is_flagged in zip(good, uncertainty.by_string, strict=True)
@@ -244,12 +242,11 @@ def _uncertainty(
     drive: Drive,
     good: Sequence[Solved],
     press: PressLaw,
-    ensemble: Sequence[FrictionSurface],
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
     """Return the uncertainty of the speed losses and its sources."""
     points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    uncertainty = drive_uncertainty(drive, points, results, press, sources, ensemble)
+    uncertainty = drive_uncertainty(drive, points, results, press, sources)
     if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = np.array([result.in_order(result.loss.total) for result in results])

@@ -26,10 +26,7 @@ from beltid.stages.outcome import Outcome, finite_or_none, in_percent, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
-    CHECKED,
     NEEDED,
-    check_table,
-    drawn,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
@@ -42,7 +39,6 @@ from beltid.stages.uncertainties import budget_table, confounded_note
 from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     SCATTER,
@@ -55,8 +51,6 @@ from beltid.uncertainty.refined import (
 KIND: Final = "surface"
 METHOD: Final = "refined"
 MOST_NOISE: Final = 3.0
-FEWEST: Final = 50
-"""Number of Monte Carlo replicates below which they give no standard uncertainty."""
 Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
     "friction changes not in the surface, in percent of mu; share that force and speed explain"
@@ -78,36 +72,20 @@ class Choices:
 
     Attributes
     ----------
-    bootstrap : int
-        Number of Monte Carlo replicates that check the uncertainty; 0 skips the check.
-    seed : int
-        Seed of their draws.
     bending : {"stated", "fit", "use"}
         Whether the bending stiffness is also fitted to the runs, and used.
     condition, side : str or None
         Selection of the runs if they were made under several conditions or sides.
     """
 
-    bootstrap: int
-    seed: int
     bending: Bending = "stated"
     condition: str | None = None
     side: str | None = None
 
     def __post_init__(self) -> None:
-        problems = []
-        if self.bootstrap != 0 and self.bootstrap < FEWEST:
-            problems.append(
-                f"--bootstrap = {self.bootstrap}, must be at least {FEWEST} draws: fewer do not "
-                "give a standard uncertainty"
-            )
-        if self.seed < 0:
-            problems.append(f"--seed = {self.seed}, must be >= 0")
         if self.bending not in get_args(Bending):
             allowed = ", ".join(get_args(Bending))
-            problems.append(f"bending = {self.bending}, must be one of {allowed}")
-        if problems:
-            raise InputError(problems)
+            raise InputError(f"bending = {self.bending}, must be one of {allowed}")
 
     @property
     def runs(self) -> dict[str, str | None]:
@@ -117,10 +95,9 @@ class Choices:
     @property
     def settings(self) -> dict[str, Any]:
         """The settings that a result depends on."""
-        draws = {"bootstrap": self.bootstrap, "seed": self.seed} if self.bootstrap else {}
         bending = {} if self.bending == "stated" else {"bending": self.bending}
         chosen = {name: word for name, word in self.runs.items() if word}
-        return {**draws, **bending, **chosen}
+        return {**bending, **chosen}
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +120,6 @@ class Refinement:
         Errors that the runs contradict: name -> size in standard uncertainties.
     bending : FittedBending, optional
         Bending stiffness fitted to the runs, if requested.
-    check : MonteCarlo, optional
-        The Monte Carlo check of the uncertainty.
     """
 
     refined: RefinedSurface
@@ -154,17 +129,12 @@ class Refinement:
     effects: tuple[ShownEffect, ...] = ()
     contradictions: Mapping[str, float] = field(default_factory=dict)
     bending: FittedBending | None = None
-    check: MonteCarlo | None = None
 
     @property
     def surface(self) -> Any:
         """The refined surface with its covariance, an `UncertainSurface`."""
-        members = None
-        if self.check is not None:
-            shape = self.refined.surface.mu_nodes.shape
-            members = self.check.members().T.reshape(-1, *shape)
         names = [source.name for source in self.uncertainty.sources]
-        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names, members)
+        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names)
 
     def outliers(self) -> tuple[str, ...]:
         """Return a sentence for each run that lost its weight."""
@@ -254,19 +224,17 @@ def run(
     inputs: Mapping[str, Path],
     out: Path,
     options: Options,
-    bootstrap: int = 0,
-    seed: int = 0,
     bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
 ) -> Summary:
     """Refine the surface of a friction table with a stiffness, write it, summarise it.
 
-    `bootstrap` draws check the uncertainty; 0 skips the check. `bending` selects whether the
+    `bending` selects whether the
     bending stiffness is also fitted to the runs ("fit"), and used ("use"). `condition` and `side`
     select the runs that are used.
     """
-    choices = Choices(bootstrap, seed, bending, condition, side)
+    choices = Choices(bending, condition, side)
     keys = refinement_keys(config.config)
     build = Build(KIND, config, keys, inputs, out, options, choices.settings)
     built = build.up_to_date()
@@ -286,8 +254,6 @@ def refine_surface(
     law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
-    bootstrap: int = 0,
-    seed: int = 0,
     bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
@@ -302,10 +268,6 @@ def refine_surface(
         Normal contact law of the belt; a result also provides its scatter.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
-    bootstrap : int
-        Draws of the Monte Carlo check of the uncertainty; 0 skips it.
-    seed : int
-        Seed of the draws.
     bending : str
         "stated": use EI of the config; "fit": also fit EI to the runs; "use": use the fitted EI for
         the surface.
@@ -325,7 +287,7 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    choices, model = Choices(bootstrap, seed, bending, condition, side), load_config(config)
+    choices, model = Choices(bending, condition, side), load_config(config)
     press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
     outcome = _outcome(columns, press, model, "friction table", choices, Options())
@@ -346,7 +308,7 @@ def _outcome(
     labels = tuple(str(columns["run"][i]) for i in used)
     arcs_deg = columns["arc_deg"][used]
     result = _refined(campaign, speeds, config, choices, labels, arcs_deg, options)
-    check, surface = result.check, result.refined.surface
+    surface = result.refined.surface
     formulas = friction_formulas(surface, result.uncertainty.factor)
     return Outcome(
         kind=KIND,
@@ -357,13 +319,11 @@ def _outcome(
         extra={
             **stated_of(columns, used),
             **_figures(result, campaign, config),
-            **(check.extra(choices.seed) if check else {}),
             **formulas.extra,
         },
         notes=(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces within their contact, including peaks",
-            *([check.note()] if check else []),
             *confounded_note(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
                 "force and speed",
@@ -376,7 +336,6 @@ def _outcome(
             *result.disagreement(),
             *_bending_warnings(result.bending, config),
             *result.outliers(),
-            *(check.warnings() if check else ()),
         ),
     )
 
@@ -399,17 +358,10 @@ def _refined(
         if choices.bending == "use":
             campaign, sources = fitted.used(campaign, sources)
     solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
-    uncertainty, check = refined_uncertainty(solution), None
-    if choices.bootstrap:
-        force_nodes = config.surface.force_nodes
-        linear = (solution.sources, solution.slopes)
-        nominal = prepare(solution.campaign, solution.refined, speeds, force_nodes, linear)
-        draws = choices.bootstrap, choices.seed
-        replicates = drawn(nominal, *draws, options.reporter, workers)
-        check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)
+    uncertainty = refined_uncertainty(solution)
     effects, contradictions = shown_effects(solution), solution.contradictions()
     return Refinement(
-        solution.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted, check
+        solution.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted
     )
 
 
@@ -506,7 +458,6 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
     errors = surface.mu_se_nodes
     assert errors is not None
-    members = {} if result.check is None else {"mu_members": result.check.members()}
     return {
         "arc_deg": np.full(forces.size * speeds.size, np.nan),
         "normal_force_N_m": np.repeat(forces, speeds.size),
@@ -516,7 +467,6 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
         "n_arcs": np.tile(np.array(arcs), forces.size),
         "mu_spread": np.full(forces.size * speeds.size, np.nan),
         **result.uncertainty.columns(forces.size * speeds.size),
-        **members,
     }
 
 
@@ -525,8 +475,6 @@ def summarise(built: Built) -> Summary:
     metadata: SurfaceMetadata = built.artifact.metadata
     validity = metadata.validity
     surface = surface_of(built.artifact)
-    check = metadata.monte_carlo
-    places = check["linear_fails_at"] if check else []
     return built.summary(
         "refine-surface",
         "simulated less measured friction coefficient: published surface, then refined",
@@ -545,8 +493,6 @@ def summarise(built: Built) -> Summary:
             "budget": metadata.budget,
             "effects": list(metadata.effects),
             **({"bending": metadata.bending} if metadata.bending else {}),
-            **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
-            **({"linear_fails_at": places} if places else {}),
         },
         extra_tables={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
@@ -554,7 +500,6 @@ def summarise(built: Built) -> Summary:
             ),
             EFFECTS: [dict(row) for row in metadata.effects],
             **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
-            **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[dict(row) for row in metadata.misfit],
         details={"friction formulas": friction_law_rows(metadata.figures)},
