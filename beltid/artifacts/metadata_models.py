@@ -217,15 +217,6 @@ class EffectRow(TypedDict):
     explained_percent: NotRequired[Number | None]
 
 
-class BendingFigures(TypedDict):
-    """Bending stiffness fitted to the runs, and the stated one [N m²]."""
-
-    fitted_N_m2: Positive
-    fitted_u_N_m2: Number
-    stated_N_m2: Positive
-    stated_u_N_m2: Number
-
-
 class DriftRow(TypedDict):
     """Change of the friction of the runs with one cause, in percent of mu."""
 
@@ -452,7 +443,6 @@ class SurfaceMetadata(Metadata):
     effective_parameters: Number | None = None
     effects: Listed[EffectRow] = ()
     reference_temperature_degC: Number | None = None
-    bending: BendingFigures | None = None
 
 
 class SimulatedMetadata(Metadata):

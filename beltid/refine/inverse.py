@@ -35,7 +35,6 @@ from beltid.refine.evidence import (
     Solution,
     choose_smoothness,
     log_evidence_for,
-    log_evidence_of,
 )
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -142,17 +141,6 @@ class RefinedSurface:
     def effect(self, key: str) -> EstimatedEffect | None:
         """Look up an effect by its key; None if the runs cannot show it."""
         return next((entry for entry in self.effects if entry.effect.key == key), None)
-
-    @property
-    def log_evidence(self) -> float:
-        """Logarithm of the probability of the data given the bench, up to a constant.
-
-        Surface and effects are integrated out; the hyperparameters have their best values. The
-        constant is the same for all benches.
-        """
-        # a weight below 1 means a larger variance of the run
-        weights = 0.5 * float(np.log(self.weight).sum())
-        return log_evidence_of(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
         """Compute the log probability ratio of the runs with and without some effects.

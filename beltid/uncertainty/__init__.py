@@ -12,7 +12,6 @@ Module               Responsibility                                        Equat
 ``published``        sensitivities of the published surface
 ``refined``          sensitivities of the refined surface, and effects     implicit derivative
                      of the campaign that the runs show
-``bending``          bending stiffness fitted to the runs
 ``simulated``        uncertainty of simulated runs, and of their
                      difference from measured ones
 ``drive``            uncertainty of a drive's speed losses by its inputs

@@ -3,26 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated
-
-import typer
 
 from beltid.cli.execute import execute
 from beltid.cli.inputs import Condition, Friction, Side, Stiffness
 from beltid.cli.program import Common, command
-
-FitBending = Annotated[
-    bool,
-    typer.Option(
-        "--fit-bending",
-        help="Also identify the bending stiffness from the runs, and show it next to the stated "
-        "one.",
-    ),
-]
-UseBending = Annotated[
-    bool,
-    typer.Option("--use-bending", help="Refine the surface with the identified bending stiffness."),
-]
 
 
 @command("build-surface")
@@ -52,8 +36,6 @@ def build_surface(
 def refine_surface(
     friction: Friction,
     stiffness: Stiffness,
-    fit_bending: FitBending = False,
-    use_bending: UseBending = False,
     condition: Condition = None,
     side: Side = None,
     *,
@@ -72,12 +54,6 @@ def refine_surface(
     """
     from beltid.stages.simulation import refine_surface as stage
 
-    bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
-    run = partial(
-        stage.run,
-        bending=bending,
-        condition=condition,
-        side=side,
-    )
+    run = partial(stage.run, condition=condition, side=side)
     inputs = {"friction": friction, "stiffness": stiffness}
     execute(run, inputs, "surface_refined.parquet", common)

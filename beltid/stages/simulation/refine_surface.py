@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
+from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.drift_check import CLEAR
+from beltid.errors import counted, percent
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
@@ -36,7 +35,6 @@ from beltid.stages.simulation.refinement import (
 )
 from beltid.stages.tables import press_law, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note
-from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
@@ -51,11 +49,9 @@ from beltid.uncertainty.refined import (
 KIND: Final = "surface"
 METHOD: Final = "refined"
 MOST_NOISE: Final = 3.0
-Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
     "friction changes not in the surface, in percent of mu; share that force and speed explain"
 )
-BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
 EFFECT_WORDS: Final = {
     ARC: "difference between arcs",
     ORDER: "steady change over the campaign",
@@ -64,40 +60,6 @@ EFFECT_WORDS: Final = {
     TOGETHER: "order or temperature, over the campaign",
     SCATTER: "scatter from run to run",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Choices:
-    """Options of a refinement.
-
-    Attributes
-    ----------
-    bending : {"stated", "fit", "use"}
-        Whether the bending stiffness is also fitted to the runs, and used.
-    condition, side : str or None
-        Selection of the runs if they were made under several conditions or sides.
-    """
-
-    bending: Bending = "stated"
-    condition: str | None = None
-    side: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.bending not in get_args(Bending):
-            allowed = ", ".join(get_args(Bending))
-            raise InputError(f"bending = {self.bending}, must be one of {allowed}")
-
-    @property
-    def runs(self) -> dict[str, str | None]:
-        """Column of the friction table -> its value for the selected runs."""
-        return {"condition": self.condition, "side": self.side}
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The settings that a result depends on."""
-        bending = {} if self.bending == "stated" else {"bending": self.bending}
-        chosen = {name: word for name, word in self.runs.items() if word}
-        return {**bending, **chosen}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +80,6 @@ class Refinement:
         Effects in the runs that the surface does not describe.
     contradictions : mapping of str to float
         Errors that the runs contradict: name -> size in standard uncertainties.
-    bending : FittedBending, optional
-        Bending stiffness fitted to the runs, if requested.
     """
 
     refined: RefinedSurface
@@ -128,7 +88,6 @@ class Refinement:
     uncertainty: SurfaceUncertainty
     effects: tuple[ShownEffect, ...] = ()
     contradictions: Mapping[str, float] = field(default_factory=dict)
-    bending: FittedBending | None = None
 
     @property
     def surface(self) -> Any:
@@ -224,19 +183,16 @@ def run(
     inputs: Mapping[str, Path],
     out: Path,
     options: Options,
-    bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
 ) -> Summary:
     """Refine the surface of a friction table with a stiffness, write it, summarise it.
 
-    `bending` selects whether the
-    bending stiffness is also fitted to the runs ("fit"), and used ("use"). `condition` and `side`
-    select the runs that are used.
+    `condition` and `side` select the runs that are used.
     """
-    choices = Choices(bending, condition, side)
+    chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
     keys = refinement_keys(config.config)
-    build = Build(KIND, config, keys, inputs, out, options, choices.settings)
+    build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")
@@ -245,7 +201,7 @@ def run(
             f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
         name = str(friction.path)
-        built = build.write(_outcome(friction.columns, law, config.config, name, choices, options))
+        built = build.write(_outcome(friction.columns, law, config.config, name, chosen, options))
     return summarise(built)
 
 
@@ -254,7 +210,6 @@ def refine_surface(
     law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
-    bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
 ) -> Outcome[Refinement]:
@@ -268,9 +223,6 @@ def refine_surface(
         Normal contact law of the belt; a result also provides its scatter.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
-    bending : str
-        "stated": use EI of the config; "fit": also fit EI to the runs; "use": use the fitted EI for
-        the surface.
     condition, side : str, optional
         Use only runs on this surface (dry, wet, dusty), or of this side of the belt (rib, back).
 
@@ -287,10 +239,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    choices, model = Choices(bending, condition, side), load_config(config)
+    chosen, model = {"condition": condition, "side": side}, load_config(config)
     press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
-    outcome = _outcome(columns, press, model, "friction table", choices, Options())
+    outcome = _outcome(columns, press, model, "friction table", chosen, Options())
     return outcome.with_origin(model, friction, law)
 
 
@@ -299,15 +251,13 @@ def _outcome(
     press: PressLaw,
     config: Config,
     name: str,
-    choices: Choices,
+    chosen: Mapping[str, str | None],
     options: Options,
 ) -> Outcome[Refinement]:
-    campaign, speeds, used, set_aside = prepared_campaign(
-        columns, press, config, name, choices.runs
-    )
+    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
     labels = tuple(str(columns["run"][i]) for i in used)
     arcs_deg = columns["arc_deg"][used]
-    result = _refined(campaign, speeds, config, choices, labels, arcs_deg, options)
+    result = _refined(campaign, speeds, config, labels, arcs_deg, options)
     surface = result.refined.surface
     formulas = friction_formulas(surface, result.uncertainty.factor)
     return Outcome(
@@ -334,7 +284,6 @@ def _outcome(
         ),
         warnings=(
             *result.disagreement(),
-            *_bending_warnings(result.bending, config),
             *result.outliers(),
         ),
     )
@@ -344,25 +293,17 @@ def _refined(
     campaign: Campaign,
     speeds: np.ndarray,
     config: Config,
-    choices: Choices,
     labels: tuple[str, ...],
     arcs_deg: np.ndarray,
     options: Options,
 ) -> Refinement:
-    """Refine the surface of a campaign with the options of a call."""
-    workers, sources = options.workers, shared_sources(campaign, config)
+    """Refine the surface of a campaign, in a worker."""
+    sources = shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
-    fitted = None
-    if choices.bending != "stated":
-        fitted = workers.call(fit_bending, campaign, speeds, sources, reference)
-        if choices.bending == "use":
-            campaign, sources = fitted.used(campaign, sources)
-    solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
+    solution = options.workers.call(refined_campaign, campaign, speeds, sources, reference)
     uncertainty = refined_uncertainty(solution)
     effects, contradictions = shown_effects(solution), solution.contradictions()
-    return Refinement(
-        solution.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted
-    )
+    return Refinement(solution.refined, labels, arcs_deg, uncertainty, effects, contradictions)
 
 
 def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str, Any]:
@@ -383,7 +324,6 @@ def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str
         "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
         "effects": _effect_rows(result.effects),
         "reference_temperature_degC": reference_temperature(config, campaign),
-        "bending": _bending_figures(result.bending, config),
         **result.uncertainty.extra((float(force.min()), float(force.max()))),
     }
 
@@ -413,41 +353,6 @@ def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
         f"{', '.join(large)}: large, but other effects or stated errors explain the runs nearly as "
         "well: the runs do not show which it is, and it is not claimed; make the runs in random "
         "order",
-    )
-
-
-def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
-    """Return the fitted and the stated bending stiffness [N m²]."""
-    if fitted is None:
-        return None
-    stated = config.belt.bending_stiffness_N_m2
-    return {
-        "fitted_N_m2": fitted.EI,
-        "fitted_u_N_m2": fitted.EI * fitted.relative,
-        "stated_N_m2": stated,
-        "stated_u_N_m2": stated * config.uncertainty.bending_stiffness_rel,
-    }
-
-
-def _bending_warnings(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
-    """Return a warning if the fitted and the stated bending stiffness disagree."""
-    if fitted is None:
-        return ()
-    stated, u_stated = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    distance = fitted.away_from(stated, u_stated)
-    if distance > CLEAR:
-        return (
-            f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * u_stated:.2g} %, "
-            f"but the runs give {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: "
-            f"{distance:.2g} standard uncertainties apart; one of the values, or the runs, must be "
-            "wrong",
-        )
-    if fitted.is_determined:
-        return ()
-    return (
-        "bending stiffness: the runs hardly determine it (standard uncertainty of its logarithm "
-        f"{fitted.relative:.2g}); use the stated value, or quieter runs at low tension and "
-        "short arcs",
     )
 
 
@@ -492,26 +397,13 @@ def summarise(built: Built) -> Summary:
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": metadata.budget,
             "effects": list(metadata.effects),
-            **({"bending": metadata.bending} if metadata.bending else {}),
         },
         extra_tables={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
                 metadata.budget, QUANTITY
             ),
             EFFECTS: [dict(row) for row in metadata.effects],
-            **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
         },
         table=[dict(row) for row in metadata.misfit],
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
-
-
-def _bending_rows(bending: BendingFigures) -> list[dict[str, Any]]:
-    pairs = {
-        "fitted": (bending["fitted_N_m2"], bending["fitted_u_N_m2"]),
-        "stated": (bending["stated_N_m2"], bending["stated_u_N_m2"]),
-    }
-    return [
-        {"by": word, "EI": EI, "standard_uncertainty_percent": 100.0 * u / EI}
-        for word, (EI, u) in pairs.items()
-    ]
