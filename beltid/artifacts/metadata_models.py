@@ -408,19 +408,6 @@ class FrictionMetadata(Metadata):
     drift: Listed[DriftRow] = ()
 
 
-class ShearMetadata(Metadata):
-    """Metadata of the ribs' shear stiffness; no upper bound (`high`) if rigid ribs fit the data."""
-
-    resolved: bool = False
-    shear_stiffness_N_m2: Positive | None = None
-    shear_stiffness_u_N_m2: Positive | None = None
-    shear_stiffness_low_N_m2: Number | None = None
-    shear_stiffness_high_N_m2: Positive | None = None
-    effective_span_m: Number | None = None
-    effective_span_u_m: Number | None = None
-    slope_scatter: Number | None = None
-
-
 class SurfaceMetadata(Metadata):
     """Metadata of a friction surface, published or refined; arc spreads are relative to mu.
 
@@ -582,7 +569,6 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
     "friction": FrictionMetadata,
-    "shear": ShearMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "profiles": ProfilesMetadata,

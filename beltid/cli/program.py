@@ -72,7 +72,6 @@ COMMANDS: Final = {
     "fit-stiffness": ("fit", "PRESS.csv -> stiffness.parquet: the normal contact law"),
     "fit-slip": ("fit", "SPEEDLOSS.csv -> slip.parquet: sliding speeds in service"),
     "fit-friction": ("fit", "RIG.csv -> friction.parquet: a friction coefficient per run"),
-    "fit-shear": ("fit", "RIG.csv -> shear.parquet: shear stiffness of the ribs"),
     "build-surface": ("surface", "friction -> surface.parquet: friction over force and speed"),
     "refine-surface": (
         "surface",

@@ -260,31 +260,6 @@ _FRICTION = Table(
     ),
     label="run",
 )
-_SHEAR = Table(
-    "shear",
-    1,
-    "beltid fit-shear",
-    (
-        _RUN,
-        replace(_ARC, nullable=True),
-        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
-        _SET_TENSION,
-        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
-        positive(
-            "slope_N_m",
-            "N/m",
-            "change of the tension difference over the travel of the pulley's surface",
-            nullable=True,
-        ),
-        standard_error("slope_se_N_m", "N/m"),
-        positive("slope_fitted_N_m", "N/m", "slope from the fitted shear stiffness", nullable=True),
-        count("n_samples", "samples of the build-up"),
-        positive("sampling_rate_Hz", "Hz", "sampling rate of the build-up", nullable=True),
-        positive("needed_rate_Hz", "Hz", "sampling rate that would be sufficient", nullable=True),
-        _STATUS,
-    ),
-    label="run",
-)
 _SURFACE = Table(
     "surface",
     1,
@@ -463,7 +438,6 @@ TABLES: Final[dict[str, Table]] = {
         _STIFFNESS,
         _SLIP,
         _FRICTION,
-        _SHEAR,
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _PROFILES,

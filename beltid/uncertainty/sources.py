@@ -224,18 +224,6 @@ EFFECT_SOURCES = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and name of effects that shift the friction in addition to the surface."""
-NOT_OF_SHEAR = (
-    "cell_linearity",
-    "cell_offset",
-    "torque_gain",
-    "bearing_drag",
-    "mass_per_length",
-)
-SHEAR_SOURCES = (
-    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
-    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in NOT_OF_SHEAR),
-)
-"""Sources of the shear stiffness; each is a single number."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
@@ -245,11 +233,6 @@ def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) ->
     """
     of_spans = [row for row in MODEL_SOURCES if bent and row[0] in BENT_SPANS]
     return _sources(u, (*RIG_SOURCES, *of_spans), n_arcs)
-
-
-def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Return the sources of the shear stiffness of the ribs that the bench states."""
-    return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.cells import MICRO, MILLI
 from beltid.report.drawing import (
     LINE_FORCE,
@@ -114,41 +113,8 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
     return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the stored runs.", fig)]
 
 
-def _shear(shear: Sheet) -> Picture:
-    """Draw travel per tension difference over the arc, a group per initial tension."""
-    used = shear["status"] == "ok"
-    arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
-    errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
-    fitted = 1.0 / shear["slope_fitted_N_m"][used]
-    tensions = snap_to_settings(shear["initial_tension_N"])[used]
-    with new_axes(4.2, columns=4) as (fig, axes):
-        for i, tension in enumerate(np.unique(tensions)):
-            rows = np.flatnonzero(tensions == tension)
-            rows = rows[np.argsort(arcs[rows], kind="stable")]
-            look = group(i)
-            axes.errorbar(
-                arcs[rows],
-                measured[rows] * MICRO,
-                errors[rows] * MICRO,
-                **{**look, "linestyle": "none"},
-                capsize=2,
-                label=f"T₀ = {tension:.3g} N",
-            )
-            axes.plot(arcs[rows], fitted[rows] * MICRO, **{**look, "marker": None})
-        axes.set(xlabel="contact arc [°]", ylabel="travel per tension difference [µm/N]")
-    return Picture(
-        "shear",
-        "Build-up of the tensions",
-        "Travel of the pulley's surface per newton of tension difference while the belt sticks, "
-        "with two standard errors; lines: from the identified shear stiffness, or for ribs that do "
-        "not shear if none could be identified.",
-        fig,
-    )
-
-
 FIGURES_OF_KIND: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
-    "shear": lambda sheet: [_shear(sheet)],
     "slip": lambda sheet: [slip.against_torque(sheet)],
     "friction": lambda sheet: friction.measured(_results_of(sheet)),
     "surface": _surface,

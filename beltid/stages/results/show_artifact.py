@@ -39,7 +39,6 @@ SHOWN: Final = {
         "normal_force_N_m",
         "status",
     ),
-    "shear": ("slope_N_m", "slope_fitted_N_m", "run", "arc_deg", "nominal_tension_N", "status"),
     "surface": ("mu", "mu_u", "normal_force_N_m", "slip_speed_m_s", "arc_deg"),
     "simulated": ("tension_tight_N", "tension_slack_N", "run", "time_s", "pulley_speed_rad_s"),
     "profiles": ("normal_force_N_m", "slip_speed_m_s", "arc_position_m", "tension_N", "run"),
