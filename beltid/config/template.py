@@ -69,7 +69,7 @@ MEANINGS: Final = {
     "belt.ribs": "number of ribs",
     "belt.width_m": "width of the ribbed side; null: ribs times the pitch of the profile",
     "belt.axial_stiffness_N": "EA, from a tensile test",
-    "belt.shear_stiffness_N_m2": "of the ribs along the belt; null: no shear",
+    "belt.shear_stiffness_N_m2": "of the ribs along the belt, in a drive of rods; null: rigid ribs",
     "belt.bending_stiffness_N_m2": "EI; determines the bias of the rig's reduction",
     "belt.mass_per_length_kg_m": "matters only in motion",
     "belt.damping_time_s": "Kelvin-Voigt c/E; matters only in motion",

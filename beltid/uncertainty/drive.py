@@ -28,9 +28,6 @@ from beltid.uncertainty.sources import Errors, Source
 Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 
-SHEAR_WITHOUT_BENDING: Final = 0.06
-"""Relative standard uncertainty of a string's loss with ribs that shear: it is 3 % below to 11 %
-above that of rods (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
 METHODS: Final[tuple[Method, ...]] = ("rod", "string")
 SURFACE_VARIANCE: Final = 0.999
 """Share of the variance of ln mu, over all nodes, of the changes of a surface that are solved."""

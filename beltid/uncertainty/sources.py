@@ -267,12 +267,6 @@ def drive_sources(
     return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
 
 
-def shear_source(size: float) -> Source:
-    """Return the source for bending of a belt whose ribs shear, as a share of the speed loss."""
-    words = "ribs that shear, without the bending stiffness of the belt"
-    return Source(words, "shear_without_bending", 0, size, *PERCENT, ASSUMED)
-
-
 def slower_source() -> Source:
     """Return the source for friction at sliding speeds below those measured, of unit size."""
     words = "friction slower than the slowest measured sliding"
