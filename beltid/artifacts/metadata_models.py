@@ -475,12 +475,6 @@ def _wrong_shapes(uncertainty: SimulatedUncertainty | None) -> Iterator[str]:
             yield f"extra.uncertainty.{name} has the shape {actual}, must have {shape}"
 
 
-class ProfilesMetadata(Metadata):
-    """Metadata of profiles along the arc."""
-
-    profile_times_s: Listed[Number] | None = None
-
-
 class TensionLimitRow(TypedDict):
     """Torque limits of adhesion and of gross slip at one belt tension."""
 
@@ -571,7 +565,6 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "friction": FrictionMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
-    "profiles": ProfilesMetadata,
     "compare": CompareMetadata,
     "drive": DriveMetadata,
     "compare_drive": CompareDriveMetadata,

@@ -418,7 +418,6 @@ class SimulationSection(Section):
 
     method: Literal["transient", "steady"] = "transient"
     elements: Annotated[int, Count(4, 2000, even=True)] | None = None
-    steps_per_run: Annotated[int, Count(52, 100_000)] | None = None
     friction_solver: Literal["newton", "lemke"] = "newton"
     sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
 

@@ -279,23 +279,6 @@ _SURFACE = Table(
         ),
     ),
 )
-_PROFILES = Table(
-    "profiles",
-    1,
-    "beltid simulate-rig --profile-time",
-    (
-        text("run", "label of the simulated run"),
-        real("time_s", "s", "time in the simulated recording", nullable=False),
-        real("arc_position_m", "m", "along the arc, from the tight side's tangent point"),
-        nonnegative("normal_force_N_m", "N/m", "normal force per length"),
-        nonnegative("capstan_force_N_m", "N/m", "the same from the tensions, Eq. (8)"),
-        real("tangential_force_N_m", "N/m", "friction force per length on the belt"),
-        real("slip_speed_m_s", "m/s", "speed of the pulley's surface relative to the belt"),
-        real("tension_N", "N", "axial force of the belt"),
-        Column("sticks", "bool", "", "whether the belt sticks"),
-    ),
-    label="run",
-)
 _COMPARE = Table(
     "compare",
     1,
@@ -440,7 +423,6 @@ TABLES: Final[dict[str, Table]] = {
         _FRICTION,
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
-        _PROFILES,
         _COMPARE,
         _DRIVE,
         _COMPARE_DRIVE,

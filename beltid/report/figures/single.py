@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from beltid.report.cells import MICRO, MILLI
+from beltid.report.cells import MICRO
 from beltid.report.drawing import (
-    LINE_FORCE,
     MU,
     PENETRATION,
     PRESSED,
@@ -19,7 +18,6 @@ from beltid.report.drawing import (
     new_axes,
 )
 from beltid.report.figures import (
-    arc,
     budget,
     drive,
     friction,
@@ -31,8 +29,6 @@ from beltid.report.figures import (
 )
 from beltid.report.picture import Picture
 from beltid.report.results import HELD_OUT, BeltResults, Sheet
-
-MOST_PROFILES: Final = 7
 
 
 def pictures(sheet: Sheet) -> list[Picture]:
@@ -75,23 +71,6 @@ def _surface(sheet: Sheet) -> list[Picture]:
     return [cuts, surface.as_map(named, None), surface.in_space(named)]
 
 
-def _profiles(sheet: Sheet) -> list[Picture]:
-    """Draw the normal force along the arc for the first profiles."""
-    labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
-    names = list(dict.fromkeys(labels))
-    rows = np.array(labels)
-    with new_axes(4.4, columns=2) as (fig, axes):
-        for i, name in enumerate(names[:MOST_PROFILES]):
-            at = rows == name
-            look = {**group(i), "markevery": 8}
-            x = sheet["arc_position_m"][at] * MILLI
-            axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
-        axes.set(xlabel=arc.POSITION, ylabel=LINE_FORCE)
-    hidden = len(names) - MOST_PROFILES
-    note = f" {hidden} more are in the table." if hidden > 0 else ""
-    return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{note}", fig)]
-
-
 def _press_curves(sheet: Sheet) -> list[Picture]:
     with new_axes() as (fig, axes):
         for k, branch in enumerate(press.BRANCHES):
@@ -119,7 +98,6 @@ FIGURES_OF_KIND: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "friction": lambda sheet: friction.measured(_results_of(sheet)),
     "surface": _surface,
     "simulated": lambda sheet: friction.simulated(_results_of(sheet)),
-    "profiles": _profiles,
     "compare": lambda sheet: proof.of_one(replace(sheet, name=_name(sheet))),
     "drive": drive.predicted,
     "compare_drive": drive.compared,

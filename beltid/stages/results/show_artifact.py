@@ -41,7 +41,6 @@ SHOWN: Final = {
     ),
     "surface": ("mu", "mu_u", "normal_force_N_m", "slip_speed_m_s", "arc_deg"),
     "simulated": ("tension_tight_N", "tension_slack_N", "run", "time_s", "pulley_speed_rad_s"),
-    "profiles": ("normal_force_N_m", "slip_speed_m_s", "arc_position_m", "tension_N", "run"),
     "compare": (
         "mu_measured",
         "mu_simulated",
