@@ -340,7 +340,6 @@ class CompareSection(Section):
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
     max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
-    max_rms_error_over_uncertainty: Annotated[float, Number(0, 100, open_low=True)] | None = None
     hold_out: Literal["none", "arc", "speed"] = "arc"
 
 

@@ -109,7 +109,6 @@ MEANINGS: Final = {
     "compare.max_rms_relative_error": "root mean square over all runs, share of mu",
     "compare.max_mean_relative_error": "mean magnitude, share of mu",
     "compare.max_relative_error": "largest, share of mu",
-    "compare.max_rms_error_over_uncertainty": "RMS of difference over its uncertainty; null: none",
     "compare.hold_out": "left out in turn and predicted from the rest: none, arc or speed",
     "uncertainty.tension_gain_rel": "calibration that both load cells share",
     "uncertainty.cell_gain_rel": "calibration of each load cell",
