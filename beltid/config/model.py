@@ -190,7 +190,6 @@ class BeltSection(Section):
     name: Annotated[str, BeforeValidator(folder_name)] = "5pk"
     type: Annotated[str, Text(40)] = "5PK"
     ribs: Annotated[int, Count(1, 100)] = 5
-    width_m: Annotated[float, Number(1e-3, 2, "m")] | None = None
     axial_stiffness_N: Annotated[float, Number(1e2, 1e8, "N")] = 1.0e5
     bending_stiffness_N_m2: Annotated[float, Number(1e-8, 1e2, "N m²")] = 0.02
     mass_per_length_kg_m: Annotated[float, Number(1e-4, 1e2, "kg/m")] = 0.10

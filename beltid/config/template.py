@@ -67,7 +67,6 @@ MEANINGS: Final = {
     "belt.name": "names the folder of the results",
     "belt.type": "manufacturer's designation; 5PK: five ribs of the profile PK",
     "belt.ribs": "number of ribs",
-    "belt.width_m": "width of the ribbed side; null: ribs times the pitch of the profile",
     "belt.axial_stiffness_N": "EA, from a tensile test",
     "belt.shear_stiffness_N_m2": "of the ribs along the belt, in a drive of rods; null: rigid ribs",
     "belt.bending_stiffness_N_m2": "EI; determines the bias of the rig's reduction",

@@ -102,7 +102,7 @@ def abaqus(law: ContactLaw, choices: Choices) -> Export:
     if width is None:
         raise InputError(
             f"{law.belt.name}: Abaqus needs the contact pressure, which is the line force over "
-            "the width of the belt; give a config with --config that states belt.width_m, or "
+            "the width of the belt; give a config with --config that states "
             "belt.type with the profile (such as 5PK) and belt.ribs",
             code="belt-width",
         )

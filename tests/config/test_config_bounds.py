@@ -147,7 +147,7 @@ def test_no_section_with_numbers_is_forgotten() -> None:
     }
 
 
-DESCRIPTIVE = {("belt", "ribs"), ("belt", "width_m")}
+DESCRIPTIVE = {("belt", "ribs")}
 """Numbers that only describe the belt: no science takes them."""
 
 

@@ -88,7 +88,7 @@ def test_what_is_wrong_is_reported_at_its_place_in_the_sweep(tmp_path: Path) -> 
         "3:3: sweep.rig.pulley_radus_m is not a key that can be swept, "
         "did you mean pulley_radius_m?",
         "4:3: sweep.data.rig is not a key that can be swept, such as belt.ribs can",
-        "5:3: sweep.belt.stiff is not a key that can be swept, belt has ribs, width_m, "
+        "5:3: sweep.belt.stiff is not a key that can be swept, belt has ribs, "
         "axial_stiffness_N, bending_stiffness_N_m2, mass_per_length_kg_m, damping_time_s, "
         "shear_stiffness_N_m2",
         "6:14: sweep.belt.ribs = 5, must be a list of values",

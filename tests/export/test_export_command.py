@@ -169,11 +169,11 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
     assert every.exit_code == 0
     assert "warning: abaqus left out" in every.stderr
     named = results / "named.yaml"
-    named.write_text("belt: {name: mine, width_m: 0.021}\n")
+    named.write_text("belt: {name: mine, type: PJ, ribs: 9}\n")
     other = call("abaqus", results, "-c", named)
     assert "was made with a different config" in other.stderr
     text = (results / "export" / "belt_mine_abaqus.inp").read_text()
-    assert "Width of the belt: 0.021 m" in text
+    assert "Width of the belt: 0.02106 m" in text
 
 
 @pytest.mark.parametrize(

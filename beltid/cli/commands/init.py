@@ -65,7 +65,6 @@ def init(
         str | None, typer.Option("--type", help="Type of the belt.", metavar="TEXT")
     ] = None,
     ribs: Annotated[int | None, _option("Number of ribs.", "N")] = None,
-    width: Annotated[float | None, _option("Width of the ribbed side.", "m")] = None,
     axial_stiffness: Annotated[float | None, _option("EA.", "N")] = None,
     bending_stiffness: Annotated[float | None, _option("EI.", "Nm²")] = None,
     mass_per_length: Annotated[float | None, _option("Mass per length.", "kg/m")] = None,
@@ -110,7 +109,6 @@ def init(
         "belt.name": name,
         "belt.type": belt_type,
         "belt.ribs": ribs,
-        "belt.width_m": width,
         "belt.axial_stiffness_N": axial_stiffness,
         "belt.bending_stiffness_N_m2": bending_stiffness,
         "belt.mass_per_length_kg_m": mass_per_length,

@@ -154,9 +154,8 @@ def _belt_name(folder: Path) -> str:
 
 def _belt(config: Config) -> BeltFacts:
     belt = config.belt
-    facts = {name: getattr(belt, name) for name in BeltFacts.model_fields}
-    facts["width_m"] = belt.width_m or ribbed_width(belt.type, belt.ribs)
-    return BeltFacts.model_validate(facts)
+    facts = {name: getattr(belt, name) for name in BeltFacts.model_fields if name != "width_m"}
+    return BeltFacts(**facts, width_m=ribbed_width(belt.type, belt.ribs))
 
 
 def _finite_or_none(artifact: Artifact, column: str, row: int) -> float | None:
