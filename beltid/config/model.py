@@ -276,13 +276,6 @@ class RigSection(Section):
         return "hub" if gives_way or self.kind == "running" else "none"
 
 
-class PulleyConditions(Section):
-    """The pulley in contact with the belt."""
-
-    material: Annotated[str, Text(40)] | None = None
-    roughness_Ra_um: Annotated[float, Number(0, 1e3, "µm")] | None = None
-
-
 class ConditionsSection(Section):
     """Conditions of the bench; null: not stated.
 
@@ -293,9 +286,6 @@ class ConditionsSection(Section):
 
     surface: Literal["dry", "wet", "dusty"] | None = None
     side: Literal["rib", "back"] | None = None
-    humidity_percent: Annotated[float, Number(0, 100, "%")] | None = None
-    hours_run: Annotated[float, Number(0, 1e6, "h")] | None = None
-    pulley: PulleyConditions = PulleyConditions()
 
 
 class ContactSection(Section):

@@ -68,10 +68,6 @@ _IDLE = Column(
 _CONDITIONS = (
     Column("condition", "string", "", "surface", True, choices=("dry", "wet", "dusty")),
     Column("side", "string", "", "side of the belt on the pulley", True, choices=("rib", "back")),
-    Column("humidity_percent", "float64", "%", "relative humidity", True, 0.0, 100.0),
-    nonnegative("hours_run", "h", "running time of the belt before", nullable=True),
-    text("pulley_material", "material of the pulley", nullable=True),
-    nonnegative("roughness_Ra_um", "um", "roughness Ra of the pulley", nullable=True),
 )
 CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
 """Columns with the conditions of a run."""
