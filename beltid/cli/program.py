@@ -84,7 +84,7 @@ COMMANDS: Final = {
     "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
-    "show": ("report", "any artifact: a table and a drawing, or a figure"),
+    "show": ("report", "any artifact: a table, or a figure in a file"),
     "export": ("export", "runs/<belt> -> contact law for multibody codes"),
     "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),

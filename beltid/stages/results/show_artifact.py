@@ -66,7 +66,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     path : Path
         The artifact.
     out : Path or None
-        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows both in the terminal.
+        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows the table in the terminal.
     name : str or None
         Name of the figure; None for the first.
     options : Options
@@ -89,6 +89,10 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
         return _summary(artifact, None, [], out)
     available = pictures(sheet_of(artifact))
     chosen = _chosen(available, name, path)
+    if out is None and name is not None:
+        raise InputError(
+            f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
+        )
     if out is not None and chosen is not None and chosen.figure is not None:
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
@@ -146,5 +150,4 @@ def _summary(
         shown=tuple(columns),
         notes=(*notes, *([f"{n_hidden} more rows, see --verbose"] if n_hidden > 0 else [])),
         origin=artifact.metadata.origin,
-        drawing=None if chosen is None else chosen.figure,
     )
