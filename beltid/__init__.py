@@ -28,12 +28,11 @@ Module                 Responsibility                                         Pa
 ``config``             YAML to a frozen model; errors with line and column
 ``tables``             column definitions: name, type, unit, range, meaning
 ``plan``               which rig runs to measure next, and when to stop
-``uncertainty``        budgets, Monte Carlo check, normalized differences     JCGM 100, 101
+``uncertainty``        budgets, normalized differences                        JCGM 100
 ``refine``             inverse problem: the surface that gives the tensions   beyond section 4
 ``identify.press``     press recording to normal contact law                  Eqs. (1) to (4)
 ``identify.slip``      speed loss to sliding speed                            Eq. (7)
 ``identify.friction``  rig run to friction coefficient                        Eqs. (5) to (8)
-``identify.shear``     tension build-up to shear stiffness of the ribs
 ``identify.surface``   rig runs to friction surface                           section 2.2
 ``identify.agreement`` measured against simulated                             section 4
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.2
@@ -72,7 +71,6 @@ if TYPE_CHECKING:
     from beltid.stages.drive.simulate_drive import simulate_drive
     from beltid.stages.identification.build_surface import build_surface
     from beltid.stages.identification.fit_friction import fit_friction
-    from beltid.stages.identification.fit_shear import fit_shear
     from beltid.stages.identification.fit_slip import fit_slip
     from beltid.stages.identification.fit_stiffness import fit_stiffness
     from beltid.stages.identification.recordings import read_press, read_rig, read_speedloss
@@ -103,7 +101,6 @@ __all__ = [
     "build_surface",
     "compare",
     "fit_friction",
-    "fit_shear",
     "fit_slip",
     "fit_stiffness",
     "load_config",
@@ -149,7 +146,6 @@ _HOMES = {
     "refine_surface": "stages.simulation.refine_surface",
     "compare": "stages.simulation.compare",
     "fit_friction": "stages.identification.fit_friction",
-    "fit_shear": "stages.identification.fit_shear",
     "fit_slip": "stages.identification.fit_slip",
     "fit_stiffness": "stages.identification.fit_stiffness",
     "predict_held_out": "stages.simulation.compare",

@@ -1,4 +1,4 @@
-"""The inverse problem on 120 runs, and a replicate of the Monte Carlo check of its uncertainty."""
+"""The inverse problem on 120 runs, and the sensitivities of its solution."""
 
 from __future__ import annotations
 
@@ -17,24 +17,20 @@ from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, campaign
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.monte_carlo import prepare, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import refined_slopes
-from beltid.uncertainty.sources import StandardUncertainties, all_sources
 from benchmarks.work import BELT, POINTS, RIG
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
 NOISE = 0.0025
-GIVEN = StandardUncertainties(0.002, 0.001, 0.0, 0.05, 0.002, 0.004, 0.002, 5e-4, 0.002, 0.05, 0.05)
 
 
 @dataclass(frozen=True, slots=True)
 class Inverse:
-    """Times on one core [s] after warm-up: the solution, its sensitivities, a replicate."""
+    """Times on one core [s] after warm-up: the solution and its sensitivities."""
 
     solution: float
     sensitivities: float
-    replicate: float
 
 
 def _measured() -> Measured:
@@ -74,18 +70,13 @@ def measure_inverse(rounds: int) -> Inverse:
     bench = Bench(BELT, RIG, Contact(), LAW, start)
     whole = Campaign(measured, bench, PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04))
     refined = refine_surface(bench, whole.runs, speeds)
-    slopes = refined_slopes(whole, refined, speeds)
-    sources = all_sources(GIVEN, 3, law_scatter=False)
-    nominal = prepare(whole, refined, speeds, None, (sources, slopes))
-    replicates(nominal, 0, [0])
-    times: dict[str, list[float]] = {"solution": [], "sensitivities": [], "replicate": []}
-    for number in range(rounds):
+    refined_slopes(whole, refined, speeds)
+    times: dict[str, list[float]] = {"solution": [], "sensitivities": []}
+    for _ in range(rounds):
         clock = [time.perf_counter()]
         refine_surface(bench, whole.runs, speeds)
         clock.append(time.perf_counter())
         refined_slopes(whole, refined, speeds)
-        clock.append(time.perf_counter())
-        replicates(nominal, 1, [number])
         clock.append(time.perf_counter())
         for name, seconds in zip(times, np.diff(clock), strict=True):
             times[name].append(float(seconds))

@@ -239,30 +239,22 @@ def start_up_targets(result: StartUp) -> list[Target]:
 
 
 def inverse_section(result: Inverse) -> str:
-    """The inverse problem and the check of its uncertainty."""
+    """The inverse problem and the sensitivities of its solution."""
     rows = [
         ("inverse problem, 120 runs, surface of 5 speeds", f"{result.solution:.2f} s"),
         ("its sensitivities to all inputs of the rig", f"{result.sensitivities:.2f} s"),
-        ("a replicate of the Monte Carlo check", f"{result.replicate:.2f} s"),
     ]
     return table(("one core, after warm-up", "best time"), rows)
 
 
 def inverse_targets(result: Inverse) -> list[Target]:
-    """The inverse problem in a second; 500 replicates in three minutes on two cores."""
-    minutes = 500.0 * result.replicate / 2.0 / 60.0
+    """The inverse problem in a second."""
     return [
         Target(
             "inverse problem on 120 runs",
             "< 1 s",
             f"{result.solution:.2f} s",
             result.solution < 1.0,
-        ),
-        Target(
-            "500 bootstrap replicates, two cores (from one core)",
-            "< 3 min",
-            f"{minutes:.1f} min",
-            minutes < 3.0,
         ),
     ]
 

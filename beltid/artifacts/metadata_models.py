@@ -217,15 +217,6 @@ class EffectRow(TypedDict):
     explained_percent: NotRequired[Number | None]
 
 
-class BendingFigures(TypedDict):
-    """Bending stiffness fitted to the runs, and the stated one [N m²]."""
-
-    fitted_N_m2: Positive
-    fitted_u_N_m2: Number
-    stated_N_m2: Positive
-    stated_u_N_m2: Number
-
-
 class DriftRow(TypedDict):
     """Change of the friction of the runs with one cause, in percent of mu."""
 
@@ -235,15 +226,6 @@ class DriftRow(TypedDict):
     standard_error_percent: Number | None
     clear: bool
     explained_percent: NotRequired[Number]
-
-
-class MonteCarlo(TypedDict):
-    """Check of the linear uncertainty by replicates."""
-
-    replicates: Count
-    seed: Count
-    table: Rows
-    linear_fails_at: Rows
 
 
 class SolverRecord(TypedDict):
@@ -426,19 +408,6 @@ class FrictionMetadata(Metadata):
     drift: Listed[DriftRow] = ()
 
 
-class ShearMetadata(Metadata):
-    """Metadata of the ribs' shear stiffness; no upper bound (`high`) if rigid ribs fit the data."""
-
-    resolved: bool = False
-    shear_stiffness_N_m2: Positive | None = None
-    shear_stiffness_u_N_m2: Positive | None = None
-    shear_stiffness_low_N_m2: Number | None = None
-    shear_stiffness_high_N_m2: Positive | None = None
-    effective_span_m: Number | None = None
-    effective_span_u_m: Number | None = None
-    slope_scatter: Number | None = None
-
-
 class SurfaceMetadata(Metadata):
     """Metadata of a friction surface, published or refined; arc spreads are relative to mu.
 
@@ -461,8 +430,6 @@ class SurfaceMetadata(Metadata):
     effective_parameters: Number | None = None
     effects: Listed[EffectRow] = ()
     reference_temperature_degC: Number | None = None
-    bending: BendingFigures | None = None
-    monte_carlo: MonteCarlo | None = None
 
 
 class SimulatedMetadata(Metadata):
@@ -506,12 +473,6 @@ def _wrong_shapes(uncertainty: SimulatedUncertainty | None) -> Iterator[str]:
         actual = np.shape(arrays[name])
         if actual != shape:
             yield f"extra.uncertainty.{name} has the shape {actual}, must have {shape}"
-
-
-class ProfilesMetadata(Metadata):
-    """Metadata of profiles along the arc."""
-
-    profile_times_s: Listed[Number] | None = None
 
 
 class TensionLimitRow(TypedDict):
@@ -602,10 +563,8 @@ METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
     "friction": FrictionMetadata,
-    "shear": ShearMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
-    "profiles": ProfilesMetadata,
     "compare": CompareMetadata,
     "drive": DriveMetadata,
     "compare_drive": CompareDriveMetadata,

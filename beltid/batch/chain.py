@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -104,33 +103,20 @@ class BatchOptions(Options):
         Whether the sources include all cases of each sweep, so that its table can be written.
     report : bool
         Whether to write the reports at the end.
-    bootstrap, seed : int
-        Draws of the Monte Carlo check of the refined surface (0: no check), and their seed.
     """
 
     fail_fast: bool = False
     whole: bool = True
     report: bool = True
-    bootstrap: int = 0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        refine_surface.Choices(self.bootstrap, self.seed)  # refuses too few draws before any work
 
 
-def chain_of(source: ConfigSource, options: BatchOptions) -> tuple[Step, ...]:
-    """Return the steps of a chain; the draws of a Monte Carlo check are separate worker calls."""
+def chain_of(source: ConfigSource) -> tuple[Step, ...]:
+    """Return the steps of a chain."""
     stated = source.config.model_fields_set
     chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
     if source.config.compare.hold_out == "none":
         chain = tuple(step for step in chain if step.name != HELD_OUT)
-    if not options.bootstrap:
-        return chain
-    checked = partial(refine_surface.run, bootstrap=options.bootstrap, seed=options.seed)
-    return tuple(
-        replace(step, run=checked, spreads=True) if step.run is refine_surface.run else step
-        for step in chain
-    )
+    return chain
 
 
 def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
@@ -153,7 +139,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     refuse_links_out(folder, [source.name for source in sources])
     chains = []
     for source in sources:
-        chain = chain_of(source, options)
+        chain = chain_of(source)
         chains.append(Chain(source, folder / source.name, chain, options.reporter))
     folders = [chain.folder for chain in chains]
     with alone_in(folders, options.reporter):

@@ -60,7 +60,7 @@ def _plan_steps(
     """Yield the row of each step of a belt, and its error if any."""
     files = source.config.data.files
     stale: set[str] = set()
-    steps = chain_of(source, options)
+    steps = chain_of(source)
     possible = within_reach(steps, files)
     for step in steps:
         out = step.place(folder)

@@ -61,19 +61,6 @@ Jobs = Annotated[
         "--jobs", "-j", min=1, help="Runs simulated at the same time. Default: one per core."
     ),
 ]
-Bootstrap = Annotated[
-    int,
-    typer.Option(
-        "--bootstrap",
-        min=0,
-        metavar="N",
-        help="Check the uncertainty of the refined surface with N Monte Carlo draws of all errors, "
-        "and keep the ensemble; 500 is typical. Default: 0, no check.",
-    ),
-]
-Seed = Annotated[
-    int, typer.Option("--seed", min=0, metavar="S", help="Seed of the draws. Default: 0.")
-]
 
 
 Command = TypeVar("Command", bound=Callable[..., None])

@@ -72,7 +72,6 @@ COMMANDS: Final = {
     "fit-stiffness": ("fit", "PRESS.csv -> stiffness.parquet: the normal contact law"),
     "fit-slip": ("fit", "SPEEDLOSS.csv -> slip.parquet: sliding speeds in service"),
     "fit-friction": ("fit", "RIG.csv -> friction.parquet: a friction coefficient per run"),
-    "fit-shear": ("fit", "RIG.csv -> shear.parquet: shear stiffness of the ribs"),
     "build-surface": ("surface", "friction -> surface.parquet: friction over force and speed"),
     "refine-surface": (
         "surface",
@@ -85,7 +84,7 @@ COMMANDS: Final = {
     "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
-    "show": ("report", "any artifact: a table and a drawing, or a figure"),
+    "show": ("report", "any artifact: a table, or a figure in a file"),
     "export": ("export", "runs/<belt> -> contact law for multibody codes"),
     "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),

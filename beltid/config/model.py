@@ -277,13 +277,6 @@ class RigSection(Section):
         return "hub" if gives_way or self.kind == "running" else "none"
 
 
-class PulleyConditions(Section):
-    """The pulley in contact with the belt."""
-
-    material: Annotated[str, Text(40)] | None = None
-    roughness_Ra_um: Annotated[float, Number(0, 1e3, "µm")] | None = None
-
-
 class ConditionsSection(Section):
     """Conditions of the bench; null: not stated.
 
@@ -294,9 +287,6 @@ class ConditionsSection(Section):
 
     surface: Literal["dry", "wet", "dusty"] | None = None
     side: Literal["rib", "back"] | None = None
-    humidity_percent: Annotated[float, Number(0, 100, "%")] | None = None
-    hours_run: Annotated[float, Number(0, 1e6, "h")] | None = None
-    pulley: PulleyConditions = PulleyConditions()
 
 
 class ContactSection(Section):
@@ -340,7 +330,6 @@ class CompareSection(Section):
     max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
     max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
     max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
-    max_rms_error_over_uncertainty: Annotated[float, Number(0, 100, open_low=True)] | None = None
     hold_out: Literal["none", "arc", "speed"] = "arc"
 
 
@@ -418,7 +407,6 @@ class SimulationSection(Section):
 
     method: Literal["transient", "steady"] = "transient"
     elements: Annotated[int, Count(4, 2000, even=True)] | None = None
-    steps_per_run: Annotated[int, Count(52, 100_000)] | None = None
     friction_solver: Literal["newton", "lemke"] = "newton"
     sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
 

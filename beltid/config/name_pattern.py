@@ -12,7 +12,7 @@ from typing import Any, Final
 
 _PLACE: Final = re.compile(r"\{([A-Za-z_]\w*)?(?::([^{}]*))?\}")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
-_TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side", "pulley_material")
+_TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side")
 
 
 @dataclass(frozen=True, slots=True)

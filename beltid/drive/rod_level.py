@@ -167,15 +167,11 @@ class RodLevel:
         )
 
     def _arcs(self, state: LoopState, slip: Array) -> Arcs:
-        """Return the arcs of a state with the slip of the rods.
-
-        If the ribs shear, the lead of the pulley over the belt stays that of the string.
-        """
+        """Return the arcs of a state with the slip of the rods."""
         arcs, R = state.arcs, np.array([pulley.R for pulley in self.drive.pulleys])
         ahead = np.where(state.P_in > state.P, slip, -slip) / (R * state.v0)
         needed = np.where(slip > 0.0, np.maximum(arcs.needed, state.laid.wraps), arcs.needed)
-        rate = arcs.rate if math.isfinite(self.drive.shear_stiffness) else arcs.W - ahead
-        return arcs._replace(rate=rate, slip=slip, needed=needed)
+        return arcs._replace(rate=arcs.W - ahead, slip=slip, needed=needed)
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """Return the state of the belt on the pulleys at string level, before any rod is solved."""

@@ -36,7 +36,6 @@ _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
 WIDEST_PANEL = 0.4  # of ln P
 SLIP_GRID = 24  # number of sliding speeds of the search for full slip
-SLOWEST_SHEAR = 1e-14  # over the speed of the belt: slower ribs stick
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
 
@@ -44,7 +43,7 @@ class Section(NamedTuple):
     """Parameters of belt and bed on one pulley, for compiled code.
 
     ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
-    [N/m³]; ``R`` [m]; ``k_shear`` of the ribs [N/m²] (infinite without shear).
+    [N/m³]; ``R`` [m].
     """
 
     EA: float
@@ -52,7 +51,6 @@ class Section(NamedTuple):
     k_linear: float
     k_quadratic: float
     R: float
-    k_shear: float
 
 
 class Pulleys(NamedTuple):
@@ -68,8 +66,6 @@ class Pulleys(NamedTuple):
         Radius of the centreline without load [m].
     ribs : ndarray (n,) of bool
         Whether the ribs touch the pulley, rather than the back.
-    k_shear : ndarray (n,)
-        Shear stiffness of the ribs [N/m²], infinite where they do not shear.
     """
 
     EA: float
@@ -77,14 +73,12 @@ class Pulleys(NamedTuple):
     beds: Array
     R: Array
     ribs: NDArray[np.bool_]
-    k_shear: Array
 
 
 @leaf
 def _section(pulleys: Pulleys, i: int) -> Section:
     """Return the parameters of pulley i."""
-    beds = pulleys.beds
-    return Section(pulleys.EA, pulleys.m, beds[i, 0], beds[i, 1], pulleys.R[i], pulleys.k_shear[i])
+    return Section(pulleys.EA, pulleys.m, pulleys.beds[i, 0], pulleys.beds[i, 1], pulleys.R[i])
 
 
 class Friction(NamedTuple):
@@ -375,118 +369,8 @@ def full_slip(
 
 
 @shared_leaf
-def rate_deficit(P_in: float, P: float, v0: float, x: float, s: Section) -> float:
-    """Integrate |W - theta'/v0| over P from the entry on, for (D13) [N/m].
-
-    ``x`` is the speed of the pulley's surface relative to the belt at the entry [m/s].
-    """
-    stretch, radius = seat(P_in, v0, s)
-    entry = stretch / radius
-    total = x / (s.R * v0) * abs(P - P_in)
-    for q in range(GAUSS_NODES.size):
-        stretch, radius = seat(P_in + GAUSS_NODES[q] * (P - P_in), v0, s)
-        total += GAUSS_WEIGHTS[q] * abs(P - P_in) * abs(entry - stretch / radius)
-    return total
-
-
-@leaf
-def _shear_excess(
-    P_in: float, P: float, v0: float, x: float, s: Section, friction: Friction
-) -> float:
-    """Return shear force over friction limit, less one, where the effective force is P."""
-    stretch, radius = seat(P_in, v0, s)
-    f, creep = force_and_speed(P, v0, stretch / radius, s)
-    mu = _coefficient(f, x + creep, friction.tables)
-    shear = math.sqrt(2.0 * s.k_shear * s.R * rate_deficit(P_in, P, v0, x, s))
-    return shear / (mu * f) - 1.0
-
-
-@shared_leaf
-def sheared_arc(
-    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
-) -> tuple[float, float]:
-    """Integrate angle and stress-free length of an arc whose ribs shear until they slide, (D13).
-
-    Parameters
-    ----------
-    x : float
-        Speed of the pulley's surface relative to the belt at the entry [m/s], > 0.
-    P_in, P_out, v0, s, friction
-        As in :func:`sliding_arc`.
-
-    Returns
-    -------
-    angle, length : float
-        [rad], [m].
-    """
-    P_slides = P_out
-    excess = _shear_excess(P_in, P_out, v0, x, s, friction)
-    if excess > 0.0:
-        b = Bracket(P_in, -1.0, P_out, excess)
-        for _ in range(60):
-            P_slides = _secant(b)
-            b = _narrowed(b, P_slides, _shear_excess(P_in, P_slides, v0, x, s, friction))
-            if abs(b.at_high) < 1e-13 or abs(b.high - b.low) < 1e-15 * P_in:
-                break
-    stretch, radius = seat(P_in, v0, s)
-    entry = stretch / radius
-    end_stretch, end_radius = seat(P_slides, v0, s)
-    angle, length = 0.0, 0.0
-    if P_slides != P_out:
-        ahead = x + s.R * v0 * abs(entry - end_stretch / end_radius)
-        angle, length = sliding_arc(P_slides, P_out, v0, ahead, s, friction)
-    # near the entry the shear force grows as the square root of P - P_in, or linearly: substitute
-    # P - P_in ~ sinh² of the variable of integration
-    change = abs(P_slides - P_in)
-    if change == 0.0:
-        return angle, length
-    slope = abs(entry - end_stretch / end_radius) / change
-    scale = 2.0 * x / (s.R * v0 * slope)
-    longest = math.asinh(math.sqrt(change / scale))
-    sense = math.copysign(1.0, P_slides - P_in)
-    panels = int(longest) + 1
-    for panel in range(panels):
-        for q in range(GAUSS_NODES.size):
-            t = longest * (panel + GAUSS_NODES[q]) / panels
-            root = math.sqrt(scale) * math.sinh(t)
-            P = P_in + sense * root * root
-            shear = math.sqrt(2.0 * s.k_shear * s.R * rate_deficit(P_in, P, v0, x, s))
-            dP = 2.0 * root * math.sqrt(scale) * math.cosh(t) * longest / panels
-            stretch, radius = seat(P, v0, s)
-            length += GAUSS_WEIGHTS[q] * dP / shear
-            angle += GAUSS_WEIGHTS[q] * dP / shear * stretch / radius
-    return angle, length
-
-
-@shared_leaf
-def sheared_speed(
-    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
-) -> float:
-    """Find the speed of the pulley's surface relative to the belt at the entry, with shear [m/s].
-
-    At this speed the arc (D13) equals the whole wrap; nan if it exceeds the measured speeds.
-    """
-    low = math.log(SLOWEST_SHEAR * v0)
-    fastest = friction.v_high if math.isfinite(friction.v_high) else v0
-    high = math.log(fastest)
-    at_low = sheared_arc(P_in, P_out, v0, math.exp(low), s, friction)[0] - wrap
-    at_high = sheared_arc(P_in, P_out, v0, math.exp(high), s, friction)[0] - wrap
-    if at_low <= 0.0:  # shear decays long before the entry: as without shear
-        return 0.0
-    if at_high > 0.0:
-        return math.nan
-    b = Bracket(low, at_low, high, at_high)
-    for _ in range(80):
-        ln_x = _secant(b)
-        b = _narrowed(b, ln_x, sheared_arc(P_in, P_out, v0, math.exp(ln_x), s, friction)[0] - wrap)
-        if abs(b.at_high) < 1e-12 * wrap or abs(b.high - b.low) < 1e-12:
-            break
-    return math.exp(b.high)
-
-
-@shared_leaf
 def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Friction) -> float:
-    """Find the smallest arc, (D4) or (D13), that holds the forces at any measured sliding speed.
+    """Find the smallest arc, (D4), that holds the forces at any measured sliding speed.
 
     Returns
     -------
@@ -495,9 +379,6 @@ def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Fricti
     """
     if P_in == P_out:
         return 0.0
-    fastest = friction.v_high if math.isfinite(friction.v_high) else v0
-    if math.isfinite(s.k_shear):
-        return sheared_arc(P_in, P_out, v0, fastest, s, friction)[0]
     least = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0]
     if friction.tables.y_nodes.size == 1:
         return least
@@ -546,15 +427,7 @@ def arcs_of_pulleys(
         arcs.rate[i] = stretch / radius
         needed, sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
         x = slip = 0.0
-        if math.isfinite(s.k_shear) and P_in[i] != P_out[i]:
-            x = sheared_speed(P_in[i], P_out[i], v0, wraps[i], s, friction)
-            slip = x if needed > wraps[i] or math.isnan(x) else 0.0
-        if x > 0.0 or math.isnan(x):
-            if math.isnan(x):
-                x = friction.v_high if math.isfinite(friction.v_high) else v0
-            angle, sheared = sheared_arc(P_in[i], P_out[i], v0, x, s, friction)
-            arcs.length[i] = sheared * wraps[i] / angle
-        elif needed <= wraps[i]:
+        if needed <= wraps[i]:
             arcs.length[i] = sliding + (wraps[i] - needed) * radius / stretch
         else:
             slip = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
@@ -659,7 +532,6 @@ class StringLevel:
             np.array([soft if p.ribs else rigid for p in pulleys]),
             np.array([p.R for p in pulleys]),
             np.array([p.ribs for p in pulleys]),
-            np.array([self.drive.shear_stiffness if p.ribs else math.inf for p in pulleys]),
         )
         of_ribs = _friction(self.drive.surface, self.drive.friction)
         of_back = _friction_of_back(self.drive.back_friction)

@@ -115,9 +115,6 @@ class FrictionPart(Part):
     sources: tuple[str, ...] = Field(
         default=(), description="names of the first columns of factor; the others are scatter"
     )
-    ensemble: tuple[Matrix, ...] | None = Field(
-        default=None, description="surfaces of a Monte Carlo ensemble: mu at the nodes [-]"
-    )
     sticking_ratio: PositiveFloat | None = Field(
         default=None,
         description="peak before sliding over the sliding coefficient, mean of the runs; it grows "
@@ -215,7 +212,7 @@ def _surface(part: FrictionPart) -> UncertainSurface:
     if part.mu_se is not None:
         se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
     surface = FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
-    return UncertainSurface(surface, part.factor, part.sources, part.ensemble)
+    return UncertainSurface(surface, part.factor, part.sources)
 
 
 def friction_part(
@@ -240,7 +237,7 @@ def friction_part(
     tables = surface.tables()
     se = surface.mu_se_nodes
     uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    factor, members = uncertain.factor, uncertain.members
+    factor = uncertain.factor
     return FrictionPart(
         method=method,
         normal_force_N_m=_plain(surface.normal_force_N_m),
@@ -253,7 +250,6 @@ def friction_part(
         sources=uncertain.sources,
         sticking_ratio=None if sticking is None else sticking[0],
         sticking_ratio_sd=None if sticking is None else sticking[1],
-        ensemble=None if members is None else _plain(members),
         x_nodes=_plain(tables.x_nodes),
         y_nodes=_plain(tables.y_nodes),
         f_ref_N_m=tables.f_ref if tables.f_ref < float("inf") else None,

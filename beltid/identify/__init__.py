@@ -5,7 +5,6 @@ Package    Responsibility                                               Equation
 ========== ============================================================ ==================
 press      recording of the press to the normal contact law             (1) to (4)
 friction   runs of the rig to friction coefficients                     (5), (6), (8)
-shear      build-up of the runs to the shear stiffness of the ribs      (B1) to (B4)
 slip       speed loss to sliding speed                                  (7)
 surface    friction coefficients to the surface mu(f_N, v)              section 2.2
 agreement  measured against simulated coefficients                      section 4

@@ -9,7 +9,7 @@ Module                 Responsibility                                           
                        speed, normal force along the arc and its mean
 ``kelvin_voigt``       Material of the belt: force and moment of a section             (9)
 ``friction_surface``   mu(f_N, v) between and beyond the nodes of a grid               Section 2.2
-``uncertain_surface``  Friction surface with covariance, bands, ensembles              beyond
+``uncertain_surface``  Friction surface with covariance and bands                      beyond
 ``slow_friction``      Friction surface below its slowest speed, for a drive           (D14)
 ``surface_tables``     The surface as arrays and the functions that evaluate them      Section 2.2
 ``bicubic``            Spline patches that stay between the values they join           Section 2.2

@@ -1,9 +1,9 @@
-"""A friction surface with its uncertainty: combined uncertainty, band, ensemble.
+"""A friction surface with its uncertainty: combined uncertainty and band.
 
 The errors of ln mu at the nodes are correlated: an error of a load cell moves the whole surface. A
 standard error per node is therefore not enough. The surface has a factor S of the covariance
 ``S S'`` of all nodes, with one column for each shared source and more columns for the scatter. Any
-later use (a simulation, a band in a figure) follows from S or from an ensemble drawn with it.
+later use (a simulation, a band in a figure) follows from S.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
 
-MEMBERS = 64
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class UncertainSurface(FrictionSurface):
@@ -38,8 +36,6 @@ class UncertainSurface(FrictionSurface):
     sources : sequence of str
         Names of the first columns of the factor, which are errors common to all nodes. The other
         columns are scatter.
-    members : array_like (n, nf, nv), optional
-        Node values of a Monte Carlo ensemble [-], > 0.
 
     Raises
     ------
@@ -49,32 +45,22 @@ class UncertainSurface(FrictionSurface):
 
     factor: Array | None
     sources: tuple[str, ...]
-    members: Array | None
 
     def __init__(
         self,
         surface: FrictionSurface,
         factor: ArrayLike | None = None,
         sources: Sequence[str] = (),
-        members: ArrayLike | None = None,
     ) -> None:
         FrictionSurface.__init__(self, *surface._given)
         S = None if factor is None else np.array(factor, dtype=float)
-        M = None if members is None else np.array(members, dtype=float)
         shape = surface.mu_nodes.shape
-        problems = []
-        if S is not None and (S.shape[:2] != shape or S.ndim != 3 or S.shape[2] < len(sources)):
-            problems.append(f"factor: shape {S.shape}, must be {(*shape, '>= sources')}")
-        if M is not None and M.shape[1:] != shape:
-            problems.append(f"members: shape {M.shape}, must be (n, {shape[0]}, {shape[1]})")
-        if problems:
-            raise InputError(problems)
-        for array in (S, M):
-            if array is not None:
-                array.flags.writeable = False
+        if S is not None:
+            if S.shape[:2] != shape or S.ndim != 3 or S.shape[2] < len(sources):
+                raise InputError(f"factor: shape {S.shape}, must be {(*shape, '>= sources')}")
+            S.flags.writeable = False
         object.__setattr__(self, "factor", S)
         object.__setattr__(self, "sources", tuple(sources))
-        object.__setattr__(self, "members", M)
 
     def mu_se(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Return the standard error of mu from scatter alone [-]; see :meth:`mu_se_at`."""
@@ -124,34 +110,6 @@ class UncertainSurface(FrictionSurface):
         width = np.exp(k * self.mu_u(normal_force_N_m, slip_speed_m_s) / mu)
         return np.asarray(mu / width)[()], np.asarray(mu * width)[()]
 
-    def ensemble(self, size: int = MEMBERS, seed: int = 0) -> tuple[FrictionSurface, ...]:
-        """Return equally likely candidates for the true surface.
-
-        They come from the Monte Carlo check if the surface has its members; otherwise they are
-        drawn with the covariance.
-
-        Parameters
-        ----------
-        size : int
-            Number of surfaces. Of a Monte Carlo ensemble the first ones are taken, at most all.
-        seed : int
-            Seed of the draws.
-
-        Raises
-        ------
-        InputError
-            If the surface has neither members nor a covariance.
-        """
-        if self.members is not None:
-            nodes = self.members[:size]
-        elif self.factor is not None:
-            draws = np.random.default_rng(seed).standard_normal((size, self.factor.shape[2]))
-            nodes = self.mu_nodes * np.exp(np.einsum("fvr,nr->nfv", self.factor, draws))
-        else:
-            raise InputError("the surface has no covariance: it was built without uncertainties")
-        f, v = self.normal_force_N_m, self.slip_speed_m_s
-        return tuple(FrictionSurface(f, v, mu) for mu in nodes)
-
     def __reduce__(self) -> tuple[Any, ...]:
         plain = FrictionSurface(*self._given)
-        return type(self), (plain, self.factor, self.sources, self.members)
+        return type(self), (plain, self.factor, self.sources)

@@ -35,7 +35,6 @@ from beltid.refine.evidence import (
     Solution,
     choose_smoothness,
     log_evidence_for,
-    log_evidence_of,
 )
 from beltid.refine.rig_runs import (
     MeasuredRun,
@@ -105,11 +104,6 @@ class RefinedSurface:
         respect to ln mu of the runs.
     speed_slope : ndarray, shape (n,)
         Derivative of the simulated ln mu with respect to ln v of the run.
-    pull : ndarray, shape (size, size)
-        Derivatives of the parameters with respect to a force on them: ``gain J = 1 - pull
-        roughness``.
-    roughness : ndarray, shape (size, size)
-        Quadratic form added to the misfit.
     effects : tuple of EstimatedEffect
         Effects on the friction apart from the surface. The part of an effect that the surface can
         represent, too, cannot be identified; the covariance of both includes it.
@@ -139,8 +133,6 @@ class RefinedSurface:
     J: Array
     gain: Array
     speed_slope: Array
-    pull: Array
-    roughness: Array
     effects: tuple[EstimatedEffect, ...]
     effects_covariance: Array
     stated: Array
@@ -149,17 +141,6 @@ class RefinedSurface:
     def effect(self, key: str) -> EstimatedEffect | None:
         """Look up an effect by its key; None if the runs cannot show it."""
         return next((entry for entry in self.effects if entry.effect.key == key), None)
-
-    @property
-    def log_evidence(self) -> float:
-        """Logarithm of the probability of the data given the bench, up to a constant.
-
-        Surface and effects are integrated out; the hyperparameters have their best values. The
-        constant is the same for all benches.
-        """
-        # a weight below 1 means a larger variance of the run
-        weights = 0.5 * float(np.log(self.weight).sum())
-        return log_evidence_of(self.model, self.smoothness) + weights
 
     def log_evidence_for(self, *keys: str) -> float:
         """Compute the log probability ratio of the runs with and without some effects.
@@ -258,8 +239,6 @@ def refine_surface(
         J=last.J,
         gain=solution.gain * (np.sqrt(fit.weight) / errors),
         speed_slope=last.speed_slope,
-        pull=solution.pull,
-        roughness=fit.model.roughness(fit.smoothness),
         effects=_estimated(effects, fit.model, fit.smoothness, solution),
         effects_covariance=solution.effects_covariance,
         stated=fit.model.solve(fit.smoothness).effects[fit.model.effects_count :],

@@ -15,6 +15,5 @@ Module          Responsibility
 ``html``        render sections as one self-contained page
 ``summary``     result of a stage for its user
 ``terminal``    print a summary in the terminal
-``braille``     draw a figure in the terminal
 =============== ======================================================
 """

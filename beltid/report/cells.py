@@ -18,15 +18,13 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_percent", "%"),
     ("_deg", "°"),
     ("_mm", "mm"),
-    ("_um", "µm"),
     ("_Hz", "Hz"),
     ("_N", "N"),
     ("_W", "W"),
     ("_s", "s"),
     ("_m", "m"),
 )
-# names without a unit suffix, and the one name whose suffix is not a force per length
-WHOLE: Final = {"hours_run": "h"}
+# the one name whose suffix is not a force per length
 TORQUE: Final = "torque_N_m"
 RANGES: Final = ("range", "valid", "measured")
 # residuals of equations, of which only the order of magnitude matters
@@ -46,8 +44,6 @@ def name_and_unit(name: str) -> tuple[str, str]:
     >>> name_and_unit("mu_sliding")
     ('mu sliding', '')
     """
-    if name in WHOLE:
-        return name.replace("_", " "), WHOLE[name]
     if name.endswith(TORQUE):
         return name[: -len("_N_m")].replace("_", " "), "N m"
     for ending, unit in UNITS:

@@ -75,8 +75,6 @@ class Summary:
         marked as such.
     snippet : str
         Lines to copy into a file, such as a section of a config.
-    drawing : Figure or None
-        A figure to draw in the terminal.
     parts : tuple of Summary
         Summaries of several inputs, one after the other.
     """
@@ -97,7 +95,6 @@ class Summary:
     up_to_date: bool = False
     origin: str | None = None
     snippet: str = ""
-    drawing: Any = None
     parts: tuple[Summary, ...] = ()
 
     def as_json(self) -> dict[str, Any]:

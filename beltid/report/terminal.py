@@ -79,12 +79,6 @@ def renderables(
         if table:
             yield Text(name, style="bold")
             yield table_or_records(table, console)
-    if summary.drawing is not None:
-        from beltid.report.braille import drawn
-
-        for axes in summary.drawing.axes:
-            if text := drawn(axes, console.width):
-                yield Text(f"\n{text}", no_wrap=True)
     if summary.snippet:
         yield Text(f"\n{summary.snippet}", no_wrap=True)
     if summary.verdict:

@@ -65,7 +65,7 @@ def load_surface(path: str | Path) -> UncertainSurface:
     """Load the averaged friction surface of a surface artifact.
 
     It is a `FrictionSurface` with its uncertainty: ``.mu_u(f, v)``, the combined standard
-    uncertainty, ``.band(f, v, level)``, ``.ensemble(size)``.
+    uncertainty, and ``.band(f, v, level)``.
 
     Parameters
     ----------
@@ -97,13 +97,11 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
             return None
         return np.asarray(columns[name][rows].reshape(*surface.mu_nodes.shape, -1))
 
-    members = on_grid("mu_members")
     uncertainty = artifact.metadata.uncertainty or {}
     return UncertainSurface(
         surface,
         on_grid("mu_factor"),
         [source["name"] for source in uncertainty.get("sources", ())],
-        None if members is None else np.moveaxis(members, -1, 0),
     )
 
 

@@ -68,10 +68,6 @@ _IDLE = Column(
 _CONDITIONS = (
     Column("condition", "string", "", "surface", True, choices=("dry", "wet", "dusty")),
     Column("side", "string", "", "side of the belt on the pulley", True, choices=("rib", "back")),
-    Column("humidity_percent", "float64", "%", "relative humidity", True, 0.0, 100.0),
-    nonnegative("hours_run", "h", "running time of the belt before", nullable=True),
-    text("pulley_material", "material of the pulley", nullable=True),
-    nonnegative("roughness_Ra_um", "um", "roughness Ra of the pulley", nullable=True),
 )
 CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
 """Columns with the conditions of a run."""
@@ -260,31 +256,6 @@ _FRICTION = Table(
     ),
     label="run",
 )
-_SHEAR = Table(
-    "shear",
-    1,
-    "beltid fit-shear",
-    (
-        _RUN,
-        replace(_ARC, nullable=True),
-        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
-        _SET_TENSION,
-        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
-        positive(
-            "slope_N_m",
-            "N/m",
-            "change of the tension difference over the travel of the pulley's surface",
-            nullable=True,
-        ),
-        standard_error("slope_se_N_m", "N/m"),
-        positive("slope_fitted_N_m", "N/m", "slope from the fitted shear stiffness", nullable=True),
-        count("n_samples", "samples of the build-up"),
-        positive("sampling_rate_Hz", "Hz", "sampling rate of the build-up", nullable=True),
-        positive("needed_rate_Hz", "Hz", "sampling rate that would be sufficient", nullable=True),
-        _STATUS,
-    ),
-    label="run",
-)
 _SURFACE = Table(
     "surface",
     1,
@@ -301,26 +272,8 @@ _SURFACE = Table(
             Column("measured", "bool", "", "whether the node lies within the measured range"),
             nonnegative("mu_u", "1", "combined standard uncertainty (k = 1)", nullable=True),
             numbers("mu_factor", "1", "row of the factor of the covariance of ln mu"),
-            numbers("mu_members", "1", "mu of the members of the Monte Carlo ensemble"),
         ),
     ),
-)
-_PROFILES = Table(
-    "profiles",
-    1,
-    "beltid simulate-rig --profile-time",
-    (
-        text("run", "label of the simulated run"),
-        real("time_s", "s", "time in the simulated recording", nullable=False),
-        real("arc_position_m", "m", "along the arc, from the tight side's tangent point"),
-        nonnegative("normal_force_N_m", "N/m", "normal force per length"),
-        nonnegative("capstan_force_N_m", "N/m", "the same from the tensions, Eq. (8)"),
-        real("tangential_force_N_m", "N/m", "friction force per length on the belt"),
-        real("slip_speed_m_s", "m/s", "speed of the pulley's surface relative to the belt"),
-        real("tension_N", "N", "axial force of the belt"),
-        Column("sticks", "bool", "", "whether the belt sticks"),
-    ),
-    label="run",
 )
 _COMPARE = Table(
     "compare",
@@ -464,10 +417,8 @@ TABLES: Final[dict[str, Table]] = {
         _STIFFNESS,
         _SLIP,
         _FRICTION,
-        _SHEAR,
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
-        _PROFILES,
         _COMPARE,
         _DRIVE,
         _COMPARE_DRIVE,

@@ -91,9 +91,6 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
         "N/mm": Conversion(1e3),
         "kN/m": Conversion(1e3),
     },
-    "h": {"h": Conversion(1.0)},
-    "um": {"um": Conversion(1.0)},
-    "%": {"%": Conversion(1.0)},
     "1": {"1": Conversion(1.0)},
 }
 

@@ -1,4 +1,4 @@
-"""Uncertainty of the results: law of propagation (GUM), Monte Carlo check, and validation.
+"""Uncertainty of the results: law of propagation (GUM) and validation.
 
 ==================== ===================================================== =====================
 Module               Responsibility                                        Equation
@@ -12,14 +12,11 @@ Module               Responsibility                                        Equat
 ``published``        sensitivities of the published surface
 ``refined``          sensitivities of the refined surface, and effects     implicit derivative
                      of the campaign that the runs show
-``bending``          bending stiffness fitted to the runs
 ``simulated``        uncertainty of simulated runs, and of their
                      difference from measured ones
 ``drive``            uncertainty of a drive's speed losses by its inputs
 ``budget``           contributions named, compared and combined;           JCGM 100 (10), (G.2b)
                      covariance of a surface by its causes
-``monte_carlo``      the chain again with drawn errors, and where linear   JCGM 101
-                     is not good enough
 ``agreement``        simulated minus measured over its uncertainty         ASME V&V 20
 ==================== ===================================================== =====================
 """

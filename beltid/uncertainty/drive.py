@@ -1,7 +1,7 @@
 """Uncertainty of the speed losses of a drive that its inputs cause.
 
 Each shared error moves the inputs by one standard uncertainty, and the drive is solved again. The
-friction surface contributes the scatter of the losses over its ensemble. An error of the inputs
+friction surface contributes by the columns of the factor of its covariance. An error of the inputs
 acts on all points together, with its sign. The string model gives these changes for rods as well,
 except at points in full slip, which only the rod model describes.
 """
@@ -20,18 +20,17 @@ from beltid.drive.results import FULL_SLIP, DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.slow_friction import NEAREST, WHOLE_TREND, uncertainty_over_spread
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
 
 Array = NDArray[np.float64]
 Results = Sequence[DriveResult | None]
 
-SHEAR_WITHOUT_BENDING: Final = 0.06
-"""Relative standard uncertainty of a string's loss with ribs that shear: it is 3 % below to 11 %
-above that of rods (27.5 and 50 mm, 3.4e7 to 3e8 N/m²)."""
 METHODS: Final[tuple[Method, ...]] = ("rod", "string")
-MEMBERS_WITH_RODS: Final = 16
-"""Members of an ensemble that are solved with rods: gives their scatter within a fifth."""
+SURFACE_VARIANCE: Final = 0.999
+"""Share of the variance of ln mu, over all nodes, of the changes of a surface that are solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +42,9 @@ class DriveUncertainty:
     shared : ndarray (n_points, n_pulleys, K)
         Change by each of the K sources, with its sign.
     surface : ndarray (n_points, n_pulleys)
-        Standard deviation over the ensemble of the friction surface; 0 without one.
+        Standard uncertainty by the friction surface; 0 if it has no covariance.
     by_string : ndarray of bool (n_points,)
-        Points whose rods slip but have no steady state with one of the errors or surfaces; their
+        Points whose rods slip but have no steady state with one of the errors; their
         changes come from the string model.
     """
 
@@ -69,14 +68,13 @@ def drive_uncertainty(
     results: Sequence[DriveResult],
     press: PressLaw,
     sources: Sequence[Source],
-    ensemble: Sequence[FrictionSurface] = (),
 ) -> DriveUncertainty:
     """Compute the change of the speed losses by each input of a drive.
 
     Parameters
     ----------
     drive : Drive
-        The drive with the best values of its inputs.
+        The drive with the best values of its inputs; a surface with a covariance adds its own part.
     points : sequence of DrivePoint
         Operating points.
     results : sequence of DriveResult
@@ -85,8 +83,6 @@ def drive_uncertainty(
         The contact law of the drive and its fit to the press.
     sources : sequence of Source
         Errors of :func:`beltid.uncertainty.sources.drive_sources`.
-    ensemble : sequence of FrictionSurface
-        Surfaces that may be the true one; empty if unknown.
 
     Returns
     -------
@@ -98,38 +94,41 @@ def drive_uncertainty(
     string_results = _solved(drive, points, "string", [None] * len(points))
     losses = _losses(drive, string_results)
     inputs = [with_errors(drive, points, press, Errors.single(source)) for source in sources]
-    shared = np.zeros((*losses.shape, len(sources)))
+    inputs += [(replace(drive, surface=other), list(points)) for other in _moved(drive.surface)]
+    changes = np.zeros((*losses.shape, len(inputs)))
     for k, moved in enumerate(inputs):
-        shared[..., k] = _losses(drive, _solved(*moved, "string", string_results)) - losses
-    surfaces = [replace(drive, surface=surface) for surface in ensemble]
-    surface = np.zeros(losses.shape)
-    if surfaces:
-        surface = _scatter(
-            [_losses(d, _solved(d, points, "string", string_results)) for d in surfaces]
-        )
+        changes[..., k] = _losses(drive, _solved(*moved, "string", string_results)) - losses
     at = np.flatnonzero(slips).tolist()
-    if not at:
-        return DriveUncertainty(shared, surface, by_string)
     best = [results[i] for i in at]
-    losses = _losses(drive, best)
-    for k, (other, moved_points) in enumerate(inputs):
-        chosen_points = [moved_points[i] for i in at]
-        change = _losses(other, _solved(other, chosen_points, "rod", best)) - losses
+    for k, (other, moved_points) in enumerate(inputs if at else ()):
+        rods = _solved(other, [moved_points[i] for i in at], "rod", best)
+        change = _losses(other, rods) - _losses(drive, best)
         is_solved = np.isfinite(change)
         by_string[at] |= ~is_solved.all(axis=1)
-        shared[at, :, k] = np.where(is_solved, change, shared[at, :, k])
-    few_surfaces = surfaces[:: max(len(surfaces) // MEMBERS_WITH_RODS, 1)]
-    if few_surfaces:
-        chosen_points = [points[i] for i in at]
-        members = np.array(
-            [_losses(d, _solved(d, chosen_points, "rod", best)) for d in few_surfaces]
+        changes[at, :, k] = np.where(is_solved, change, changes[at, :, k])
+    shared, by_surface = np.split(changes, [len(sources)], axis=-1)
+    return DriveUncertainty(shared, np.linalg.norm(by_surface, axis=-1), by_string)
+
+
+def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
+    """Return the surface moved by one standard uncertainty along each principal change of ln mu.
+
+    The signs are those of more friction: with less a drive may have no steady state.
+    """
+    if not isinstance(surface, UncertainSurface) or surface.factor is None:
+        return []
+    nodes = surface.factor.reshape(surface.mu_nodes.size, -1)
+    changes = factor_of(nodes @ nodes.T)
+    variance = np.cumsum(np.sum(changes**2, axis=0))
+    kept = changes[:, : 1 + int(np.searchsorted(variance, SURFACE_VARIANCE * variance[-1]))]
+    return [
+        FrictionSurface(
+            surface.normal_force_N_m,
+            surface.slip_speed_m_s,
+            surface.mu_nodes * np.exp(change.reshape(surface.mu_nodes.shape)),
         )
-        is_solved = np.isfinite(members).all(axis=0)
-        by_string[at] |= ~is_solved.all(axis=1)
-        # members of low friction may have no steady state; without them the scatter is too small
-        rod_scatter = _scatter(members)
-        surface[at] = np.where(is_solved, rod_scatter, np.fmax(rod_scatter, surface[at]))
-    return DriveUncertainty(shared, surface, by_string)
+        for change in kept.T
+    ]
 
 
 def change_by_slower_friction(
@@ -176,15 +175,6 @@ def change_by_slower_friction(
             slope[~(slips | unknown)[at] & ~np.array(begins)] = 0.0
         change[at] = slope * u_over_slope
     return change
-
-
-def _scatter(members: Sequence[Array] | Array) -> Array:
-    """Return the standard deviation over members; nan if fewer than two have a steady state."""
-    losses = np.array(members)
-    counts = np.isfinite(losses).sum(axis=0)
-    deviation = losses - np.nansum(losses, axis=0) / np.maximum(counts, 1)
-    squares = np.nansum(deviation**2, axis=0)
-    return np.where(counts > 1, np.sqrt(squares / np.maximum(counts - 1, 1)), np.nan)
 
 
 def _solved(

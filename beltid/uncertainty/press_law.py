@@ -17,13 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.laws.penalty import NormalLaw, stiffness_under
-from beltid.uncertainty.sources import (
-    Errors,
-    StandardUncertainties,
-    law_scatter_sources,
-    press_sources,
-)
+from beltid.laws.penalty import NormalLaw
+from beltid.uncertainty.sources import Errors
 
 Array = NDArray[np.float64]
 
@@ -69,23 +64,6 @@ class PressLaw:
     def corrected(self, errors: Errors) -> NormalLaw:
         """Return the law with errors corrected."""
         return NormalLaw(*self.coefficients(errors).tolist())
-
-    def stiffness_spread(self, given: StandardUncertainties, line_force: float) -> float:
-        """Return the relative standard uncertainty of the normal stiffness [-].
-
-        It is the larger of two: that of the stiffness under a line force [N/m], which counts on an
-        arc, and that of the linear part, which counts at its ends.
-        """
-
-        def stiffnesses(errors: Errors) -> Array:
-            k_linear, k_quadratic = self.coefficients(errors)
-            loaded = stiffness_under(np.array(line_force), k_linear, k_quadratic)
-            return np.array([k_linear, float(loaded)])
-
-        sources = (*law_scatter_sources(self.has_scatter), *press_sources(given))
-        best = stiffnesses(Errors())
-        changes = [stiffnesses(Errors.single(source)) / best - 1.0 for source in sources]
-        return float(np.linalg.norm(np.reshape(changes, (-1, 2)), axis=0).max())
 
     def _scatter_factor(self) -> Array:
         """Return S (2, 2) with S S' the covariance; negative eigenvalues count as zero."""

@@ -70,10 +70,10 @@ def published_changes(
     return np.stack(columns, axis=-1) if columns else np.zeros((*nominal.mu.shape, 0))
 
 
-def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) -> Array:
-    """Compute a factor (nf, nv, r) of the covariance of ln mu by scatter of runs, and of arcs.
+def scatter_factor(curves: CurveSet, grid: SurfaceGrid) -> Array:
+    """Compute a factor (nf, nv, r) of the covariance of ln mu by scatter of runs and of arcs.
 
-    With arcs, the diagonal of the covariance equals the squared standard errors of the nodes; an
+    The diagonal of the covariance equals the squared standard errors of the nodes; an
     unknown standard error counts as zero.
     """
     nf, nv = grid.mu.shape
@@ -90,7 +90,7 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid, *, arcs: bool = True) ->
         shrink = np.minimum(1.0, relative[:, k] / np.where(from_runs > 0.0, from_runs, 1.0))
         covariance[:, k, :, k] = by_runs * np.outer(shrink, shrink)
         excess[:, k] = np.sqrt(np.maximum(relative[:, k] ** 2 - (from_runs * shrink) ** 2, 0.0))
-    flat = covariance.reshape(nf * nv, nf * nv) + arcs * np.outer(excess, excess)
+    flat = covariance.reshape(nf * nv, nf * nv) + np.outer(excess, excess)
     if not np.any(flat):
         return np.zeros((nf, nv, 0))
     return factor_of(flat).reshape(nf, nv, -1)

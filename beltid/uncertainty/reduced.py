@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.press.stiffness import LawEstimate
-from beltid.identify.shear.stiffness import SPREADS
 from beltid.laws.penalty import NormalLaw
 from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
-    ASSUMED,
-    FITTED,
-    PERCENT,
     Errors,
-    Source,
     StandardUncertainties,
     press_sources,
     reduction_sources,
     rig_sources,
-    shear_sources,
 )
 
 COEFFICIENTS: Final = ("k_linear_N_m2", "k_quadratic_N_m3")
-BUILD_UP_SOURCES: Final = (
-    ("normal_stiffness", "normal stiffness of the ribs", SPREADS["normal_stiffness"]),
-    ("end_bending", "bending at the ends of the contact", SPREADS["end_bending"]),
-    ("micro_slip", "slip at the ends of the contact", SPREADS["micro_slip"]),
-)
-"""Key, name and size of the uncertainties of the build-up model."""
 Found = tuple[dict[str, np.ndarray], list[dict[str, Any]]]
 
 
@@ -88,39 +75,6 @@ def friction_uncertainty(
             *budget("normal_force_N_m", sources, force_changes, Scatter(mu_scatter.name, none)),
         ],
     )
-
-
-def shear_budget(
-    shares: Mapping[str, float], given: StandardUncertainties, normal_stiffness: float | None = None
-) -> list[dict[str, Any]]:
-    """Compute the budget of a shear stiffness.
-
-    Parameters
-    ----------
-    shares : mapping of str to float
-        Relative standard uncertainty of the stiffness by each source, by its key; empty if the
-        stiffness is not known.
-    given : StandardUncertainties
-        Standard uncertainties of the bench.
-    normal_stiffness : float, optional
-        Relative standard uncertainty of a fitted normal law; None if the law was assumed.
-
-    Returns
-    -------
-    list of dict
-        One row per source.
-    """
-    if not shares:
-        return []
-    assumed = [
-        Source(words, key, 0, size, *PERCENT, ASSUMED) for key, words, size in BUILD_UP_SOURCES
-    ]
-    if normal_stiffness is not None:
-        assumed[0] = replace(assumed[0], size=normal_stiffness, basis=FITTED)
-    sources = (*shear_sources(given), *assumed)
-    changes = np.array([[shares[source.error] for source in sources]])
-    scatter = Scatter("scatter of the slopes", np.array([shares["slopes"]]))
-    return budget("shear_stiffness_N_m2", sources, changes, scatter)
 
 
 def stiffness_uncertainty(

@@ -167,21 +167,9 @@ class Errors:
         return 0.0 if values is None or place >= values.size else float(values[place])
 
     @classmethod
-    def drawn(cls, sources: Sequence[Source], z: Array) -> Errors:
-        """Return errors of ``z`` (n,) standard uncertainties of each source."""
-        values: dict[str, Array] = {}
-        for source, share in zip(sources, z, strict=True):
-            array = values.get(source.error, np.zeros(0))
-            if array.size <= source.place:
-                array = np.append(array, np.zeros(source.place + 1 - array.size))
-            array[source.place] += share * source.size
-            values[source.error] = array
-        return cls(values)
-
-    @classmethod
     def single(cls, source: Source) -> Errors:
         """Return errors with one source wrong by its standard uncertainty and no others."""
-        return cls.drawn([source], np.ones(1))
+        return cls({source.error: source.size * np.eye(source.place + 1)[source.place]})
 
 
 PERCENT = ("%", 0.01)
@@ -236,18 +224,6 @@ EFFECT_SOURCES = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and name of effects that shift the friction in addition to the surface."""
-NOT_OF_SHEAR = (
-    "cell_linearity",
-    "cell_offset",
-    "torque_gain",
-    "bearing_drag",
-    "mass_per_length",
-)
-SHEAR_SOURCES = (
-    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
-    *((*row[:3], 1) for row in RIG_SOURCES if row[0] not in NOT_OF_SHEAR),
-)
-"""Sources of the shear stiffness; each is a single number."""
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
@@ -257,11 +233,6 @@ def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) ->
     """
     of_spans = [row for row in MODEL_SOURCES if bent and row[0] in BENT_SPANS]
     return _sources(u, (*RIG_SOURCES, *of_spans), n_arcs)
-
-
-def shear_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Return the sources of the shear stiffness of the ribs that the bench states."""
-    return _sources(u, SHEAR_SOURCES, 1)
 
 
 def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:
@@ -294,12 +265,6 @@ def drive_sources(
     )
     law = (*law_scatter_sources(law_scatter), *press_sources(u))
     return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
-
-
-def shear_source(size: float) -> Source:
-    """Return the source for bending of a belt whose ribs shear, as a share of the speed loss."""
-    words = "ribs that shear, without the bending stiffness of the belt"
-    return Source(words, "shear_without_bending", 0, size, *PERCENT, ASSUMED)
 
 
 def slower_source() -> Source:

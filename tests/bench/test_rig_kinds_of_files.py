@@ -106,15 +106,15 @@ def test_a_weight_may_hold_for_all_runs(tmp_path):
 
 
 def test_conditions_of_a_recording_are_read_and_checked(tmp_path):
-    path = write(tmp_path, "two_cells", more=",condition,humidity_percent", value=",Wet,55")
+    path = write(tmp_path, "two_cells", more=",condition,humidity", value=",Wet,55")
     columns = read_recording(path, "rig").columns
     assert set(columns["condition"]) == {"wet"}
-    assert set(columns["humidity_percent"]) == {55.0}
+    assert "humidity" not in columns
     path = write(tmp_path, "two_cells", more=",condition", value=",oily")
     with pytest.raises(InputError, match=r"rig\.csv:2: condition = oily, must be dry, wet"):
         read_recording(path, "rig")
     plain = read_recording(write(tmp_path, "two_cells"), "rig").columns
-    assert not {"condition", "side", "humidity_percent"} & set(plain)
+    assert not {"condition", "side"} & set(plain)
 
 
 def test_a_table_without_a_time_is_taken_for_plateaus(tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ rig:
   arcs_deg: [40, 82]
   initial_tensions_N: [100, 411]
   pulley_speeds_rad_s: [0.05, 0.10]
-simulation: {{method: {method}, elements: 20, steps_per_run: 52}}
+simulation: {{method: {method}, elements: 20}}
 compare:
   hold_out: {hold_out}
   max_rms_relative_error: 0.2

@@ -317,7 +317,7 @@ def at_its_simulation(bench: Path, by_one: Path) -> str:
     (bench / "runs" / "one").mkdir(parents=True)
     for name in ("friction.parquet", "surface.parquet"):
         shutil.copy(by_one / "one" / name, bench / "runs" / "one")
-    long = (bench / "one.yaml").read_text().replace("steps_per_run: 52", "steps_per_run: 20000")
+    long = (bench / "one.yaml").read_text().replace("elements: 20", "elements: 2000")
     (bench / "one.yaml").write_text(long)
     return long
 

@@ -18,7 +18,6 @@ COMMANDS = {
     "fit-stiffness": ("PRESS", "stiffness.parquet"),
     "fit-slip": ("SPEEDLOSS", "slip.parquet"),
     "fit-friction": ("RIG", "friction.parquet"),
-    "fit-shear": ("RIG", "shear.parquet"),
     "build-surface": ("FRICTION", "surface.parquet"),
     "refine-surface": ("FRICTION", "surface_refined.parquet"),
     "simulate-rig": ("SURFACE", "simulated.parquet"),
@@ -136,7 +135,6 @@ def test_the_help_states_the_defaults_of_the_config() -> None:
         ("compare", f"RMS {rms}, mean magnitude {mean}, largest {largest}"),
         ("compare-drive", f"RMS {100.0 * config.compare_drive.max_rms_relative_error:g} %"),
         ("fit-friction", f"{config.rig.pulley_radius_m:g} m"),
-        ("fit-shear", f"belt.axial_stiffness_N, default {config.belt.axial_stiffness_N:.0f}"),
         ("fit-stiffness", f"press.segment_length_cm, default {press.segment_length_cm:g}"),
     ):
         assert said in help_of(command), command

@@ -107,16 +107,6 @@ def test_the_verdict_stays_the_exit_status(bench: Path) -> None:
     assert artifact_from_bytes(done.stdout_bytes, Path("piped")).kind == "compare"
 
 
-def test_what_writes_two_files_needs_names_for_them(bench: Path) -> None:
-    done = call(
-        *("simulate-rig", "surface.parquet", "stiffness.parquet", "--arc", "82", "--tension"),
-        *("220", "--speed", "0.21", "--method", "transient", "--profile-time", "0.1", "-o", "-"),
-    )
-    assert done.exit_code == 2
-    assert "stdout takes one file, this call also writes" in done.stderr
-    assert done.stdout_bytes == b""
-
-
 def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """NO_COLOR (no-color.org) holds on a terminal, too; FORCE_COLOR brings none into a file."""
     from beltid.cli.reporter import console_for

@@ -151,13 +151,6 @@ def test_everything_wrong_with_the_configs_is_reported_before_anything_runs(
     assert not (bench / "runs").exists()
 
 
-def test_too_few_draws_are_refused_before_anything_runs(bench: Path, beltid: Any) -> None:
-    result = beltid("run", "--no-report", "beltid.yaml", "--bootstrap", "10")
-    assert result.exit_code == 2
-    assert "--bootstrap = 10, must be at least 50 draws" in result.stderr
-    assert not (bench / "runs").exists()
-
-
 def test_without_any_config_it_says_how_to_name_one(bench: Path, beltid: Any) -> None:
     result = beltid("run", "--no-report")
     assert result.exit_code == 2

@@ -28,7 +28,7 @@ from beltid.identify.slip.points import (
 from beltid.identify.surface.surface import build_surface
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
-from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
+from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.identification.reduction import friction_settings, rig_kind, stiffness_settings
 from beltid.stages.simulation.plan_inputs import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
@@ -62,10 +62,7 @@ def with_points(config: Config) -> tuple[OperatingPoint, ...]:
 
 
 def with_simulation(config: Config) -> SimulationSettings:
-    section = config.simulation
-    return SimulationSettings(
-        elements=section.elements, steps=section.steps_per_run or DEFAULT_STEPS
-    )
+    return SimulationSettings(elements=config.simulation.elements)
 
 
 def with_drive(config: Config) -> tuple[Any, ...]:
@@ -171,7 +168,6 @@ def test_the_science_takes_what_the_config_takes(
 @pytest.mark.parametrize(
     ("section", "key", "value"),
     [
-        ("simulation", "steps_per_run", 51),
         ("simulation", "elements", 2),
         ("simulation", "elements", 41),
         ("friction", "min_plateau_samples", 7),

@@ -111,7 +111,7 @@ def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
         ("rig: {speed_bins_rad_s: [1]}\n", "1:25", "a list of 2 to 200 edges of speed bins"),
         ("rig: {kind: webbing}\n", "1:13", "two_cells, dead_weight, torque, torque_hub or running"),
         ("conditions: {surface: oily}\n", "1:23", "must be dry, wet or dusty"),
-        ("conditions: {pulley: steel}\n", "1:22", "the keys material, roughness_Ra_um"),
+        ("conditions: {humidity_percent: 45}\n", "1:14", "is not a known key"),
         ("rig: {arcs_deg: 40}\n", "1:17", "a list of contact arcs, such as [40, 68, 82]"),
         ("friction: {correct_imbalance: yes}\n", "1:31", "true or false"),
         ("spike_threshold: 5\n", "1:1", "did you mean friction.spike_threshold?"),

@@ -14,6 +14,7 @@ from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt
 from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty
 from beltid.uncertainty.press_law import PressLaw
@@ -35,18 +36,29 @@ def drive_on(surface: FrictionSurface) -> Drive:
     return Drive(Belt(1.0e5, 0.02, 0.10), LAW, surface, pulleys)
 
 
-def test_a_surface_on_which_the_belt_lets_go_leaves_the_point_to_the_string() -> None:
-    drive, points = drive_on(rising(0.8)), [SLIPS, STICKS]
+def uncertain(level: float, u: float) -> UncertainSurface:
+    """Friction known to u in ln mu, all nodes together: a factor on the coefficient."""
+    surface = rising(level)
+    return UncertainSurface(surface, np.full((*surface.mu_nodes.shape, 1), u))
+
+
+def test_the_friction_surface_acts_by_its_covariance() -> None:
+    points = [SLIPS, STICKS]
+    drive = drive_on(uncertain(0.8, 0.01))
     results = simulate(drive, points, "rod")
     assert ["full slip" in result.status for result in results] == [True, False]
-    holds = [rising(0.8), rising(0.81)]
-    known = drive_uncertainty(drive, points, results, PRESS, (), holds)
-    assert not known.by_string.any()
-    assert known.surface[0, 1] > 10.0 * known.surface[1, 1]  # short of full slip friction is silent
-    open_ = drive_uncertainty(drive, points, results, PRESS, (), [*holds, rising(0.6)])
-    assert open_.by_string.tolist() == [True, False]
-    assert np.isfinite(open_.surface).all()
-    assert open_.surface[0, 1] >= known.surface[0, 1]
+    found = drive_uncertainty(drive, points, results, PRESS, ())
+    assert not found.by_string.any()
+    assert found.surface[0, 1] > 10.0 * found.surface[1, 1]  # short of full slip friction is silent
+    # by hand: the drive solved from scratch with all friction higher by one standard uncertainty
+    moved = simulate(drive_on(rising(0.8 * math.exp(0.01))), points, "rod")
+    change = moved[0].loss.total[1] - results[0].loss.total[1]
+    assert found.surface[0, 1] == pytest.approx(abs(change), rel=1e-3)
+    # two changes of every node that are one: the covariance counts, not its columns
+    half = np.full((*drive.surface.mu_nodes.shape, 2), 0.01 / math.sqrt(2.0))
+    twice = replace(drive, surface=UncertainSurface(drive.surface, half))
+    again = drive_uncertainty(twice, points, results, PRESS, ())
+    assert again.surface == pytest.approx(found.surface, rel=1e-6)
 
 
 def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() -> None:

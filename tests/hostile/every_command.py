@@ -31,7 +31,6 @@ COMMANDS = (
     "fit-stiffness press.csv",
     "fit-slip speedloss.csv",
     "fit-friction rig.csv",
-    "fit-shear shear.csv",
     "build-surface friction.parquet",
     "refine-surface friction.parquet stiffness.parquet",
     "simulate-rig surface.parquet stiffness.parquet -j 1",
@@ -72,7 +71,6 @@ def bench(folder: Path) -> None:
     kept = set(settings.values())
     rows = [line for line in lines if line.split(",")[0] in kept]
     (folder / "rig.csv").write_text("".join([header, *rows]))
-    (folder / "shear.csv").write_bytes((DATA.parent / "shear" / "rig.csv").read_bytes())
     (folder / "beltid.yaml").write_text(CONFIG)
 
 

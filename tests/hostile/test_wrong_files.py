@@ -21,7 +21,6 @@ CALLS = {
     "fit-slip": ("speedloss.csv",),
     "fit-friction": ("rig.csv",),
     "fit-friction --table": ("points.csv",),
-    "fit-shear": ("rig.csv",),
     "build-surface": ("friction.parquet",),
     "refine-surface": ("friction.parquet", "stiffness.parquet"),
     "plan": ("surface.parquet", "stiffness.parquet"),

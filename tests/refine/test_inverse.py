@@ -125,7 +125,7 @@ def test_a_friction_that_no_surface_explains_converges_all_the_same(factor, arcs
     refined = refine_surface(bench, runs, TWO)
     # stationary: no parameter moves the misfit any more, J' V^-1 r = P p
     pull = np.linalg.solve(refined.covariance, refined.gain @ -np.log1p(refined.misfit_after))
-    pull -= refined.roughness @ refined.parameters
+    pull -= refined.model.roughness(refined.smoothness) @ refined.parameters
     assert pull @ refined.covariance @ pull < 0.1
     if not arcs_known:
         assert refined.noise_scale > 4.0  # the runs do not scatter as they say

@@ -64,12 +64,11 @@ def test_the_sliding_limit_survives_the_reduction_exactly(minimum: int) -> None:
 
 
 def test_settings_of_the_call_win_over_those_of_the_config() -> None:
-    config = load_config({"simulation": {"method": "steady", "elements": 40, "steps_per_run": 99}})
+    config = load_config({"simulation": {"method": "steady", "elements": 40}})
     assert simulation_settings(config).method == "steady"
     assert simulation_settings(config, "transient", 20).method == "transient"
     assert simulation_settings(config, None, 20).elements == 20
     assert simulation_settings(config).elements == 40
-    assert simulation_settings(config).steps == 99
 
 
 def test_a_running_rig_is_one_at_rest_with_effective_tensions() -> None:

@@ -161,13 +161,13 @@ def test_results_hand_on_their_origin_and_the_config_tells_that_of_tables(
         "law": NormalLaw(6.5e7),
         None: None,
     }
-    made = Outcome("shear", {}, None)
+    made = Outcome("slip", {}, None)
     found = made.with_origin(source(stated).config, *(given[name] for name in inputs))
     assert found.origin == expected
 
 
 def test_an_artifact_hands_on_its_origin(chained: Chained) -> None:
-    made = Outcome("shear", {}, None)
+    made = Outcome("slip", {}, None)
     for origin in ("measured", "synthetic"):
         artifact = read_artifact(chained(origin)[0] / "stiffness.parquet")
         assert made.with_origin(source(None).config, artifact).origin == origin

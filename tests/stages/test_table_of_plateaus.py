@@ -174,7 +174,7 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     (tmp_path / "points.yaml").write_text(
         "rig: {kind: dead_weight, weight_on: slack, force_resolution_N: 0.5}\n"
         "columns: {points: {arc_deg: Umschlingung, weight_N: G}}\n"
-        "units: {points: {weight_N: kN}}\nconditions: {surface: wet, pulley: {material: steel}}\n"
+        "units: {points: {weight_N: kN}}\nconditions: {surface: wet}\n"
     )
     call = ["fit-friction", "--table", str(tmp_path / "points.xlsx")]
     result = CliRunner().invoke(app, call)
@@ -182,7 +182,6 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     friction = read_artifact(tmp_path / "friction.parquet", "friction")
     assert friction.columns["mu_sliding"] == pytest.approx(plateaus()["mu"].to_numpy(), rel=1e-9)
     assert set(friction.columns["condition"]) == {"wet"}
-    assert set(friction.columns["pulley_material"]) == {"steel"}
     result = CliRunner().invoke(app, ["build-surface", str(tmp_path / "friction.parquet")])
     assert result.exit_code == 0, result.stderr
 
@@ -217,14 +216,13 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path
 
 def test_conditions_of_the_config_hold_where_the_recording_states_none():
     table, _ = by_kind("two_cells")
-    table = table.assign(condition=["wet", None] * 12, humidity_percent=[np.nan, 55.0] * 12)
-    config = {"conditions": {"surface": "dry", "humidity_percent": 40, "side": "rib"}}
+    table = table.assign(condition=["wet", None] * 12)
+    config = {"conditions": {"surface": "dry", "side": "rib"}}
     found = fit_friction(table, config, table=True).to_frame()
     assert found["condition"].tolist() == ["wet", "dry"] * 12
-    assert found["humidity_percent"].tolist() == [40.0, 55.0] * 12
     assert set(found["side"]) == {"rib"}
     plain = fit_friction(by_kind("two_cells")[0], table=True).to_frame()
-    assert not {"condition", "side", "humidity_percent"} & set(plain.columns)
+    assert not {"condition", "side"} & set(plain.columns)
 
 
 def coast_down(slope: float, seconds: float = 20.0) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Band, covariance and ensemble of a surface, against direct Gaussian computations."""
+"""Band and covariance of a surface, against direct Gaussian computations."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ FACTOR[..., 0] = 0.004  # one error that moves all nodes
 FACTOR[0, 0, 1] = FACTOR[2, 1, 2] = 0.003
 
 
-def surface(**more: np.ndarray) -> UncertainSurface:
+def surface() -> UncertainSurface:
     plain = FrictionSurface(F, V, MU, 0.003 * MU)
-    return UncertainSurface(plain, FACTOR, ["gain"], **more)
+    return UncertainSurface(plain, FACTOR, ["gain"])
 
 
 def test_combined_uncertainty_at_nodes_and_beyond():
@@ -73,28 +73,11 @@ def test_one_speed_and_one_force_have_their_uncertainty_too():
     assert one_force.mu_u(9000.0, 0.02) == pytest.approx(1.1 * 0.004)
 
 
-def test_the_ensemble_has_the_covariance():
-    members = np.array([m.mu_nodes for m in surface().ensemble(100, seed=3)])
-    logs = np.log(members / MU).reshape(100, -1)
-    rows = FACTOR.reshape(6, 3)
-    expected = rows @ rows.T
-    np.testing.assert_allclose(np.cov(logs.T), expected, atol=4 * 2.5e-5 / np.sqrt(100))
-    again = surface().ensemble(2, seed=3)
-    np.testing.assert_array_equal(again[1].mu_nodes, members[1])
-
-
-def test_members_of_a_monte_carlo_come_first():
-    members = np.stack([MU, 1.1 * MU, 1.2 * MU])
-    found = surface(members=members).ensemble(2)
-    assert len(found) == 2
-    np.testing.assert_array_equal(found[1].mu_nodes, 1.1 * MU)
-
-
 def test_without_covariance_the_standard_error_is_all_that_is_known():
     plain = UncertainSurface(FrictionSurface(F, V, MU, 0.01 * MU))
     assert plain.mu_u(1000.0, 0.01) == pytest.approx(0.01)
     with pytest.raises(InputError, match="no covariance"):
-        plain.ensemble()
+        plain.factor_at(1000.0, 0.01)
     with pytest.raises(InputError, match=r"factor: shape \(2, 2, 1\)"):
         UncertainSurface(FrictionSurface(F, V, MU), np.zeros((2, 2, 1)))
 
@@ -108,15 +91,12 @@ def test_every_source_has_a_column_and_scatter_need_not_be():
         UncertainSurface(plain, FACTOR[..., :1], ["gain", "zero"])
     with pytest.raises(InputError, match="factor: shape"):
         UncertainSurface(plain, FACTOR[..., 0])
-    with pytest.raises(InputError, match=r"members: shape \(2, 3\), must be \(n, 3, 2\)"):
-        UncertainSurface(plain, members=np.ones((2, 3)))
 
 
 def test_it_is_a_friction_surface_and_survives_a_pickle():
-    s = surface(members=np.stack([MU]))
+    s = surface()
     again = pickle.loads(pickle.dumps(s))
     assert again == s
     assert again.sources == ("gain",)
     np.testing.assert_array_equal(again.factor, FACTOR)
-    np.testing.assert_array_equal(again.members[0], MU)
     assert s.mu(1000.0, 0.01) == pytest.approx(1.0)

@@ -148,9 +148,6 @@ VOCABULARY: Final = {
     "idle": _words("idle,idling,leerlauf,a vide", "run"),
     "condition": _words("condition,surface,surface condition,zustand,oberflaeche,etat"),
     "side": _words("side,belt side,riemenseite", "belt"),
-    "humidity_percent": _words("humidity,relative humidity,luftfeuchte,humidite", "rel air"),
-    "hours_run": _words("hours run,running hours,betriebsstunden,laufzeit riemen"),
-    "pulley_material": _words("pulley material,scheibenmaterial,scheibenwerkstoff"),
     "slip_speed_m_s": _words("slip speed,sliding speed,gleitgeschwindigkeit,slip velocity"),
     "mu": _words(
         "mu,cof,friction coefficient,coefficient of friction,reibungskoeffizient,reibzahl,"
@@ -159,7 +156,6 @@ VOCABULARY: Final = {
     ),
     "mu_se": _words("mu se,mu error,mu standard error,mu std"),
     "normal_force_N_m": _words("normal force,line force,normalkraft,streckenlast"),
-    "roughness_Ra_um": _words("roughness,roughness ra,ra,rauheit,rauheit ra,rugosite", "pulley"),
     "test": _words(
         "test,versuch,pruefung,probe,specimen,sample,essai,eprouvette,probenkennung,"
         "probenname,specimen id,run",

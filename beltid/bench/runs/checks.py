@@ -191,9 +191,9 @@ class Checker:
         """Fill in settings that only some rows of a run state; report those that change in it."""
         for column in (*NOMINAL, *RUN_TEXTS):
             values = self.columns.get(column)
-            is_text = values is not None and values.dtype == object
-            if values is None or (column in RUN_TEXTS and not is_text):
-                continue  # a numeric column such as humidity may vary with time
+            if values is None:
+                continue
+            is_text = values.dtype == object
             stated = ~absent(values) & (codes >= 0)
             given = np.flatnonzero(stated)
             _, first = np.unique(codes[given], return_index=True)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
 from beltid.cli.execute import execute
-from beltid.cli.inputs import OptionalRig, Points, Press, Rig, SpeedLoss, reads_recording
+from beltid.cli.inputs import OptionalRig, Points, Press, SpeedLoss, reads_recording
 from beltid.cli.program import Common, command
 
 
@@ -49,43 +46,6 @@ def fit_slip(speedloss: SpeedLoss, *, common: Common) -> None:
     from beltid.stages.identification import fit_slip as stage
 
     execute(stage.run, {"speedloss": speedloss}, "slip.parquet", common)
-
-
-@command("fit-shear")
-@reads_recording("rig", name="arc_deg: wrap", unit="pulley_speed_rad_s: rpm")
-def fit_shear(
-    rig: Rig,
-    stiffness: Annotated[
-        Path | None,
-        typer.Option(
-            "--stiffness",
-            metavar="STIFFNESS",
-            help="stiffness.parquet of fit-stiffness: the normal law of this belt, instead of a "
-            "typical one that is known to 40 %.",
-        ),
-    ] = None,
-    *,
-    common: Common,
-) -> None:
-    """Identify the shear stiffness of the ribs along the belt from runs of the friction rig.
-
-    Before the belt slides, the tensions separate in proportion to the travel of the pulley: the
-    slope gives the compliance of belt, ribs and bench. Runs at two or more contact arcs separate
-    the ribs from the bench. A run is used if it has eight samples before the tension difference
-    reaches 30 % of its plateau, so only slow runs or fast sampling qualify; otherwise a note
-    gives the sampling rate that would be sufficient. Ribs that are too stiff to be identified
-    get a lower bound and no value. Writes shear.parquet.
-
-    The config states axial and bending stiffness of the belt (belt.axial_stiffness_N, default
-    100000; belt.bending_stiffness_N_m2, default 0.02) and rig.pulley_radius_m, default 0.05.
-
-    (columns)
-
-    Example: beltid fit-shear rig.csv
-    """
-    from beltid.stages.identification import fit_shear as stage
-
-    execute(stage.run, {"rig": rig, "stiffness": stiffness}, "shear.parquet", common)
 
 
 @command("fit-friction")

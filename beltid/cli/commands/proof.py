@@ -55,25 +55,6 @@ def simulate_rig(
             help="Only runs with this pulley speed, one of those measured; may be repeated.",
         ),
     ] = None,
-    elements: Annotated[
-        int | None,
-        typer.Option(
-            min=4,
-            max=2000,
-            metavar="EVEN NUMBER",
-            help="Beam elements of the belt, an even number: half of them on each half of the arc. "
-            "Default: as the config says, else by its stiffness.",
-        ),
-    ] = None,
-    profile_time: Annotated[
-        list[float] | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Also write the contact along the arc at this time after the pulley starts to "
-            "turn (pressure, friction, slip, tension, sticking), to <result>_profiles.parquet; "
-            "may be repeated. Method transient only.",
-        ),
-    ] = None,
     jobs: Jobs = None,
     *,
     common: Common,
@@ -96,9 +77,7 @@ def simulate_rig(
         stage.run,
         picked=Picked(tuple(arc or ()), tuple(tension or ()), tuple(speed or ())),
         method=method,
-        elements=elements,
         jobs=jobs or available_cores(),
-        profile_times_s=profile_time or (),
     )
     name = "simulated_part.parquet" if arc or tension or speed else "simulated.parquet"
     inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}

@@ -67,12 +67,12 @@ def show(
     ],
     figure: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Which figure, if there are several."),
+        typer.Option(metavar="NAME", help="Which figure --out writes, if there are several."),
     ] = None,
     *,
     common: Common,
 ) -> None:
-    """Show any artifact: what it is, its first rows, and a drawing in the terminal.
+    """Show any artifact: what it is, and its first rows.
 
     With --out it writes the whole table as CSV, for a spreadsheet, or a figure, for a paper or a
     slide. --verbose prints every row.

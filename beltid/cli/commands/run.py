@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from beltid.cli.execute import DASH, finish
-from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import Common, command
 
 if TYPE_CHECKING:
@@ -81,8 +80,6 @@ RunsDir = typer.Option(
 @command("run", out=RunsDir)
 def run(
     configs: Configs = None,
-    bootstrap: Bootstrap = 0,
-    seed: Seed = 0,
     jobs: Jobs = None,
     fail_fast: FailFast = False,
     shard: PartOf = None,
@@ -124,7 +121,7 @@ def run(
             from beltid.batch.chain import BatchOptions
             from beltid.batch.plan import plan_batch
 
-            dry_options = BatchOptions(force=common.force, bootstrap=bootstrap, seed=seed)
+            dry_options = BatchOptions(force=common.force)
             return plan_batch(chosen, folder, dry_options)
         first_time = any(not (folder / source.name).is_dir() for source in chosen)
         has_work = first_time or common.force
@@ -144,8 +141,6 @@ def run(
             reporter=reporter,
             workers=workers,
             fail_fast=fail_fast,
-            bootstrap=bootstrap,
-            seed=seed,
             whole=part is None,
             report=not no_report,
         )

@@ -3,26 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated
-
-import typer
 
 from beltid.cli.execute import execute
-from beltid.cli.inputs import Bootstrap, Condition, Friction, Jobs, Seed, Side, Stiffness
+from beltid.cli.inputs import Condition, Friction, Side, Stiffness
 from beltid.cli.program import Common, command
-
-FitBending = Annotated[
-    bool,
-    typer.Option(
-        "--fit-bending",
-        help="Also identify the bending stiffness from the runs, and show it next to the stated "
-        "one.",
-    ),
-]
-UseBending = Annotated[
-    bool,
-    typer.Option("--use-bending", help="Refine the surface with the identified bending stiffness."),
-]
 
 
 @command("build-surface")
@@ -52,11 +36,6 @@ def build_surface(
 def refine_surface(
     friction: Friction,
     stiffness: Stiffness,
-    bootstrap: Bootstrap = 0,
-    seed: Seed = 0,
-    jobs: Jobs = None,
-    fit_bending: FitBending = False,
-    use_bending: UseBending = False,
     condition: Condition = None,
     side: Side = None,
     *,
@@ -74,22 +53,7 @@ def refine_surface(
     Example: beltid refine-surface friction.parquet stiffness.parquet
     """
     from beltid.stages.simulation import refine_surface as stage
-    from beltid.stages.workers import Workers
 
-    bending: stage.Bending = "use" if use_bending else "fit" if fit_bending else "stated"
-    run = partial(
-        stage.run,
-        bootstrap=bootstrap,
-        seed=seed,
-        bending=bending,
-        condition=condition,
-        side=side,
-    )
+    run = partial(stage.run, condition=condition, side=side)
     inputs = {"friction": friction, "stiffness": stiffness}
-    workers = Workers()
-    if bootstrap:
-        from beltid.batch.local import local_workers  # slow, and mostly there is no check
-
-        workers = local_workers(jobs)
-    with workers:
-        execute(run, inputs, "surface_refined.parquet", common, workers)
+    execute(run, inputs, "surface_refined.parquet", common)

@@ -157,7 +157,6 @@ class AgreementResult:
             "max_mean_relative_error": self.overall.mean_magnitude,
             "max_relative_error": self.overall.largest,
             "min_share_compared": self.share_compared,
-            "max_rms_error_over_uncertainty": self.rms_error_over_uncertainty,
         }
         return [
             {
@@ -187,9 +186,7 @@ def compare_points(
     tolerances : mapping of str to float, optional
         Tolerances as fractions, by default none: of the relative differences, their root mean
         square ``max_rms_relative_error``, mean magnitude ``max_mean_relative_error`` and largest
-        magnitude ``max_relative_error``; ``min_share_compared`` of the usable measured runs; root
-        mean square ``max_rms_error_over_uncertainty`` of the differences over their standard
-        uncertainties, which fails without uncertainties.
+        magnitude ``max_relative_error``; ``min_share_compared`` of the usable measured runs.
 
     Raises
     ------

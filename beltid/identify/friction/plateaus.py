@@ -125,7 +125,6 @@ def reduce_plateaus(
     texts = {name: columns[name][~is_idle] for name in TEXT_COLUMNS if name in columns}
     runs = []
     for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
-        row = {name: x[[k]] for name, x in rows.items()}
         described = {name: x[k] for name, x in texts.items() if x[k]}
         run = RunReduction(
             run=label,
@@ -140,7 +139,7 @@ def reduce_plateaus(
             temperature_degC=float(rows["temperature_degC"][k]),
             n_samples=1,
             mu_sticking_reason="",
-            conditions=Conditions.of(row, described),
+            conditions=Conditions.of(described),
             treatment=treatment,
         )
         if by_tensions:

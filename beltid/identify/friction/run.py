@@ -84,36 +84,22 @@ class FrictionSettings:
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Test conditions of a run; None or nan if not stated."""
+    """Test conditions of a run; None if not stated."""
 
     condition: str | None = None
     """Surface: dry, wet or dusty."""
     side: str | None = None
     """Side of the belt on the pulley: rib or back."""
-    humidity_percent: float = NAN
-    hours_run: float = NAN
-    pulley_material: str | None = None
-    roughness_Ra_um: float = NAN
 
     @classmethod
-    def of(cls, numbers: Mapping[str, Array], texts: Mapping[str, str]) -> Conditions:
-        """Read the conditions from the first row of the columns of a run, and its texts."""
-        values: dict[str, Any] = {
-            name: float(numbers[name][0])
-            for name in ("humidity_percent", "hours_run", "roughness_Ra_um")
-            if name in numbers
-        }
-        values |= {name: texts[name].lower() for name in ("condition", "side") if name in texts}
-        return cls(pulley_material=texts.get("pulley_material"), **values)
+    def of(cls, texts: Mapping[str, str]) -> Conditions:
+        """Read the conditions from the texts of a run."""
+        condition, side = (texts.get(name) for name in ("condition", "side"))
+        return cls(condition and condition.lower(), side and side.lower())
 
     def completed(self, default: Conditions) -> Conditions:
         """Return these conditions, with the missing ones taken from a default."""
-        values: dict[str, Any] = {}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            is_stated = value is not None and value == value
-            values[item.name] = value if is_stated else getattr(default, item.name)
-        return Conditions(**values)
+        return Conditions(self.condition or default.condition, self.side or default.side)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -265,14 +251,11 @@ OPTIONAL = (
     "belt_speed_m_s",
     "temperature_degC",
     "initial_tension_N",
-    "humidity_percent",
-    "hours_run",
-    "roughness_Ra_um",
 )
 MARKED, MOST_UNMARKED, LONGEST_MARK = 10.0, 0.95, 3
 """A mark exceeds this quantile of the magnitudes by this factor, for at most so many samples."""
 CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
-TEXT_COLUMNS = ("idle", "condition", "side", "pulley_material")
+TEXT_COLUMNS = ("idle", "condition", "side")
 """Text columns that describe a run."""
 
 
@@ -432,7 +415,7 @@ def run_record(
         defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
         treatment=Treatment.of(stated, kind, drag, marks.size),
-        conditions=Conditions.of(run.numbers, run.texts),
+        conditions=Conditions.of(run.texts),
     )
     if not kind.is_derived:
         return record

@@ -44,7 +44,7 @@ def predicted(sheet: Sheet) -> list[Picture]:
 
 
 def _drawing(sheet: Sheet) -> list[Picture]:
-    """Draw pulleys and belt, with span and hub forces at the most loaded point."""
+    """Draw pulleys and belt, with span and hub forces as numbers at the most loaded point."""
     laid, run = sheet.stated("laid") or (), _most_loaded(sheet)
     if not laid or run is None:
         return []
@@ -52,7 +52,6 @@ def _drawing(sheet: Sheet) -> list[Picture]:
     size = max(pulley["radius_m"] for pulley in laid)
     forwards = sheet["driver_speed_rad_s"][rows[0]] > 0.0
     leaving = sheet["tension_out_N" if forwards else "tension_in_N"][rows]
-    per_newton = 2.0 * size / float(np.nanmax(sheet["hub_force_N"][rows]))
     centres = np.array([(pulley["x_m"], pulley["y_m"]) for pulley in laid])
     middle, (wide, high) = centres.mean(axis=0), np.ptp(centres, axis=0) + 4.0 * size
     with new_axes(min(WIDTH * high / wide, TALL)) as (fig, axes):
@@ -63,16 +62,8 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             _write(axes, f"{leaving[i]:.0f} N", places.mean(axis=0), bbox=white)
             outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
             label_at = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
-            force, angle = float(sheet["hub_force_N"][row]), np.radians(sheet["hub_angle_deg"][row])
+            force = sheet["hub_force_N"][row]
             _write(axes, f"{pulley['pulley']}\n{force:.0f} N", label_at, color=SIMULATED)
-            axes.annotate(
-                "",
-                xy=tuple(
-                    centres[i] + per_newton * force * np.array((np.cos(angle), np.sin(angle)))
-                ),
-                xytext=tuple(centres[i]),
-                arrowprops={"arrowstyle": "-|>", "color": SIMULATED, "linewidth": 1.6},
-            )
         axes.set_aspect("equal")
         axes.margins(0.2)
         axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -83,8 +74,8 @@ def _drawing(sheet: Sheet) -> list[Picture]:
             "drawing",
             "The drive and its forces",
             f"Point {run}, {abs(sheet['driver_speed_rad_s'][rows[0]]):.4g} rad/s, largest torque "
-            f"{torque:.3g} N m. Numbers at the spans: belt tension. Arrows: force of the belt on "
-            "each axis.",
+            f"{torque:.3g} N m. Numbers at the spans: belt tension; at the pulleys: force of the "
+            "belt on the axis.",
             fig,
         )
     ]

@@ -8,10 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from beltid.identify.estimators.statistics import snap_to_settings
-from beltid.report.cells import MICRO, MILLI
+from beltid.report.cells import MICRO
 from beltid.report.drawing import (
-    LINE_FORCE,
     MU,
     PENETRATION,
     PRESSED,
@@ -20,7 +18,6 @@ from beltid.report.drawing import (
     new_axes,
 )
 from beltid.report.figures import (
-    arc,
     budget,
     drive,
     friction,
@@ -32,8 +29,6 @@ from beltid.report.figures import (
 )
 from beltid.report.picture import Picture
 from beltid.report.results import HELD_OUT, BeltResults, Sheet
-
-MOST_PROFILES: Final = 7
 
 
 def pictures(sheet: Sheet) -> list[Picture]:
@@ -66,23 +61,6 @@ def _surface(sheet: Sheet) -> list[Picture]:
     return [surface.slices(named), surface.as_map(named, None), surface.in_space(named)]
 
 
-def _profiles(sheet: Sheet) -> list[Picture]:
-    """Draw the normal force along the arc for the first profiles."""
-    labels = [f"{run} at {t:.4g} s" for run, t in zip(sheet["run"], sheet["time_s"], strict=True)]
-    names = list(dict.fromkeys(labels))
-    rows = np.array(labels)
-    with new_axes(4.4, columns=2) as (fig, axes):
-        for i, name in enumerate(names[:MOST_PROFILES]):
-            at = rows == name
-            look = {**group(i), "markevery": 8}
-            x = sheet["arc_position_m"][at] * MILLI
-            axes.plot(x, sheet["normal_force_N_m"][at], label=name, **look)
-        axes.set(xlabel=arc.POSITION, ylabel=LINE_FORCE)
-    hidden = len(names) - MOST_PROFILES
-    note = f" {hidden} more are in the table." if hidden > 0 else ""
-    return [Picture("profiles", arc.TITLE, f"Simulated contact at chosen times.{note}", fig)]
-
-
 def _press_curves(sheet: Sheet) -> list[Picture]:
     with new_axes() as (fig, axes):
         for k, branch in enumerate(press.BRANCHES):
@@ -104,46 +82,12 @@ def _rig_curves(sheet: Sheet) -> list[Picture]:
     return [Picture("runs", runs.TITLE, "Apparent friction coefficient of the stored runs.", fig)]
 
 
-def _shear(shear: Sheet) -> Picture:
-    """Draw travel per tension difference over the arc, a group per initial tension."""
-    used = shear["status"] == "ok"
-    arcs, measured = shear["arc_deg"][used], 1.0 / shear["slope_N_m"][used]
-    errors = 2.0 * shear["slope_se_N_m"][used] * measured**2
-    fitted = 1.0 / shear["slope_fitted_N_m"][used]
-    tensions = snap_to_settings(shear["initial_tension_N"])[used]
-    with new_axes(4.2, columns=4) as (fig, axes):
-        for i, tension in enumerate(np.unique(tensions)):
-            rows = np.flatnonzero(tensions == tension)
-            rows = rows[np.argsort(arcs[rows], kind="stable")]
-            look = group(i)
-            axes.errorbar(
-                arcs[rows],
-                measured[rows] * MICRO,
-                errors[rows] * MICRO,
-                **{**look, "linestyle": "none"},
-                capsize=2,
-                label=f"T₀ = {tension:.3g} N",
-            )
-            axes.plot(arcs[rows], fitted[rows] * MICRO, **{**look, "marker": None})
-        axes.set(xlabel="contact arc [°]", ylabel="travel per tension difference [µm/N]")
-    return Picture(
-        "shear",
-        "Build-up of the tensions",
-        "Travel of the pulley's surface per newton of tension difference while the belt sticks, "
-        "with two standard errors; lines: from the identified shear stiffness, or for ribs that do "
-        "not shear if none could be identified.",
-        fig,
-    )
-
-
 FIGURES_OF_KIND: Final[dict[str, Callable[[Sheet], list[Picture]]]] = {
     "stiffness": lambda sheet: [press.pooled(sheet, None), press.deviation(sheet)],
-    "shear": lambda sheet: [_shear(sheet)],
     "slip": lambda sheet: [slip.against_torque(sheet)],
     "friction": lambda sheet: friction.measured(_results_of(sheet)),
     "surface": _surface,
     "simulated": lambda sheet: friction.simulated(_results_of(sheet)),
-    "profiles": _profiles,
     "compare": lambda sheet: proof.of_one(replace(sheet, name=_name(sheet))),
     "drive": drive.predicted,
     "compare_drive": drive.compared,

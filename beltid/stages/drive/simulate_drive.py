@@ -42,13 +42,12 @@ from beltid.stages.tables import press_law, surface_from, surface_of
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
-    SHEAR_WITHOUT_BENDING,
     DriveUncertainty,
     change_by_slower_friction,
     drive_uncertainty,
 )
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, drive_sources, shear_source, slower_source
+from beltid.uncertainty.sources import Source, drive_sources, slower_source
 
 KIND: Final = "drive"
 KEYS: Final = (
@@ -85,6 +84,10 @@ FEW_ROWS: Final = 12
 NOT_STATED: Final = (
     "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
     "assumed"
+)
+RIGID_STRING: Final = (
+    "belt.shear_stiffness_N_m2: the ribs of a string are rigid, so the loss is too small; with "
+    "drive.method: rod they shear"
 )
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
@@ -163,12 +166,11 @@ def _outcome(
 ) -> Outcome[tuple[Solved, ...]]:
     drive, method = drive_of(config, surface, press.law), config.drive.method
     at_rest = Simulator(drive).at_rest
+    stated_shear = config.belt.shear_stiffness_N_m2 is not None
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
     good, failed = _solve_points(Simulator(drive, method), points)
-    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    has_covariance = uncertain.members is not None or uncertain.factor is not None
-    ensemble = uncertain.ensemble() if has_covariance else ()
-    uncertainty, sources = _uncertainty(config, drive, good, press, ensemble)
+    has_covariance = isinstance(surface, UncertainSurface) and surface.factor is not None
+    uncertainty, sources = _uncertainty(config, drive, good, press)
     by_string = [
         labelled.run
         for (labelled, _), is_flagged in zip(good, uncertainty.by_string, strict=True)
@@ -199,6 +201,7 @@ def _outcome(
         ),
         warnings=(
             *([] if "drive" in config.model_fields_set else [NOT_STATED]),
+            *([RIGID_STRING] if stated_shear and method == "string" else []),
             *drive_notes,
             *(f"point {labelled.run}: {error}" for labelled, error in failed),
             *_outside(columns, surface),
@@ -244,16 +247,11 @@ def _uncertainty(
     drive: Drive,
     good: Sequence[Solved],
     press: PressLaw,
-    ensemble: Sequence[FrictionSurface],
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
     """Return the uncertainty of the speed losses and its sources."""
     points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
-    uncertainty = drive_uncertainty(drive, points, results, press, sources, ensemble)
-    if math.isfinite(drive.shear_stiffness) and config.drive.method == "string":
-        sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
-        losses = np.array([result.in_order(result.loss.total) for result in results])
-        uncertainty = uncertainty.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
+    uncertainty = drive_uncertainty(drive, points, results, press, sources)
     slower_friction = change_by_slower_friction(drive, points, results)
     if slower_friction.any():
         sources = (*sources, slower_source())

@@ -6,7 +6,6 @@ Module              Responsibility                                              
 ``fit_stiffness``   press recording to normal contact law                        (1) to (4)
 ``fit_slip``        speed loss to sliding speeds in service                      (7)
 ``fit_friction``    rig recording to a coefficient per run                       (5) to (8)
-``fit_shear``       tension build-up of the runs to shear stiffness of the ribs  (B1) to (B4)
 ``build_surface``   coefficients to mu(f_N, v)                                   section 2.2
 ``alternatives``    other normal laws, and friction as a formula
 ``conditions``      select runs of a single surface and a single side of the belt

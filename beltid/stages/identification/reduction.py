@@ -215,15 +215,7 @@ def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[Ru
 
 def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunReduction, ...]:
     """Fill in the conditions of the config for runs whose recording states none."""
-    stated = config.conditions
-    default = Conditions(
-        condition=stated.surface,
-        side=stated.side,
-        humidity_percent=_or_nan(stated.humidity_percent),
-        hours_run=_or_nan(stated.hours_run),
-        pulley_material=stated.pulley.material,
-        roughness_Ra_um=_or_nan(stated.pulley.roughness_Ra_um),
-    )
+    default = Conditions(config.conditions.surface, config.conditions.side)
     return tuple(replace(run, conditions=run.conditions.completed(default)) for run in runs)
 
 

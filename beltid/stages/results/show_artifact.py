@@ -39,10 +39,8 @@ SHOWN: Final = {
         "normal_force_N_m",
         "status",
     ),
-    "shear": ("slope_N_m", "slope_fitted_N_m", "run", "arc_deg", "nominal_tension_N", "status"),
     "surface": ("mu", "mu_u", "normal_force_N_m", "slip_speed_m_s", "arc_deg"),
     "simulated": ("tension_tight_N", "tension_slack_N", "run", "time_s", "pulley_speed_rad_s"),
-    "profiles": ("normal_force_N_m", "slip_speed_m_s", "arc_position_m", "tension_N", "run"),
     "compare": (
         "mu_measured",
         "mu_simulated",
@@ -68,7 +66,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     path : Path
         The artifact.
     out : Path or None
-        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows both in the terminal.
+        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows the table in the terminal.
     name : str or None
         Name of the figure; None for the first.
     options : Options
@@ -91,6 +89,10 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
         return _summary(artifact, None, [], out)
     available = pictures(sheet_of(artifact))
     chosen = _chosen(available, name, path)
+    if out is None and name is not None:
+        raise InputError(
+            f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
+        )
     if out is not None and chosen is not None and chosen.figure is not None:
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
@@ -148,5 +150,4 @@ def _summary(
         shown=tuple(columns),
         notes=(*notes, *([f"{n_hidden} more rows, see --verbose"] if n_hidden > 0 else [])),
         origin=artifact.metadata.origin,
-        drawing=None if chosen is None else chosen.figure,
     )

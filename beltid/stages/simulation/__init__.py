@@ -12,7 +12,7 @@ Module               Responsibility                                             
 ``planned_runs``     select the runs to simulate
 ``campaign``         a simulated campaign: runs, results and recording
 ``simulated_runs``   simulate one run or a campaign from Python
-``refinement``       runs that a surface is refined from; its Monte Carlo draws
+``refinement``       runs that a surface is refined from
 ``hold_out``         predict the runs of an arc or speed from the others
 ==================== =========================================================== ===============
 """

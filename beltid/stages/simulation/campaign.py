@@ -16,7 +16,6 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.beam.path import swinging_share
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import (
-    DEFAULT_STEPS,
     Method,
     RunResult,
     SimulationSettings,
@@ -54,41 +53,27 @@ def simulation_settings(
     config: Config,
     method: str | None = None,
     elements: int | None = None,
-    profile_times_s: tuple[float, ...] = (),
 ) -> SimulationSettings:
     """Return the settings of the simulation from the call, else from the config.
 
     Raises
     ------
     InputError
-        If the method, the number of elements or a profile time is not allowed.
+        If the method or the number of elements is not allowed.
     """
     section = config.simulation
     chosen = method or section.method
     if chosen not in ("transient", "steady"):
         raise InputError(f"method = {chosen!r}, must be transient or steady")
-    problems = [
-        f"--profile-time = {time:g}, must be >= 0 s and finite"
-        for time in profile_times_s
-        if not 0.0 <= time < math.inf
-    ]
-    if profile_times_s and chosen == "steady":
-        problems.append(
-            "--profile-time: the steady method has no times, must be --method transient"
-        )
     if elements is not None and not (is_number(elements) and float(elements).is_integer()):
         found = f"{elements:g}" if is_number(elements) else repr(elements)
-        problems.append(f"elements = {found}, must be a whole number, even and >= 4")
-    if problems:
-        raise InputError(problems)
+        raise InputError(f"elements = {found}, must be a whole number, even and >= 4")
     count = section.elements if elements is None else int(elements)
     try:
         return SimulationSettings(
             method=cast(Method, chosen),
             elements=count,
-            steps=section.steps_per_run or DEFAULT_STEPS,
             friction_solver=section.friction_solver,
-            profile_times_s=profile_times_s,
         )
     except InputError as error:
         raise InputError(error.at("simulation")) from None

@@ -107,7 +107,6 @@ TOLERANCES: Final = {
     "max_mean_relative_error": "mean magnitude",
     "max_relative_error": "largest",
     "min_share_compared": "runs compared",
-    "max_rms_error_over_uncertainty": "RMS over its uncertainty",
 }
 
 
@@ -347,8 +346,6 @@ def _outcome(
         "max_relative_error": section.max_relative_error,
         "min_share_compared": MIN_SHARE_COMPARED,
     }
-    if section.max_rms_error_over_uncertainty is not None:
-        tolerances["max_rms_error_over_uncertainty"] = section.max_rms_error_over_uncertainty
     plain = compare_points(measured, simulated, tolerances)
     proven = validated(plain, measured, simulated, uncertainty)
     result = proven.result
@@ -432,8 +429,6 @@ def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
         if name == "min_share_compared":
             return f"{label} {found:.0f} % < {100.0 * row['allowed']:g} %"
         sign = "<=" if row["holds"] else ">"
-        if name == "max_rms_error_over_uncertainty":
-            return f"{label} {found / 100.0:.2f} {sign} {row['allowed']:g}"
         return f"{label} {found:.2f} % {sign} {100.0 * row['allowed']:g} %"
 
     shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]

@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
+from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.drift_check import CLEAR
+from beltid.errors import counted, percent
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
@@ -26,10 +25,7 @@ from beltid.stages.outcome import Outcome, finite_or_none, in_percent, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
-    CHECKED,
     NEEDED,
-    check_table,
-    drawn,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
@@ -39,10 +35,8 @@ from beltid.stages.simulation.refinement import (
 )
 from beltid.stages.tables import press_law, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note
-from beltid.uncertainty.bending import FittedBending, fit_bending
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
-from beltid.uncertainty.monte_carlo import MonteCarlo, check_of, prepare
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import (
     SCATTER,
@@ -55,13 +49,9 @@ from beltid.uncertainty.refined import (
 KIND: Final = "surface"
 METHOD: Final = "refined"
 MOST_NOISE: Final = 3.0
-FEWEST: Final = 50
-"""Number of Monte Carlo replicates below which they give no standard uncertainty."""
-Bending = Literal["stated", "fit", "use"]
 EFFECTS: Final = (
     "friction changes not in the surface, in percent of mu; share that force and speed explain"
 )
-BENDING: Final = "bending stiffness EI in N m²: what the runs ask for, and what is stated"
 EFFECT_WORDS: Final = {
     ARC: "difference between arcs",
     ORDER: "steady change over the campaign",
@@ -70,57 +60,6 @@ EFFECT_WORDS: Final = {
     TOGETHER: "order or temperature, over the campaign",
     SCATTER: "scatter from run to run",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Choices:
-    """Options of a refinement.
-
-    Attributes
-    ----------
-    bootstrap : int
-        Number of Monte Carlo replicates that check the uncertainty; 0 skips the check.
-    seed : int
-        Seed of their draws.
-    bending : {"stated", "fit", "use"}
-        Whether the bending stiffness is also fitted to the runs, and used.
-    condition, side : str or None
-        Selection of the runs if they were made under several conditions or sides.
-    """
-
-    bootstrap: int
-    seed: int
-    bending: Bending = "stated"
-    condition: str | None = None
-    side: str | None = None
-
-    def __post_init__(self) -> None:
-        problems = []
-        if self.bootstrap != 0 and self.bootstrap < FEWEST:
-            problems.append(
-                f"--bootstrap = {self.bootstrap}, must be at least {FEWEST} draws: fewer do not "
-                "give a standard uncertainty"
-            )
-        if self.seed < 0:
-            problems.append(f"--seed = {self.seed}, must be >= 0")
-        if self.bending not in get_args(Bending):
-            allowed = ", ".join(get_args(Bending))
-            problems.append(f"bending = {self.bending}, must be one of {allowed}")
-        if problems:
-            raise InputError(problems)
-
-    @property
-    def runs(self) -> dict[str, str | None]:
-        """Column of the friction table -> its value for the selected runs."""
-        return {"condition": self.condition, "side": self.side}
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The settings that a result depends on."""
-        draws = {"bootstrap": self.bootstrap, "seed": self.seed} if self.bootstrap else {}
-        bending = {} if self.bending == "stated" else {"bending": self.bending}
-        chosen = {name: word for name, word in self.runs.items() if word}
-        return {**draws, **bending, **chosen}
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +80,6 @@ class Refinement:
         Effects in the runs that the surface does not describe.
     contradictions : mapping of str to float
         Errors that the runs contradict: name -> size in standard uncertainties.
-    bending : FittedBending, optional
-        Bending stiffness fitted to the runs, if requested.
-    check : MonteCarlo, optional
-        The Monte Carlo check of the uncertainty.
     """
 
     refined: RefinedSurface
@@ -153,18 +88,12 @@ class Refinement:
     uncertainty: SurfaceUncertainty
     effects: tuple[ShownEffect, ...] = ()
     contradictions: Mapping[str, float] = field(default_factory=dict)
-    bending: FittedBending | None = None
-    check: MonteCarlo | None = None
 
     @property
     def surface(self) -> Any:
         """The refined surface with its covariance, an `UncertainSurface`."""
-        members = None
-        if self.check is not None:
-            shape = self.refined.surface.mu_nodes.shape
-            members = self.check.members().T.reshape(-1, *shape)
         names = [source.name for source in self.uncertainty.sources]
-        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names, members)
+        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names)
 
     def outliers(self) -> tuple[str, ...]:
         """Return a sentence for each run that lost its weight."""
@@ -254,21 +183,16 @@ def run(
     inputs: Mapping[str, Path],
     out: Path,
     options: Options,
-    bootstrap: int = 0,
-    seed: int = 0,
-    bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
 ) -> Summary:
     """Refine the surface of a friction table with a stiffness, write it, summarise it.
 
-    `bootstrap` draws check the uncertainty; 0 skips the check. `bending` selects whether the
-    bending stiffness is also fitted to the runs ("fit"), and used ("use"). `condition` and `side`
-    select the runs that are used.
+    `condition` and `side` select the runs that are used.
     """
-    choices = Choices(bootstrap, seed, bending, condition, side)
+    chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
     keys = refinement_keys(config.config)
-    build = Build(KIND, config, keys, inputs, out, options, choices.settings)
+    build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")
@@ -277,7 +201,7 @@ def run(
             f"{friction.path}: {counted(len(friction.columns['run']), 'run')}, inverse solution"
         )
         name = str(friction.path)
-        built = build.write(_outcome(friction.columns, law, config.config, name, choices, options))
+        built = build.write(_outcome(friction.columns, law, config.config, name, chosen, options))
     return summarise(built)
 
 
@@ -286,9 +210,6 @@ def refine_surface(
     law: NormalLaw | Outcome[Any],
     config: Config | Mapping[str, Any] | str | Path | None = None,
     *,
-    bootstrap: int = 0,
-    seed: int = 0,
-    bending: Bending = "stated",
     condition: str | None = None,
     side: str | None = None,
 ) -> Outcome[Refinement]:
@@ -302,13 +223,6 @@ def refine_surface(
         Normal contact law of the belt; a result also provides its scatter.
     config : Config, dict, path or None
         Belt and rig; None is the built-in 5PK rig.
-    bootstrap : int
-        Draws of the Monte Carlo check of the uncertainty; 0 skips it.
-    seed : int
-        Seed of the draws.
-    bending : str
-        "stated": use EI of the config; "fit": also fit EI to the runs; "use": use the fitted EI for
-        the surface.
     condition, side : str, optional
         Use only runs on this surface (dry, wet, dusty), or of this side of the belt (rib, back).
 
@@ -325,10 +239,10 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
     """
-    choices, model = Choices(bootstrap, seed, bending, condition, side), load_config(config)
+    chosen, model = {"condition": condition, "side": side}, load_config(config)
     press = press_law(law, model)
     columns = table_columns(friction, "friction", NEEDED)
-    outcome = _outcome(columns, press, model, "friction table", choices, Options())
+    outcome = _outcome(columns, press, model, "friction table", chosen, Options())
     return outcome.with_origin(model, friction, law)
 
 
@@ -337,16 +251,14 @@ def _outcome(
     press: PressLaw,
     config: Config,
     name: str,
-    choices: Choices,
+    chosen: Mapping[str, str | None],
     options: Options,
 ) -> Outcome[Refinement]:
-    campaign, speeds, used, set_aside = prepared_campaign(
-        columns, press, config, name, choices.runs
-    )
+    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
     labels = tuple(str(columns["run"][i]) for i in used)
     arcs_deg = columns["arc_deg"][used]
-    result = _refined(campaign, speeds, config, choices, labels, arcs_deg, options)
-    check, surface = result.check, result.refined.surface
+    result = _refined(campaign, speeds, config, labels, arcs_deg, options)
+    surface = result.refined.surface
     formulas = friction_formulas(surface, result.uncertainty.factor)
     return Outcome(
         kind=KIND,
@@ -357,13 +269,11 @@ def _outcome(
         extra={
             **stated_of(columns, used),
             **_figures(result, campaign, config),
-            **(check.extra(choices.seed) if check else {}),
             **formulas.extra,
         },
         notes=(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces within their contact, including peaks",
-            *([check.note()] if check else []),
             *confounded_note(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
                 "force and speed",
@@ -374,9 +284,7 @@ def _outcome(
         ),
         warnings=(
             *result.disagreement(),
-            *_bending_warnings(result.bending, config),
             *result.outliers(),
-            *(check.warnings() if check else ()),
         ),
     )
 
@@ -385,32 +293,17 @@ def _refined(
     campaign: Campaign,
     speeds: np.ndarray,
     config: Config,
-    choices: Choices,
     labels: tuple[str, ...],
     arcs_deg: np.ndarray,
     options: Options,
 ) -> Refinement:
-    """Refine the surface of a campaign with the options of a call."""
-    workers, sources = options.workers, shared_sources(campaign, config)
+    """Refine the surface of a campaign, in a worker."""
+    sources = shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
-    fitted = None
-    if choices.bending != "stated":
-        fitted = workers.call(fit_bending, campaign, speeds, sources, reference)
-        if choices.bending == "use":
-            campaign, sources = fitted.used(campaign, sources)
-    solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
-    uncertainty, check = refined_uncertainty(solution), None
-    if choices.bootstrap:
-        force_nodes = config.surface.force_nodes
-        linear = (solution.sources, solution.slopes)
-        nominal = prepare(solution.campaign, solution.refined, speeds, force_nodes, linear)
-        draws = choices.bootstrap, choices.seed
-        replicates = drawn(nominal, *draws, options.reporter, workers)
-        check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)
+    solution = options.workers.call(refined_campaign, campaign, speeds, sources, reference)
+    uncertainty = refined_uncertainty(solution)
     effects, contradictions = shown_effects(solution), solution.contradictions()
-    return Refinement(
-        solution.refined, labels, arcs_deg, uncertainty, effects, contradictions, fitted, check
-    )
+    return Refinement(solution.refined, labels, arcs_deg, uncertainty, effects, contradictions)
 
 
 def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str, Any]:
@@ -431,7 +324,6 @@ def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str
         "measured": {"normal_force_N_m": span(force), "slip_speed_m_s": span(slip)},
         "effects": _effect_rows(result.effects),
         "reference_temperature_degC": reference_temperature(config, campaign),
-        "bending": _bending_figures(result.bending, config),
         **result.uncertainty.extra((float(force.min()), float(force.max()))),
     }
 
@@ -464,41 +356,6 @@ def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
     )
 
 
-def _bending_figures(fitted: FittedBending | None, config: Config) -> dict[str, float] | None:
-    """Return the fitted and the stated bending stiffness [N m²]."""
-    if fitted is None:
-        return None
-    stated = config.belt.bending_stiffness_N_m2
-    return {
-        "fitted_N_m2": fitted.EI,
-        "fitted_u_N_m2": fitted.EI * fitted.relative,
-        "stated_N_m2": stated,
-        "stated_u_N_m2": stated * config.uncertainty.bending_stiffness_rel,
-    }
-
-
-def _bending_warnings(fitted: FittedBending | None, config: Config) -> tuple[str, ...]:
-    """Return a warning if the fitted and the stated bending stiffness disagree."""
-    if fitted is None:
-        return ()
-    stated, u_stated = config.belt.bending_stiffness_N_m2, config.uncertainty.bending_stiffness_rel
-    distance = fitted.away_from(stated, u_stated)
-    if distance > CLEAR:
-        return (
-            f"belt.bending_stiffness_N_m2 = {stated:g} is stated within {100 * u_stated:.2g} %, "
-            f"but the runs give {fitted.EI:.3g} within {100 * fitted.relative:.2g} %: "
-            f"{distance:.2g} standard uncertainties apart; one of the values, or the runs, must be "
-            "wrong",
-        )
-    if fitted.is_determined:
-        return ()
-    return (
-        "bending stiffness: the runs hardly determine it (standard uncertainty of its logarithm "
-        f"{fitted.relative:.2g}); use the stated value, or quieter runs at low tension and "
-        "short arcs",
-    )
-
-
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the rows of the surface table: the common surface of all arcs."""
     surface = result.refined.surface
@@ -506,7 +363,6 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
     errors = surface.mu_se_nodes
     assert errors is not None
-    members = {} if result.check is None else {"mu_members": result.check.members()}
     return {
         "arc_deg": np.full(forces.size * speeds.size, np.nan),
         "normal_force_N_m": np.repeat(forces, speeds.size),
@@ -516,7 +372,6 @@ def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
         "n_arcs": np.tile(np.array(arcs), forces.size),
         "mu_spread": np.full(forces.size * speeds.size, np.nan),
         **result.uncertainty.columns(forces.size * speeds.size),
-        **members,
     }
 
 
@@ -525,8 +380,6 @@ def summarise(built: Built) -> Summary:
     metadata: SurfaceMetadata = built.artifact.metadata
     validity = metadata.validity
     surface = surface_of(built.artifact)
-    check = metadata.monte_carlo
-    places = check["linear_fails_at"] if check else []
     return built.summary(
         "refine-surface",
         "simulated less measured friction coefficient: published surface, then refined",
@@ -544,29 +397,13 @@ def summarise(built: Built) -> Summary:
             "valid_speed_m_s": validity.get("slip_speed_m_s"),
             "budget": metadata.budget,
             "effects": list(metadata.effects),
-            **({"bending": metadata.bending} if metadata.bending else {}),
-            **({"draws": check["replicates"], "seed": check["seed"]} if check else {}),
-            **({"linear_fails_at": places} if places else {}),
         },
         extra_tables={
             "standard uncertainty of the refined surface, in percent of mu": budget_table(
                 metadata.budget, QUANTITY
             ),
             EFFECTS: [dict(row) for row in metadata.effects],
-            **({BENDING: _bending_rows(metadata.bending)} if metadata.bending else {}),
-            **({CHECKED: check_table(check["table"])} if check else {}),
         },
         table=[dict(row) for row in metadata.misfit],
         details={"friction formulas": friction_law_rows(metadata.figures)},
     )
-
-
-def _bending_rows(bending: BendingFigures) -> list[dict[str, Any]]:
-    pairs = {
-        "fitted": (bending["fitted_N_m2"], bending["fitted_u_N_m2"]),
-        "stated": (bending["stated_N_m2"], bending["stated_u_N_m2"]),
-    }
-    return [
-        {"by": word, "EI": EI, "standard_uncertainty_percent": 100.0 * u / EI}
-        for word, (EI, u) in pairs.items()
-    ]

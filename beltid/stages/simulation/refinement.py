@@ -1,11 +1,10 @@
-"""Runs that a surface is refined from, its uncertainty, and the draws of its Monte Carlo check."""
+"""Runs that a surface is refined from, and its uncertainty."""
 
 from __future__ import annotations
 
 import math
-import pickle
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,29 +18,15 @@ from beltid.params import Rig
 from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
 from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
-from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.campaign import RIG_KEYS
 from beltid.stages.uncertainties import standard_uncertainties
-from beltid.stages.workers import Workers
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import measured_runs, own_errors
-from beltid.uncertainty.monte_carlo import Nominal, Replicates, gathered, replicates
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
-PER_CALL: Final = 5
-CHECKED: Final = "linear standard uncertainty against Monte Carlo, in percent of mu"
-COLUMNS: Final = (
-    "group",
-    "values",
-    "linear_percent",
-    "monte_carlo_percent",
-    "largest_deviation_percent",
-    "largest_asymmetry",
-    "linear_fails",
-)
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -68,27 +53,6 @@ def refinement_keys(config: Config) -> tuple[str, ...]:
         "friction.correct_temperature",
         "friction.reference_temperature_degC",
     )
-
-
-def drawn(
-    nominal: Nominal, count: int, seed: int, reporter: Reporter, workers: Workers
-) -> Replicates:
-    """Return `count` replicates in order, the same for any number of workers."""
-    # pickled as for a worker: the memory layout of an array changes the rounding of its sums
-    nominal = pickle.loads(pickle.dumps(nominal))
-    groups = [range(first, min(first + PER_CALL, count)) for first in range(0, count, PER_CALL)]
-    parts: dict[int, Replicates] = {}
-    calls = [(nominal, seed, group) for group in groups]
-    with reporter.progress("Monte Carlo", len(groups)) as advance:
-        for index, part in workers.as_ended(replicates, calls):
-            parts[index] = part
-            advance()
-    return gathered([parts[i] for i in range(len(groups))])
-
-
-def check_table(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the check for display."""
-    return [{name: row.get(name) for name in COLUMNS} for row in rows]
 
 
 def prepared_campaign(

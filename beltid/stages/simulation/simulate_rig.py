@@ -15,7 +15,7 @@ from beltid.config import Config, ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
-from beltid.rigsim.rig import RunResult, SimulationSettings
+from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.outcome import Outcome, rows_per_setting, span
@@ -41,7 +41,6 @@ from beltid.stages.simulation.planned_runs import (
 from beltid.stages.tables import friction_of, press_law, surface_of
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
-from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import (
@@ -68,13 +67,11 @@ KEYS: Final = (
     "belt.mass_per_length_kg_m",
     "belt.damping_time_s",
     "contact",
-    "simulation.steps_per_run",
+    "simulation.elements",
     "simulation.friction_solver",
     "simulation.sticking_ratio",
 )
 SHOWN_FAILURES: Final = 20
-PROFILES: Final = "profiles"
-"""Kind of the table with the contact along the arc at chosen times."""
 PER_CALL: Final = 24
 """Number of runs whose uncertainty a worker computes in one call."""
 ROW: Final = (
@@ -98,9 +95,7 @@ def run(
     *,
     picked: Picked | None = None,
     method: str | None = None,
-    elements: int | None = None,
     jobs: int = 1,
-    profile_times_s: Sequence[float] = (),
 ) -> Summary:
     """Simulate the runs with ``surface`` and ``stiffness``, write the recording, summarise it.
 
@@ -115,16 +110,11 @@ def run(
         Simulate these runs only; by default all.
     method : {"transient", "steady"}, optional
         By default that of the config.
-    elements : int, optional
-        Beam elements of the belt; by default those of the config.
     jobs : int
         Number of parallel runs in this process if no workers are given.
-    profile_times_s : sequence of float
-        Times after the start of rotation at which the contact along the arc is stored [s]; the
-        profiles are written next to the recording.
     """
-    model, times = config.config, tuple(sorted(set(profile_times_s)))
-    settings = simulation_settings(model, method, elements, times)
+    model = config.config
+    settings = simulation_settings(model, method)
     inputs = _with_friction(inputs)
     measured = None
     if "friction" in inputs:
@@ -136,13 +126,8 @@ def run(
     choices = _choices(model, settings, runs)
     keys = (*KEYS, *rig_kind_keys(model))
     build = Build(KIND, config, keys, inputs, out, options, choices)
-    profile_choices = {**choices, "profile_times_s": list(times)}
-    profile_build = Build(
-        PROFILES, config, keys, inputs, _profiles_path(out), options, profile_choices
-    )
-    profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
-    if built is None or (times and profiles is None):
+    if built is None:
         surface = build.read("surface")
         press = press_law(inputs["stiffness"], model)
         stated = differing or measured is None or not measured.size
@@ -156,12 +141,9 @@ def run(
         parallel = workers if workers.jobs > 1 else jobs
         campaign = simulate(model, bench, runs, settings, parallel, options.reporter)
         _require_results(campaign)
-        if built is None:
-            uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
-            built = build.write(_outcome(campaign, settings, uncertainty))
-        if times and profiles is None:
-            profiles = profile_build.write(_profiles_outcome(campaign, times))
-    return summarise(built, profiles)
+        uncertainty = _uncertainty(campaign, press, surface, settings.elements, workers)
+        built = build.write(_outcome(campaign, settings, uncertainty))
+    return summarise(built)
 
 
 def _choices(
@@ -170,7 +152,6 @@ def _choices(
     """Return the settings of a call and the measured runs that a recording depends on."""
     choices: dict[str, Any] = {
         "method": settings.method,
-        "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
     }
     if settings.method == "steady":
@@ -279,65 +260,8 @@ def _uncertainty(
     return RunsUncertainty.of(labels, mu, sources, ordered), ()
 
 
-def _profiles_path(recording: Path) -> Path:
-    """Return the path of the profiles of a simulated recording."""
-    return recording.parent / f"{recording.stem}_{PROFILES}.parquet"
-
-
-def _profiles_outcome(campaign: Campaign, times_s: Sequence[float]) -> Outcome[Campaign]:
-    """Return the profiles of transient runs at times after the start of rotation [s]."""
-    parts = [part for run, result in campaign.finished for part in _profiles(run, result)]
-    columns = {
-        name: np.concatenate([part[name] for part in parts])
-        for name in schemas.table(PROFILES).names
-    }
-    return Outcome(
-        kind=PROFILES,
-        columns=columns,
-        result=campaign,
-        validity={"arc_position_m": (0.0, float(np.max(columns["arc_position_m"])))},
-        set_aside=[
-            {"run": run.label, "why": "; ".join(e.problems)} for run, e in campaign.failures
-        ],
-        extra={"profile_times_s": list(times_s)},
-        notes=_ended_early(campaign, times_s),
-    )
-
-
-def _profiles(run: PlannedRun, result: RunResult) -> list[dict[str, np.ndarray]]:
-    """Return the profiles of a run, one per step; two times in the same step share one."""
-    states = dict(result.snapshots)
-    parts = []
-    for time, state in states.items():
-        profile = state.profile()
-        n = len(profile["arc_position_m"])
-        parts.append(
-            {"run": np.full(n, run.label, dtype=object), "time_s": np.full(n, time), **profile}
-        )
-    return parts
-
-
-def _ended_early(campaign: Campaign, times_s: Sequence[float]) -> tuple[str, ...]:
-    notes = []
-    for time in times_s:
-        short = [run.label for run, result in campaign.finished if time > _rotation_time(result)]
-        if short:
-            which = short[0] if len(short) == 1 else f"{len(short)} runs"
-            notes.append(
-                f"profile at {time:g} s: {which} had ended before, the state at the end was used"
-            )
-    return tuple(notes)
-
-
-def _rotation_time(result: RunResult) -> float:
-    """Return how long the pulley turned in a transient run [s]."""
-    assert result.recording is not None
-    time, omega = result.recording["time_s"], result.recording["pulley_speed_rad_s"]
-    return float(time[-1] - time[np.flatnonzero(omega > 0.0)[0] - 1]) * (1.0 + 1e-12)
-
-
-def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
-    """Summarise a simulated recording, and its profiles."""
+def summarise(built: Built) -> Summary:
+    """Summarise a simulated recording."""
     metadata: SimulatedMetadata = built.artifact.metadata
     runs = metadata.runs or ()
     rows: list[dict[str, Any]] = [{name: row.get(name) for name in ROW} for row in runs]
@@ -345,7 +269,6 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
     failed = len(rows) - len(good)
     names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
     settings = (np.array([row[name] for row in good], dtype=float) for name in names)
-    profiles = {} if of_profiles is None else {"profiles": str(of_profiles.artifact.path)}
     return built.summary(
         "simulate-rig",
         "friction coefficient of every simulated run, sliding",
@@ -355,15 +278,12 @@ def summarise(built: Built, of_profiles: Built | None = None) -> Summary:
             "runs_failed": failed,
             "samples": len(built.artifact.columns["time_s"]),
             "mu_range": span(np.array([row["mu"] for row in good], dtype=float)),
-            **profiles,
         },
         table=rows,
         overview=rows_per_setting(*settings) if len(rows) > 20 else [],
         details={"solver": [_solver_row(row) for row in runs if row.get("solver")]},
-        notes=(*metadata.notes, *(of_profiles.artifact.metadata.notes if of_profiles else ())),
         verdict=f"{failed} of {len(rows)} runs failed" if failed else "",
         exit_status=EXIT_NUMERICS if failed else EXIT_DONE,
-        up_to_date=built.up_to_date and (of_profiles is None or of_profiles.up_to_date),
     )
 
 
