@@ -211,7 +211,7 @@ def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
     content = text.getvalue().encode()
     existing = read_bytes(path, ArtifactError) if path.is_file() else b""
     if existing and not existing.startswith(OUR_TABLE):
-        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it", code="not-replaced")
+        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it")
     if existing != content:
         write_bytes(path, content)
 

@@ -207,9 +207,7 @@ def refuse_lacking(client: Any, where: str) -> None:
 def _check_file(scheduler_file: Path) -> None:
     """Check the scheduler file; Dask itself would wait and then show a traceback."""
     if not scheduler_file.is_file():
-        raise InputError(
-            f"--scheduler-file {scheduler_file}: there is no such file", code="missing-file"
-        )
+        raise InputError(f"--scheduler-file {scheduler_file}: there is no such file")
     try:
         content = json.loads(read_bytes(scheduler_file))
     except (ValueError, RecursionError):

@@ -35,8 +35,6 @@ DASH: Final = Path("-")
 NOTHING: Final = "nothing was written"
 STDIN: Final = "stdin"
 STDOUT: Final = "stdout"
-MOST_PAGES: Final = 3
-"""Largest number of ``explain`` pages named below an error."""
 
 
 def execute(
@@ -175,11 +173,6 @@ def _statuses(reporter: Reporter, kept: str) -> Iterator[None]:
     except BeltidError as error:
         for problem in error.problems:
             reporter.error(problem)
-        pages = [f"`beltid explain {code}`" for code in error.codes[:MOST_PAGES]]
-        if pages:
-            reporter.report(
-                f"note: {', '.join(pages)} {'tells' if len(pages) == 1 else 'tell'} more"
-            )
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
         if error.filename is None:  # not about a file that the user named

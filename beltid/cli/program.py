@@ -89,7 +89,6 @@ COMMANDS: Final = {
     "export": ("export", "runs/<belt> -> contact law for multibody codes"),
     "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),
-    "explain": ("about", "what an error means and what to do"),
 }
 """Commands in the order of the work: command -> its module and its line in the help."""
 

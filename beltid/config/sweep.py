@@ -81,7 +81,7 @@ def take_sweep(source: Source) -> Sweep:
 def _complain(source: Source, keys: KeyPath, what: str) -> None:
     path = (SWEEP, *keys)
     text = f"{'.'.join(str(k) for k in path)} {what}"
-    source.complain(source.place(path), text, code="config-value")
+    source.complain(source.place(path), text)
 
 
 def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
@@ -90,7 +90,7 @@ def _refuse_repeated(source: Source, key: str, values: list[Any]) -> None:
         text = _text(value)
         if text in seen:
             problem = f"{SWEEP}.{key}[{i}] = {text} is given twice"
-            source.complain(source.place((SWEEP, key, i)), problem, code="config-key")
+            source.complain(source.place((SWEEP, key, i)), problem)
         seen.append(text)
 
 

@@ -104,7 +104,6 @@ def abaqus(law: ContactLaw, choices: Choices) -> Export:
             f"{law.belt.name}: Abaqus needs the contact pressure, which is the line force over "
             "the width of the belt; give a config with --config that states belt.width_m, or "
             "belt.type with the profile (such as 5PK) and belt.ribs",
-            code="belt-width",
         )
     table = friction_table(law.surface)
     delta = penetration_nodes(law)

@@ -31,7 +31,6 @@ COMMANDS = {
     "export": ("TARGET", "export/ in the folder of the law"),
     "init": ("NAME", "<NAME>.yaml"),
     "info": ("FILE", "range of validity"),
-    "explain": ("CODE", "what it means"),
 }
 OPTIONS = ("--config", "-c", "--out", "-o", "--json", "-q", "-v", "--force", "--version")
 

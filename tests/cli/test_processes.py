@@ -53,7 +53,7 @@ def test_same_input_same_bytes_in_another_process_and_folder(
 
 
 def test_a_terminal_without_the_letters_gets_substitutes(beside: Path) -> None:
-    done = run(beside, "explain", "numerics", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    done = run(beside, "config", "show", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()
 
@@ -101,12 +101,12 @@ def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: P
 
 def test_a_bug_ends_with_a_traceback_and_status_1(tmp_path: Path) -> None:
     code = (
-        "import beltid.cli.commands.about as command; "
-        "command.explanations = lambda *a: 1 / 0; "
+        "import beltid.stages.setup.about as stage; "
+        "stage.shown_config = lambda *a: 1 / 0; "
         "from beltid.cli import main; main()"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, "explain"],
+        [sys.executable, "-c", code, "config", "show"],
         cwd=tmp_path,
         capture_output=True,
         env=environment(),

@@ -48,7 +48,6 @@ COMMANDS = (
     "info",
     "config show",
     "config check beltid.yaml",
-    "explain",
 )
 
 

@@ -1,4 +1,4 @@
-"""Show versions, the contents of a file, the values in effect, and explanations of errors."""
+"""Show versions, the contents of a file, and the values in effect."""
 
 from __future__ import annotations
 
@@ -12,21 +12,6 @@ from beltid.cli.program import Common, app, command
 
 if TYPE_CHECKING:
     from beltid.stages.reporter import Options
-
-
-def explanations() -> dict[str, str]:
-    """Return the pages about common errors, as Markdown, by error code."""
-    from importlib.resources import files  # slow, and the help must be fast
-
-    pages = (files("beltid.cli") / "explanations").iterdir()
-    return {
-        page.name.removesuffix(".md"): page.read_text("utf-8")
-        for page in sorted(pages, key=lambda page: page.name)
-    }
-
-
-def _codes(incomplete: str) -> list[str]:
-    return [code for code in explanations() if code.startswith(incomplete)]
 
 
 config_app = typer.Typer(
@@ -112,35 +97,3 @@ def check(
     from beltid.stages.setup import about as stage
 
     finish(lambda options: stage.check_configs(configs), common)
-
-
-@command("explain")
-def explain(
-    code: Annotated[
-        str | None,
-        typer.Argument(metavar="CODE", help="Code below an error message.", autocompletion=_codes),
-    ] = None,
-    *,
-    common: Common,
-) -> None:
-    """Explain an error: what it means, and what to do about it. Without CODE: list the codes.
-
-    Example: beltid explain columns
-    """
-    from beltid.errors import InputError
-    from beltid.report.summary import Summary
-
-    def chosen() -> dict[str, str]:
-        pages = explanations()
-        if code is not None and code not in pages:
-            raise InputError(f"CODE = {code}, must be one of {', '.join(pages)}")
-        return pages if code is None else {code: pages[code]}
-
-    def rows(options: Options) -> Summary:
-        table = [{"code": name, "page": page} for name, page in chosen().items()]
-        return Summary(stage="explain", title="errors explained", table=table)
-
-    if common.json:
-        finish(rows, common)
-    listed = code is None
-    print_text(lambda _: "".join(f"{c}\n" if listed else p for c, p in chosen().items()), common)

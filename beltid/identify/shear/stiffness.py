@@ -140,7 +140,7 @@ def fit_shear_stiffness(runs: Sequence[BuildUp], bench: BenchValues) -> ShearSti
             f"{found} among the usable runs, must be two arcs or more: one arc cannot separate the "
             "shear of the ribs from the compliance of the bench"
         )
-        raise InputError([problem, *not_used(runs)], code="no-run")
+        raise InputError([problem, *not_used(runs)])
     slopes = _Slopes.of([runs[k] for k in used], arcs, bench)
     ln_k = slopes.best_ln_k()
     dof = len(used) - 2

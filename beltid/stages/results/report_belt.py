@@ -247,5 +247,5 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     if mark is None and not (options.force and is_page):
         how = ", or replace it with --force" if is_page else ""
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
-        raise InputError(text, code="not-replaced")
+        raise InputError(text)
     return mark == made_from and not options.force

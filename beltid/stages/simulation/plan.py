@@ -318,7 +318,7 @@ def _check_files(out: Path, figure: Path, *, force: bool) -> None:
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
-        raise InputError(text, code="not-replaced")
+        raise InputError(text)
     existing = [path for path in (out, figure) if path.exists()]
     if existing and not force:
         raise InputError([already_exists(path) for path in existing])
