@@ -85,25 +85,32 @@ COMMANDS: Final = {
     "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
-    "show": ("report", "any artifact: a table and a drawing, or a figure"),
+    "show": ("report", "what an artifact is: a table and a drawing, or a figure"),
     "export": ("export", "runs/<belt> -> contact law for multibody codes"),
-    "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),
 }
 """Commands in the order of the work: command -> its module and its line in the help."""
 
 
-def show_version(wanted: bool) -> None:
-    """Print the version and exit, if requested."""
-    if wanted:
-        typer.echo(f"beltid {__version__}")
-        raise typer.Exit
+def show_version(context: typer.Context, wanted: bool) -> None:
+    """Print the version and exit, if requested; with --verbose, those of all libraries too."""
+    if not wanted:
+        return
+    typer.echo(f"beltid {__version__}")
+    if context.params["verbose"]:
+        from beltid.cli.execute import finish
+        from beltid.stages.setup.about import program
+
+        finish(lambda options: program(), Common(verbose=True))
+    raise typer.Exit
 
 
 Version = Annotated[
     bool,
     typer.Option(
-        "--version", callback=show_version, is_eager=True, help="Show the version and exit."
+        "--version",
+        callback=show_version,
+        help="Show the version and exit; with -v, those of all libraries, and the environment.",
     ),
 ]
 
@@ -139,7 +146,9 @@ class Common:
         bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")
     ] = False
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print all rows and details.")
+        bool,
+        # eager: --version, wherever it stands, must know it
+        typer.Option("--verbose", "-v", is_eager=True, help="Print all rows and details."),
     ] = False
     force: Annotated[
         bool,
@@ -260,8 +269,14 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
 
 
 @app.callback()
-def _top(version: Version = False) -> None:
-    pass
+def _top(
+    version: Version = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", is_eager=True, help="With --version: everything.")
+    ] = False,
+) -> None:
+    if verbose:
+        raise typer.BadParameter("-v stands after the command, or beside --version")
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import zipfile
 from itertools import product
@@ -12,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltid import __version__
 from beltid.config import Config, load_config
 from beltid.config.template import MEANINGS, SECTIONS, template_text
 
@@ -269,7 +269,7 @@ def test_a_config_without_recordings_can_neither_be_run_nor_checked(beltid: Any)
 
 
 @pytest.mark.parametrize(
-    "call", [("info",), ("config", "show", "--origin"), ("config", "check", "c"), ("inspect", "c")]
+    "call", [("config", "show", "--origin"), ("config", "check", "c"), ("inspect", "c")]
 )
 def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...]) -> None:
     refused = beltid(*call, "-o", "product.txt")
@@ -278,31 +278,37 @@ def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...
     assert refused.stdout == ""
 
 
-def test_info_without_a_file_tells_what_runs_here(beltid: Any) -> None:
-    product = json.loads(beltid("info", "--json").stdout)
-    assert product["facts"]["version"] == __version__
-    assert {row["library"] for row in product["table"]} >= {"numpy", "scipy"}
-
-
-def test_info_in_full_shows_every_artifact_whatever_it_has_none_of(
-    bench: Path, beltid: Any
-) -> None:
+def test_show_in_full_tells_what_every_artifact_was_made_from(bench: Path, beltid: Any) -> None:
     artifacts = sorted(bench.glob("*.parquet"))
     assert len(artifacts) >= 8
     for artifact in artifacts:
-        result = beltid("info", "-v", artifact)
+        result = beltid("show", "-v", artifact)
         assert result.exit_code == 0, (artifact.name, result.exception)
         assert "made from" in result.stdout
 
 
-def test_info_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
-    product = json.loads(beltid("info", bench / "friction.parquet", "--json").stdout)
-    assert product["facts"]["kind"] == "friction"
-    assert product["facts"]["rows"] == 16
-    units = {row["column"]: row["unit"] for row in product["table"]}
-    assert units["normal_force_N_m"] == "N/m"
+def test_show_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
+    product = json.loads(beltid("show", bench / "friction.parquet", "--json").stdout)
+    facts = product["facts"]
+    assert (facts["kind"], facts["rows"]) == ("friction", 16)
+    assert len(product["table"]) == 16
+    sha256 = hashlib.sha256((bench / "friction.parquet").read_bytes()).hexdigest()
+    assert facts["file_sha256"] == sha256
+    low, high = facts["valid normal_force_N_m"]
+    forces = [row["normal_force_N_m"] for row in product["table"]]
+    assert (low, high) == (min(forces), max(forces))
     (made_from,) = product["details"]["made from"]
     assert made_from["input"] == "rig"
-    refused = beltid("info", bench / "rig.csv")
+    assert made_from["sha256"] == hashlib.sha256((bench / "rig.csv").read_bytes()).hexdigest()
+    refused = beltid("show", bench / "rig.csv")
     assert refused.exit_code == 2
     assert "not an artifact" in refused.stderr
+
+
+def test_show_tells_what_a_law_file_is(bench: Path, beltid: Any) -> None:
+    assert beltid("export", "json", bench, "-o", "law").exit_code == 0
+    (law,) = Path("law").glob("*.json")
+    product = json.loads(beltid("show", law, "--json").stdout)
+    assert product["facts"]["belt"] == "5PK"
+    assert {row["made from"] for row in product["table"]} >= {"stiffness", "rig"}
+    assert "--out" in beltid("show", law, "-o", "law.csv").stderr

@@ -22,7 +22,7 @@ from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
 from beltid.stages.results.belt_results import sheet_of
-from beltid.stages.setup.about import file_info
+from beltid.stages.results.show_artifact import summary_of
 from beltid.stages.tables import press_law, surface_of
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
@@ -59,7 +59,7 @@ def _artifact(path: Path) -> object:
     verdict_of(results)
     for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):
         table(results)
-    return file_info(path).as_json()
+    return summary_of(artifact, None, [], None).as_json()
 
 
 def _law(path: Path) -> object:

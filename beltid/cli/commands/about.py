@@ -1,4 +1,4 @@
-"""Show versions, the contents of a file, and the values in effect."""
+"""Show the values of a config in effect, and check configs."""
 
 from __future__ import annotations
 
@@ -23,27 +23,6 @@ config_app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 app.add_typer(config_app)
-
-
-@command("info")
-def info(
-    file: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE", help="An artifact (.parquet) or a law file (.json)."),
-    ] = None,
-    *,
-    common: Common,
-) -> None:
-    """Show what a file is: kind, origin, range of validity, hashes of its inputs.
-
-    With --verbose also its settings, what was set aside and why, and fit statistics. Without a
-    file: version, libraries and environment of this program, for a bug report.
-
-    Example: beltid info runs/5pk/friction.parquet
-    """
-    from beltid.stages.setup import about as stage
-
-    finish(lambda options: stage.program() if file is None else stage.file_info(file), common)
 
 
 @command("show", of=config_app, short="the values in effect, and their origin")
