@@ -10,7 +10,7 @@ Module           Responsibility
 ``messages``     texts of the errors
 ``name_pattern`` settings in file names, by a pattern or a regular expression
 ``sweep``        the section `sweep`: lists of values -> cases
-``loading``      file or dict -> `Config`; config of a recording; origin of each value
+``loading``      file or dict -> `Config`; config of a recording; its values
 ``writing``      `Config` -> YAML text
 ``template``     `Config` -> commented YAML text for a new belt
 ================ =========================================================

@@ -1,4 +1,4 @@
-"""Load a config from a file or a dict, find that of a recording, list the origin of its values."""
+"""Load a config from a file or a dict, find that of a recording, list its values."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -240,48 +240,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-DEFAULT: Final = "default"
-
-
-@dataclass(frozen=True, slots=True)
-class EffectiveValue:
-    """A value of a config in effect.
-
-    Attributes
-    ----------
-    key : str
-        Its key, ``section.key``.
-    value : object
-        The value in effect.
-    origin : str
-        ``file:line`` that states it, or "default".
-    """
-
-    key: str
-    value: Any
-    origin: str
-
-
-def effective_values(source: ConfigSource) -> list[EffectiveValue]:
-    """List every key of a config with its value and origin, in the order of the model.
-
-    Raises
-    ------
-    ConfigError
-        If the file can no longer be read.
-    """
-    path = source.path
-    places = Source() if path is None else parse(read_text(path), str(path))
-    return list(_values(source.config, (), places))
-
-
-def _values(section: Section, above: KeyPath, places: Source) -> Iterator[EffectiveValue]:
+def effective_values(section: Section, above: KeyPath = ()) -> Iterator[tuple[str, Any, bool]]:
+    """Yield every key of a config with its value, and whether it is stated, in model order."""
     for name in type(section).model_fields:
-        value = getattr(section, name)
-        path = (*above, name)
+        value, path = getattr(section, name), (*above, name)
         if isinstance(value, Section):
-            yield from _values(value, path, places)
+            yield from effective_values(value, path)
         else:
-            place = places.key_places.get(path)
-            origin = f"{places.name}:{place.line}" if place else DEFAULT
-            yield EffectiveValue(format_path(path), value, origin)
+            yield format_path(path), value, name in section.model_fields_set

@@ -13,8 +13,8 @@ HEAD: Final = """\
 # Config of the belt {name}, for beltid.
 #
 # Units are part of a key. A line such as "# ribs: 5" shows a default: remove the # and enter your
-# own value. `beltid config check FILE` checks this file, `beltid config show -c FILE` shows all
-# keys with their values, including the sections friction, surface, slip, simulation, drive and
+# own value. `beltid config check FILE` checks this file, `beltid config show --all -c FILE` shows
+# all keys with their values, including the sections friction, surface, slip, simulation, drive and
 # plan, and columns, units and dialect for files in another format.
 """
 

@@ -179,29 +179,39 @@ def test_init_names_the_command_that_tells_how_to_read_a_recording(beltid: Any) 
     assert "`beltid inspect rig.csv` lists everything that must be stated" in said.stderr
 
 
-def test_config_show_prints_yaml_that_is_the_same_config(beltid: Any) -> None:
+@pytest.mark.parametrize("options", [(), ("--all",)])
+def test_config_show_prints_yaml_that_is_the_same_config(
+    beltid: Any, options: tuple[str, ...]
+) -> None:
     Path("beltid.yaml").write_text("belt: {name: mine, ribs: 6}\nrig:\n  arcs_deg: [30]\n")
-    shown = beltid("config", "show", "rig.csv")
+    shown = beltid("config", "show", "rig.csv", *options)
     assert "config: beltid.yaml (found for rig.csv)" in shown.stderr.replace(f"{Path.cwd()}/", "")
     Path("again.yaml").write_text(shown.stdout)
     assert load_config("again.yaml") == load_config("beltid.yaml")
-    assert beltid("config", "show", "rig.csv", "-o", "out.yaml").stdout == ""
+    assert beltid("config", "show", "rig.csv", *options, "-o", "out.yaml").stdout == ""
     assert Path("out.yaml").read_text() == shown.stdout
     refused = beltid("config", "show", "-o", "beltid.yaml")
     assert refused.exit_code == 2
     assert "beltid.yaml: already exists" in refused.stderr
 
 
-def test_config_show_tells_the_line_of_every_value(beltid: Any) -> None:
-    Path("my.yaml").write_text("belt: {name: mine}\nrig:\n\n  arcs_deg: [30]\n")
-    shown = beltid("config", "show", "-c", "my.yaml", "--origin", "--json")
-    rows = {row["key"]: row for row in json.loads(shown.stdout)["table"]}
-    assert rows["belt.name"] == {"key": "belt.name", "value": "mine", "from": "my.yaml:1"}
-    assert rows["rig.arcs_deg"]["from"] == "my.yaml:4"
-    assert rows["rig.supports"]["from"] == "default"
-    assert rows["drive.pulleys"]["value"][0]["name"] == "driver"  # not the text of an object
-    table = beltid("config", "show", "-c", "my.yaml", "--origin").stdout
-    assert "my.yaml:4" in table
+def test_config_show_tells_what_is_stated_and_with_all_what_is_in_effect(beltid: Any) -> None:
+    text = "belt: {name: mine}\nrig:\n  arcs_deg: [30]\ndata: {rig: rig.csv}\n"
+    Path("my.yaml").write_text(text + "columns: {rig: {time_s: t}}\n")
+    call = ("config", "show", "-c", "my.yaml", "--json")
+    stated = [row["key"] for row in json.loads(beltid(*call).stdout)["table"]]
+    assert stated == ["belt.name", "rig.arcs_deg", "data.rig", "columns.rig.time_s"]
+    shown = [line.split(":")[0].strip() for line in beltid(*call[:-1]).stdout.splitlines()]
+    assert [key for key in shown if key] == [
+        *("belt", "name", "rig", "arcs_deg", "data", "rig", "columns", "rig", "time_s")
+    ]
+    rows = {r["key"]: r["value"] for r in json.loads(beltid(*call, "--all").stdout)["table"]}
+    assert rows["belt.name"] == "mine"
+    assert rows["rig.supports"] == "pinned"
+    assert rows["drive.pulleys"][0]["name"] == "driver"  # not the text of an object
+    nothing = beltid("config", "show").stdout
+    Path("nothing.yaml").write_text(nothing)
+    assert load_config("nothing.yaml") == Config()
 
 
 def test_config_check_tells_what_is_wrong_in_all_of_them(beltid: Any) -> None:
@@ -269,7 +279,7 @@ def test_a_config_without_recordings_can_neither_be_run_nor_checked(beltid: Any)
 
 
 @pytest.mark.parametrize(
-    "call", [("config", "show", "--origin"), ("config", "check", "c"), ("inspect", "c")]
+    "call", [("config", "show", "--json"), ("config", "check", "c"), ("inspect", "c")]
 )
 def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...]) -> None:
     refused = beltid(*call, "-o", "product.txt")

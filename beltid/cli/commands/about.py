@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 config_app = typer.Typer(
     name="config",
-    help="Show the values in effect and where they come from, or check configs.",
+    help="Show the values that a config states or that are in effect, or check configs.",
     short_help="show or check a config",
     rich_markup_mode=None,
     no_args_is_help=True,
@@ -25,7 +25,7 @@ config_app = typer.Typer(
 app.add_typer(config_app)
 
 
-@command("show", of=config_app, short="the values in effect, and their origin")
+@command("show", of=config_app, short="the values that are stated, or all in effect")
 def show(
     file: Annotated[
         Path | None,
@@ -33,29 +33,29 @@ def show(
             metavar="FILE", help="Input whose config is searched for, as in every command."
         ),
     ] = None,
-    origin: Annotated[
-        bool, typer.Option("--origin", help="Show for each value the file and line that state it.")
+    complete: Annotated[
+        bool, typer.Option("--all", help="Show all values in effect, defaults too.")
     ] = False,
     *,
     common: Common,
 ) -> None:
-    """Print the values in effect, as YAML with the range of every key.
+    """Print the values that the config states, as YAML with the range of every key.
 
     The config is that of --config, else the one that a command would find for FILE, else the
-    built-in 5PK rig. With --origin, a table: key, value, and the file and line that state it.
+    built-in 5PK rig. With --all, the defaults of all other keys too.
 
-    Example: beltid config show rig.csv --origin
+    Example: beltid config show rig.csv --all
     """
-    from beltid.config import find_config
-    from beltid.stages.setup import about as stage
+    from beltid.config import config_text, find_config
+    from beltid.stages.setup.about import config_values
 
-    if origin or common.json:
-        finish(lambda options: stage.config_origins(find_config(file, common.config)), common)
+    if common.json:
+        finish(lambda _: config_values(find_config(file, common.config), complete=complete), common)
 
     def text(options: Options) -> str:
         source = find_config(file, common.config)
         options.reporter.report(f"config: {source.origin}")
-        return stage.shown_config(source)
+        return config_text(source.config, complete=complete)
 
     print_text(text, common)
 

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from beltid.artifacts.file_bytes import source_sha256
 from beltid.artifacts.metadata_models import plain
-from beltid.config import ConfigSource, config_text, load_cases
-from beltid.config.loading import DEFAULT, ENVIRONMENT_VARIABLE, effective_values
+from beltid.config import ConfigSource, load_cases
+from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary
 from beltid.stages.setup.named_recordings import (
@@ -61,27 +61,23 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def shown_config(source: ConfigSource) -> str:
-    """Return the effective values as YAML text, every key with its range."""
-    return config_text(source.config)
-
-
-def config_origins(source: ConfigSource) -> Summary:
-    """Summarise every effective value with the file and line that state it."""
-    rows = [
-        {"key": entry.key, "value": plain(entry.value), "from": entry.origin}
-        for entry in effective_values(source)
-    ]
-    stated = [row for row in rows if row["from"] != DEFAULT]
+def config_values(source: ConfigSource, *, complete: bool) -> Summary:
+    """Summarise the values that are stated, or with `complete` all values in effect."""
+    values = list(effective_values(source.config))
+    n_stated = sum(stated for _, _, stated in values)
     return Summary(
         stage="config show",
         title=source.origin,
         facts={
             "config_sha256": source.config.sha256,
-            "stated": len(stated),
-            "defaults": len(rows) - len(stated),
+            "stated": n_stated,
+            "defaults": len(values) - n_stated,
         },
-        table=rows,
+        table=[
+            {"key": key, "value": plain(value)}
+            for key, value, stated in values
+            if stated or complete
+        ],
         origin=source.config.data.origin,
     )
 

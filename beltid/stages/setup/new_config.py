@@ -16,7 +16,7 @@ from beltid.artifacts.metadata_models import plain
 from beltid.bench.files.sources import exists
 from beltid.bench.inspection import inspect_recording
 from beltid.config import Config, load_config
-from beltid.config.loading import DEFAULT, ConfigSource, effective_values
+from beltid.config.loading import effective_values
 from beltid.config.template import SECTIONS, template_text
 from beltid.errors import ConfigError, InputError
 from beltid.identify.agreement.compare import SAME_SETTING
@@ -163,20 +163,20 @@ def _summary(
     """Summarise every key with its value and origin; the overview omits defaults."""
 
     def origin(key: str) -> str:
-        return "recording" if key in recorded else "stated" if key in stated else DEFAULT
+        return "recording" if key in recorded else "stated" if key in stated else "default"
 
     rows = [
-        {"key": entry.key, "value": plain(entry.value), "origin": origin(entry.key)}
-        for entry in effective_values(ConfigSource(config, ""))
-        if entry.key.partition(".")[0] in SECTIONS
+        {"key": key, "value": plain(value), "origin": origin(key)}
+        for key, value, _ in effective_values(config)
+        if key.partition(".")[0] in SECTIONS
     ]
-    assumed = sum(row["origin"] == DEFAULT for row in rows)
+    assumed = sum(row["origin"] == "default" for row in rows)
     return Summary(
         stage="init",
         title=f"config of the belt {config.belt.name}",
         out=path,
         facts={"stated": len(rows) - assumed, "defaults": assumed},
         table=rows,
-        overview=[row for row in rows if row["origin"] != DEFAULT],
+        overview=[row for row in rows if row["origin"] != "default"],
         origin=config.data.origin,
     )
