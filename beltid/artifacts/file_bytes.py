@@ -32,7 +32,7 @@ def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[Bu
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # reading may block or never end
-            raise error_type(f"{path}: is a pipe or a device, a file is needed; use - for stdin")
+            raise error_type(f"{path}: is a pipe or a device, a file is needed")
         with path.open("rb") as file:
             yield file
     except FileNotFoundError:

@@ -49,7 +49,7 @@ From bench recordings to a friction law that is validated on a simulated copy of
                    plan -----------> plan.csv: the next runs of the rig
 
 `beltid run CONFIG.yaml` runs the whole chain, and the drive if the config has one. Results go to
-stdout, messages and progress to stderr. As an input - is stdin, after --out it is stdout.
+stdout, messages and progress to stderr.
 """
 
 EXIT_STATUSES = """\
@@ -136,7 +136,7 @@ class Common:
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write, - for stdout. Default: next to the input, as named above.",
+            help="File to write. Default: next to the input, as named above.",
         ),
     ] = None
     json: Annotated[
@@ -260,6 +260,8 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
     def wrapper(*args: Any, **values: Any) -> None:
         values.pop("version", None)
         chosen = {field.name: values.pop(field.name) for field in fields(Common)}
+        if chosen["out"] == Path("-"):
+            raise typer.BadParameter("- is not stdout, name a file", param_hint="--out")
         function(*args, common=Common(**chosen), **values)
 
     parameters = [*own, *shared, version]

@@ -45,6 +45,7 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
         ["build-surface", "friction.parquet", "-o", "rig.parquet", "--force"],
         [r"rig\.parquet: is the rig recording of the config, name another --out"],
     ),
+    "a dash for a recording": (lambda f: None, ["fit-friction", "-"], ["-: there is no such"]),
     "unknown method": (
         lambda f: None,
         ["simulate-rig", "surface.parquet", "stiffness.parquet", "--method", "quick"],

@@ -96,6 +96,7 @@ def test_every_command_reports_the_version(arguments: list[str]) -> None:
         ["compare", "a"],
         ["fit-slip", "x", "--what"],
         ["-v", "run"],
+        *([command, "x", "-o", "-"] for command in ("fit-slip", "run", "show", "init")),
     ],
 )
 def test_a_wrong_call_is_status_2_and_says_so_on_stderr(arguments: list[str]) -> None:

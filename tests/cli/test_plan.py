@@ -129,7 +129,6 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
             ("-o", "runs.png"),
             "runs.png: the table of a plan ends in .csv; its figure is written as",
         ),
-        (("-o", "-"), "stdout: the table of a plan ends in .csv; its figure is written as"),
     ],
 )
 def test_a_wrong_call_is_refused(

@@ -183,7 +183,6 @@ def test_without_the_config_of_these_results_no_belt_is_assumed(results: Path) -
         (("json",), "LAW is missing"),
         (("json", "nowhere"), "nowhere: there is no such folder or file"),
         (("json", "."), "stiffness.parquet: there is no such file"),
-        (("json", ".", "-o", "-"), "--out = -, must be a folder"),
     ],
 )
 def test_what_cannot_be_exported_is_reported(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from beltid.cli.execute import DASH, finish
+from beltid.cli.execute import finish
 from beltid.cli.inputs import Bootstrap, Seed
 from beltid.cli.program import Common, command
 
@@ -112,12 +112,9 @@ def run(
     def work(common_options: Options) -> Summary:
         reporter = common_options.reporter
         from beltid.batch.sources import Shard, config_sources
-        from beltid.errors import InputError
 
         part = None if shard is None else Shard.parse(shard)
         where.check()
-        if folder == DASH:
-            raise InputError("--out = -, must be a folder: a chain has many results")
         sources = config_sources(configs or [], common.config)
         chosen = sources if part is None else part.of(sources)
         if dry_run:

@@ -237,8 +237,6 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     InputError
         If the file there is not a report page; with force, if it is not an HTML file at all.
     """
-    if str(out) == "-":
-        raise InputError("--out = -, must be a file: a page of several MB is not for stdout")
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     if not out.exists():
