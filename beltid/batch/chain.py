@@ -98,18 +98,12 @@ class BatchOptions(Options):
 
     Attributes
     ----------
-    fail_fast : bool
-        Whether the first belt that fails stops the others.
-    whole : bool
-        Whether the sources include all cases of each sweep, so that its table can be written.
     report : bool
         Whether to write the reports at the end.
     bootstrap, seed : int
         Draws of the Monte Carlo check of the refined surface (0: no check), and their seed.
     """
 
-    fail_fast: bool = False
-    whole: bool = True
     report: bool = True
     bootstrap: int = 0
     seed: int = 0
@@ -159,15 +153,11 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     with alone_in(folders, options.reporter):
         workers = options.workers
         try:
-            run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
+            run_chains(chains, workers, force=options.force)
             runs = [chain.run for chain in chains]
-            if options.whole:
-                write_sweep_tables(runs, folder, options.reporter)
+            write_sweep_tables(runs, folder, options.reporter)
             if options.report:
-                # with fail_fast, the first failure has stopped the workers
-                stopped = options.fail_fast and any(run.exit_status for run in runs)
-                page_workers = Workers() if stopped else workers
-                write_reports(chains, folder if options.whole else None, options, page_workers)
+                write_reports(chains, folder, options, workers)
         except BaseException:
             workers.stop()
             for belt_folder in folders:  # temporary files of killed workers
@@ -179,7 +169,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
 
 
 def write_reports(
-    chains: Sequence[Chain], folder: Path | None, options: Options, workers: Workers
+    chains: Sequence[Chain], folder: Path, options: Options, workers: Workers
 ) -> None:
     """Write the reports of belts that have results; cases of a sweep have a table instead.
 
@@ -187,8 +177,8 @@ def write_reports(
     ----------
     chains : sequence of Chain
         The finished chains.
-    folder : Path or None
-        Results folder of the batch; None for a part of a batch, which has no comparison page.
+    folder : Path
+        Results folder of the batch.
     options : Options
         Force and reporter.
     workers : Workers
@@ -204,7 +194,7 @@ def write_reports(
     in_workers = len(wanted) > 1 and workers.share_files
     run_chains(wanted, workers if in_workers else Workers(), force=options.force)
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
-    if not reported or folder is None:
+    if not reported:
         return
     belts = [chain.folder for chain in reported]
     in_batch = {chain.folder for chain in chains}

@@ -43,7 +43,7 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
             if os.path.commonpath([root, target]) != root:
                 problems.append(
                     f"{path}: is a link to {target}, outside the results folder {folder}; "
-                    "remove the link, or name another --runs-dir"
+                    "remove the link, or name another --out"
                 )
     if problems:
         raise InputError(list(dict.fromkeys(problems)))

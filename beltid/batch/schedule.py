@@ -117,9 +117,7 @@ class Chain:
             reporter.report(f"{name}: {summary.verdict}")
 
 
-def run_chains(
-    chains: Sequence[Chain], workers: Workers, *, force: bool = False, fail_fast: bool = False
-) -> None:
+def run_chains(chains: Sequence[Chain], workers: Workers, *, force: bool = False) -> None:
     """Run chains until nothing more can be done.
 
     Parameters
@@ -130,8 +128,6 @@ def run_chains(
         Workers that compute.
     force : bool
         Whether to recompute results that are up to date.
-    fail_fast : bool
-        Whether to stop everything when the first step fails.
     """
     alone = workers.jobs == 1
     most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
@@ -156,10 +152,8 @@ def run_chains(
                     chain.finished(step, future.result(), time.monotonic() - start)
                 except BeltidError as error:
                     chain.failed(step, error)
-                if fail_fast and chain.run.exit_status != EXIT_DONE:
-                    return
     finally:
-        if running:  # stopped by the first failure
+        if running:  # an interrupt or a bug
             workers.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 

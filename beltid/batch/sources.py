@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.config import ConfigSource, load_cases
@@ -50,39 +48,6 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     if problems:
         raise ConfigError(problems)
     return [source for cases_of_belt in belts for source in cases_of_belt]
-
-
-@dataclass(frozen=True, slots=True)
-class Shard:
-    """One of several independent parts of a batch, such as a job of an array.
-
-    Attributes
-    ----------
-    number, count : int
-        Number of the part, from 1, and number of parts.
-    """
-
-    number: int
-    count: int
-
-    @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Parse a text such as ``2/4``.
-
-        Raises
-        ------
-        InputError
-            If the text is invalid.
-        """
-        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-        number, count = (int(part) for part in match.groups()) if match else (0, 0)
-        if not 1 <= number <= count:
-            raise InputError(f"--shard = {text}, must be i/n with 1 <= i <= n, such as 2/4")
-        return cls(number, count)
-
-    def of(self, sources: Sequence[ConfigSource]) -> list[ConfigSource]:
-        """Select the belts and cases of this part: every n-th."""
-        return list(sources[self.number - 1 :: self.count])
 
 
 def _same_names(sources: Sequence[ConfigSource]) -> list[str]:

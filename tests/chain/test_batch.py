@@ -19,7 +19,6 @@ import pytest
 from small_bench import BELTID, beltid, contents, environment, numbers
 
 from beltid.batch.local import MOST_LOSSES, ProcessWorkers, local_workers
-from beltid.batch.sources import Shard
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Workers
 
@@ -30,46 +29,6 @@ def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Pat
     done = beltid(bench, *BOTH, "-j", "2")
     assert done.exit_code == 0, done.stderr
     assert contents(bench / "runs") == contents(by_one)
-
-
-@pytest.mark.long
-def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
-    for number, belt in ((1, "one"), (2, "two")):
-        done = beltid(bench, *BOTH, "-j", "1", "--shard", f"{number}/2", "--json")
-        assert done.exit_code == 0, done.stderr
-        assert [row["belt"] for row in json.loads(done.stdout)["table"]] == [belt]
-    made = contents(bench / "runs")
-    assert made == contents(by_one)
-    last = beltid(bench, *BOTH)
-    assert "everything is up to date, nothing was done" in last.stdout
-    assert contents(bench / "runs") == made
-
-
-@pytest.mark.parametrize("text", ["0/2", "3/2", "1/0", "1", "a/b", "1/2/3", "-1/2", ""])
-def test_a_wrong_shard_is_reported(text: str) -> None:
-    with pytest.raises(InputError, match=r"must be i/n with 1 <= i <= n"):
-        Shard.parse(text)
-
-
-def test_shards_divide_all_belts_among_them() -> None:
-    belts: Any = list("abcdefg")
-    parts = [Shard.parse(f"{i}/3").of(belts) for i in (1, 2, 3)]
-    assert parts == [["a", "d", "g"], ["b", "e"], ["c", "f"]]
-    assert Shard.parse("9/9").of(belts) == []
-
-
-def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
-    (bench / "press.csv").write_text("test,time_s\n")
-    bad = (bench / "one.yaml").read_text()
-    (bench / "three.yaml").write_text(bad.replace("name: one", "name: three"))
-    done = beltid(bench, *BOTH, "three.yaml", "--fail-fast", "--json", "-j", "2")
-    assert done.exit_code == 5
-    chains = [row["stages"] for row in json.loads(done.stdout)["table"]]
-    # two begin at the same time: whichever is first to fail, no other one is heard of
-    states = [state for chain in chains for state in chain.values()]
-    assert states.count("failed") == 1
-    assert "failed" in (chains[0]["fit-stiffness"], chains[1]["fit-stiffness"])
-    assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
 def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
