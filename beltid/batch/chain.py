@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import remove_stale
-from beltid.batch.belts import FAILED, HELD_OUT, batch_summary, write_sweep_tables
+from beltid.batch.belts import FAILED, HELD_OUT, batch_summary
 from beltid.batch.folders import alone_in, refuse_links_out
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
@@ -133,9 +133,9 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     Parameters
     ----------
     sources : sequence of ConfigSource
-        One config per belt, or per case of a sweep.
+        One config per belt.
     folder : Path
-        Results folder; each belt has a folder in it, each case a folder in that of its belt.
+        Results folder; each belt has a folder in it.
     options : BatchOptions
         Force, reporter, workers.
 
@@ -155,7 +155,6 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         try:
             run_chains(chains, workers, force=options.force)
             runs = [chain.run for chain in chains]
-            write_sweep_tables(runs, folder, options.reporter)
             if options.report:
                 write_reports(chains, folder, options, workers)
         except BaseException:
@@ -171,7 +170,7 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
 def write_reports(
     chains: Sequence[Chain], folder: Path, options: Options, workers: Workers
 ) -> None:
-    """Write the reports of belts that have results; cases of a sweep have a table instead.
+    """Write the reports of belts that have results.
 
     Parameters
     ----------
@@ -186,7 +185,7 @@ def write_reports(
     """
     from beltid.stages.results import report_belt
 
-    wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
+    wanted = [chain for chain in chains if chain.run.summaries]
     for chain in wanted:
         chain.waiting = [REPORT]
     # a single page is drawn here: a worker would first have to import the plotting libraries,

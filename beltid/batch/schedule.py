@@ -36,7 +36,7 @@ class Chain:
     Parameters
     ----------
     source : ConfigSource
-        The config of the belt, or of one case of a sweep.
+        The config of the belt.
     folder : Path
         Results folder of the belt.
     steps : sequence of Step
@@ -54,9 +54,7 @@ class Chain:
         self.waiting = list(steps)
         possible = within_reach(steps, self.files)
         self.run = BeltRun(
-            source.config.belt.name,
-            source.case,
-            source.swept,
+            source.name,
             {step.name: NOT_RUN if step.name in possible else SKIPPED for step in steps},
             tuple(lacking(source.config)),
         )

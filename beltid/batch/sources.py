@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from beltid.config import ConfigSource, load_cases
+from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import BeltidError, ConfigError, InputError
 from beltid.stages.setup.named_recordings import wrong_recordings
@@ -17,7 +17,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     Parameters
     ----------
     paths : sequence of Path
-        Configs, one per belt; one with a sweep gives a source per case.
+        Configs, one per belt.
     explicit : Path or None
         Additional config, given by ``--config``.
 
@@ -35,19 +35,18 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
             raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
         named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     problems: list[str] = []
-    belts: list[list[ConfigSource]] = []
+    sources: list[ConfigSource] = []
     for path, origin in named:
         try:
-            cases = load_cases(path)
-            belts.append([ConfigSource(c, origin, path, case, swept) for case, swept, c in cases])
+            sources.append(ConfigSource(load_config(path), origin, path))
         except BeltidError as error:
             problems += error.problems
-    for cases_of_belt in belts:
-        problems += wrong_recordings(cases_of_belt[0])
-    problems += _same_names([cases_of_belt[0] for cases_of_belt in belts])
+    for source in sources:
+        problems += wrong_recordings(source)
+    problems += _same_names(sources)
     if problems:
         raise ConfigError(problems)
-    return [source for cases_of_belt in belts for source in cases_of_belt]
+    return sources
 
 
 def _same_names(sources: Sequence[ConfigSource]) -> list[str]:
@@ -55,7 +54,7 @@ def _same_names(sources: Sequence[ConfigSource]) -> list[str]:
     problems = []
     first: dict[str, ConfigSource] = {}
     for source in sources:
-        name = source.config.belt.name
+        name = source.name
         other = first.setdefault(name.lower(), source)
         if other is not source:
             problems.append(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -55,62 +54,6 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_o
     assert single["stages"]["compare hold-out"] == "too few settings"
     assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
     assert "compare hold-out" not in without["stages"]
-
-
-# --- sweeps ------------------------------------------------------------------------------------
-
-
-def test_a_sweep_makes_a_folder_per_case_and_one_table(bench: Path, by_one: Path) -> None:
-    config = bench / "two.yaml"
-    text = config.read_text().replace("hold_out: arc", "hold_out: none")
-    config.write_text(text + "sweep: {belt.bending_stiffness_N_m2: [0.005, 0.02]}\n")
-    done = beltid(bench, "run", "two.yaml", "-j", "1", "--json")
-    assert done.exit_code == 0, done.stderr
-    rows = json.loads(done.stdout)["table"]
-    names = ["bending_stiffness_N_m2-0.005", "bending_stiffness_N_m2-0.02"]
-    assert [row["case"] for row in rows] == names
-    assert [row["belt.bending_stiffness_N_m2"] for row in rows] == [0.005, 0.02]
-    with (bench / "runs" / "two" / "sweep.csv").open(newline="") as file:
-        table = list(csv.DictReader(file))
-    assert [float(row["rms_percent"]) for row in table] == [row["rms_percent"] for row in rows]
-    # the published procedure ignores bending: the stiffer the belt, the larger its bias
-    assert rows[0]["rms_percent"] < rows[1]["rms_percent"]
-    made = contents(bench / "runs")
-    assert {Path(name).parent.name for name in made} == {"two", *names}
-    again = beltid(bench, "run", "two.yaml")
-    assert "everything is up to date" in again.stdout
-    assert contents(bench / "runs") == made
-    # a case is what a config with its value gives, whatever the other cases are: belt two has the
-    # usual bending stiffness, 0.02 N m2
-    alone = numbers(by_one / "two")
-    case = numbers(bench / "runs" / "two" / names[1])
-    assert len(case) > 6
-    assert case == {name: alone[name] for name in case}
-
-
-MANY = """
-import resource, sys
-from pathlib import Path
-from beltid.batch.folders import alone_in
-from beltid.stages.reporter import Reporter
-hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1] if sys.argv[2] == "hard" else 300
-resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
-with alone_in([Path(sys.argv[1], str(k)) for k in range(400)], Reporter()):
-    files = [open(sys.executable) for _ in range(200)]
-"""
-
-
-@pytest.mark.parametrize("limit", ["hard", "300"])
-def test_a_sweep_of_many_cases_leaves_files_to_work_with(tmp_path: Path, limit: str) -> None:
-    """Every case has a lock, which is an open file, and a shell often allows 1024 of them."""
-    done = subprocess.run(
-        [sys.executable, "-c", MANY, str(tmp_path), limit],
-        capture_output=True,
-        text=True,
-        env=environment(),
-    )
-    assert done.returncode == 0, done.stderr
-    assert len(list(tmp_path.iterdir())) == 400
 
 
 # --- workers -----------------------------------------------------------------------------------

@@ -11,13 +11,12 @@ from typing import Any
 import pytest
 from small_bench import contents
 
-from beltid.batch.belts import BeltRun, batch_summary, write_sweep_tables
 from beltid.batch.chain import write_reports
 from beltid.batch.local import ProcessWorkers
 from beltid.batch.schedule import Chain
 from beltid.batch.sources import config_sources
 from beltid.config import ConfigSource
-from beltid.errors import EXIT_INPUT, BeltidError
+from beltid.errors import BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.reporter import Level, Options, Reporter
 from beltid.stages.workers import Workers
@@ -171,31 +170,3 @@ def test_threads_of_one_process_draw_no_pages(
     monkeypatch.setattr("beltid.stages.results.report_belt.of_belts", lambda *_: None)
     write_reports(chains, tmp_path, Options(), Remote())
     assert drawn_by == [threading.main_thread()] * 2
-
-
-def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case(
-    tmp_path: Path,
-) -> None:
-    reporter = Notes()
-    runs = [BeltRun(b, c, {"rig.supports": c}, {}) for b in ("s", "t") for c in ("x", "y")]
-    (tmp_path / "s" / "sweep.csv").mkdir(parents=True)
-    write_sweep_tables(runs, tmp_path, reporter)
-    assert [run.exit_status for run in runs] == [0, EXIT_INPUT, 0, 0]
-    assert runs[1].states == {"sweep table": "failed"}
-    (line,) = reporter.wrong
-    assert line.startswith("s: sweep table: ")
-    assert line.endswith("sweep.csv: not written: this is a folder, name a file in it")
-    assert (tmp_path / "t" / "sweep.csv").read_text().count("\n") == 3
-    assert batch_summary(runs, tmp_path).verdict == "1 of 4 cases failed: s/y"
-
-
-def test_a_file_of_the_user_is_not_replaced_by_the_table_of_a_sweep(tmp_path: Path) -> None:
-    reporter = Notes()
-    runs = [BeltRun("s", c, {"rig.supports": c}, {}) for c in ("x", "y")]
-    mine = tmp_path / "s" / "sweep.csv"
-    mine.parent.mkdir()
-    mine.write_text("my own notes\n")
-    write_sweep_tables(runs, tmp_path, reporter)
-    assert mine.read_text() == "my own notes\n"
-    assert runs[1].states == {"sweep table": "failed"}
-    assert "a file that beltid did not write" in reporter.wrong[0]

@@ -15,7 +15,7 @@ from beltid.bench.big_recording import open_big
 from beltid.bench.formats.isolated.process import load, read_format, save
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import Opened, read_recording, recording_of
-from beltid.config.loading import load_cases, load_config
+from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
 from beltid.report import tables
@@ -94,7 +94,7 @@ def clean() -> None:
 
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "yaml": ("x.yaml", load_cases),
+    "yaml": ("x.yaml", load_config),
     "csv": ("x.csv", _recording("rig")),
     "press": ("x.csv", _recording("press")),
     "speedloss": ("x.csv", _recording("speedloss")),

@@ -76,9 +76,6 @@ def run(
     are up to date are kept, so a second run does nothing. A belt that fails does not stop the
     others. The report is runs/<belt>/report.html, for several belts also runs/report.html.
 
-    A config with a section sweep, such as sweep: {belt.bending_stiffness_N_m2: [0.01, 0.02]}, is
-    run for all combinations: runs/<belt>/<case>/, with one table, runs/<belt>/sweep.csv.
-
     Example: beltid run configs/4pk.yaml configs/5pk.yaml
     """
     folder = common.out or Path("runs")

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from beltid.artifacts.file_bytes import source_sha256
 from beltid.artifacts.metadata_models import plain
-from beltid.config import ConfigSource, load_cases
+from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary
@@ -95,11 +95,10 @@ def check_configs(paths: Sequence[Path]) -> Summary:
     rows: list[dict[str, Any]] = []
     for path in paths:
         try:
-            cases = load_cases(path)
+            config = load_config(path)
         except ConfigError as error:
             problems += error.problems
             continue
-        config = cases[0][2]
         wrong = wrong_recordings(ConfigSource(config, str(path), path))
         problems += wrong
         unread = () if wrong else unread_recordings(config)
@@ -109,7 +108,6 @@ def check_configs(paths: Sequence[Path]) -> Summary:
             {
                 "config": str(path),
                 "belt": config.belt.name,
-                "cases": len(cases),
                 "recordings": ", ".join(config.data.files),
             }
         )
