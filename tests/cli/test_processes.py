@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
 import resource
 import shutil
-import struct
 import subprocess
 import sys
-import termios
 from pathlib import Path
 
 import pytest
@@ -193,30 +189,3 @@ def test_the_linear_algebra_of_a_command_runs_in_one_thread(
         [sys.executable, "-c", code, "--version"], capture_output=True, env={**free, **stated}
     )
     assert int(done.stdout.splitlines()[-1]) == min(threads, len(os.sched_getaffinity(0)))
-
-
-def test_the_questions_of_init_end_with_the_input_of_a_terminal(tmp_path: Path) -> None:
-    """A terminal of 80 x 24, an answer, Ctrl-D: that is no bug, and nothing is written."""
-    master, terminal = os.openpty()
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-    process = subprocess.Popen(
-        [*BELTID, "init"],
-        cwd=tmp_path,
-        stdin=terminal,
-        stdout=terminal,
-        stderr=terminal,
-        env=environment(),
-    )
-    os.close(terminal)
-    os.write(master, b"4pk\n\x04")
-    shown = b""
-    with contextlib.suppress(OSError):  # the program has closed its end
-        while True:
-            shown += os.read(master, 4096)
-    os.close(master)
-    assert process.wait(60) == 2
-    text = shown.decode()
-    assert "Name of the belt (folder of the results) [5pk]: " in text
-    assert "Type, such as 5PK [4PK]: " in text
-    assert "error: the answers ended before the questions; no config was written" in text
-    assert list(tmp_path.iterdir()) == []
