@@ -113,7 +113,6 @@ MEANINGS: Final = {
     "compare.hold_out": "left out in turn and predicted from the rest: none, arc or speed",
     "uncertainty.tension_gain_rel": "calibration that both load cells share",
     "uncertainty.cell_gain_rel": "calibration of each load cell",
-    "uncertainty.cell_linearity_rel": "nonlinearity of each load cell at the largest tension",
     "uncertainty.cell_offset_N": "zero of each load cell",
     "uncertainty.torque_gain_rel": "torque of the friction rig",
     "uncertainty.bearing_drag_N_m": "residual drag and zero error of that torque",
