@@ -3,7 +3,7 @@
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help run run-all test check check-lowest bench verify fuzz mutants coverage lock docs clean
+.PHONY: help run run-all test check bench verify fuzz mutants lock docs clean
 
 # another Python: make PYTHON=/path/to/python3.12 run
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -16,10 +16,6 @@ PIP_FLAGS ?=
 
 VENV := .venv
 BIN := $(VENV)/bin
-# tests of the simulated rig that are short also without compiled kernels
-PLAIN := $(addprefix tests/rigsim/test_,$(addsuffix .py,ancf banded lcp mesh_and_supports contact coarse_mesh))
-# and those of what stands around the kernels
-COMPILED := $(addprefix tests/rigsim/test_,$(addsuffix .py,failures sensitivity_and_profile transient))
 RUNTIME := $(VENV)/.installed-runtime
 DEVELOPMENT := $(VENV)/.installed-development
 BENCHMARK := $(VENV)/.installed-benchmark
@@ -69,18 +65,8 @@ fuzz: $(DEVELOPMENT)  ## properties against new examples, every reader against 1
 mutants: $(DEVELOPMENT)  ## small faults in the science, which its tests must see
 	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/python -m benchmarks.mutants $(ARGS)
 
-coverage: $(DEVELOPMENT)  ## branches of the science that its tests reach; kernels run uncompiled
-	$(PIP_INSTALL) --editable ".[care]"
-	$(BIN)/python -m coverage run --branch --source=beltid.laws,beltid.identify,beltid.refine,beltid.uncertainty -m pytest -q -m "" tests/laws tests/identify tests/refine tests/uncertainty $(ARGS)
-	$(BIN)/python -m coverage run --branch --append --source=beltid.laws,beltid.rigsim -m pytest -q -p benchmarks.plain_kernels $(PLAIN)
-	$(BIN)/python -m coverage run --branch --append --source=beltid.rigsim -m pytest -q $(COMPILED)
-	$(BIN)/python -m coverage report
-
 lock: $(DEVELOPMENT)  ## the newest dependencies, with their hashes, to requirements*.lock
 	$(PIP_INSTALL) --editable ".[care]" && for s in ":" "-dev:--extra dev"; do $(BIN)/uv pip compile pyproject.toml $${s#*:} --python-version 3.11 --universal --generate-hashes --no-header -q --upgrade -o requirements$${s%%:*}.lock; done
-
-check-lowest: $(DEVELOPMENT)  ## the lowest dependencies that are allowed, in a place of their own
-	$(PIP_INSTALL) --editable ".[care]" && $(BIN)/uv venv -q --clear --python 3.11 build/lowest && $(BIN)/uv pip install -q --python build/lowest/bin/python --resolution lowest-direct --editable . && $(BIN)/uv pip install -q --python build/lowest/bin/python pytest hypothesis && build/lowest/bin/python -m pytest -q tests/bench/test_round_trip.py tests/artifacts/test_artifacts.py tests/config/test_config_errors.py tests/hostile/test_changed_files.py && build/lowest/bin/beltid fit-stiffness rigdata/5pk/press.csv -q -o build/lowest/stiffness.parquet --force
 
 docs: $(DEVELOPMENT)  ## the pages of docs/ as HTML in docs/_build/html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html

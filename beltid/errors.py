@@ -9,7 +9,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,23 +76,6 @@ def _shortened(text: str) -> str:
     return f"{text[: LONGEST_LINE - 300]} ... {text[-295:]}"
 
 
-class Problem(str):
-    """One line of an error, with the code of the page that explains it.
-
-    Attributes
-    ----------
-    code : str
-        Code for ``beltid explain``; "" if there is no page.
-    """
-
-    code: str
-
-    def __new__(cls, text: str, code: str = "") -> Self:  # noqa: D102
-        line = super().__new__(cls, text)
-        line.code = code or getattr(text, "code", "")
-        return line
-
-
 class BeltidWarning(UserWarning):
     """Warning about a result that was obtained but needs the user's attention."""
 
@@ -104,38 +87,25 @@ class BeltidError(Exception):
     ----------
     problems : str or sequence of str
         One line per problem, each with its place, what was found and what is allowed.
-    code : str
-        Code of the page that explains the lines without their own code.
 
     Attributes
     ----------
     exit_status : int
         Exit status of the command line for this error.
-    code : str
-        Code of the page that explains all errors of this class, or "".
-    problems : tuple of Problem
+    problems : tuple of str
         The lines, made printable.
     """
 
     exit_status: int = EXIT_INPUT
-    code: str = ""
 
-    def __init__(self, problems: str | Sequence[str], *, code: str = "") -> None:
+    def __init__(self, problems: str | Sequence[str]) -> None:
         lines = (problems,) if isinstance(problems, str) else problems
-        default_code = code or self.code
-        self.problems: tuple[Problem, ...] = tuple(
-            Problem(printable(line), getattr(line, "code", "") or default_code) for line in lines
-        )
+        self.problems: tuple[str, ...] = tuple(printable(line) for line in lines)
         super().__init__("\n".join(self.problems))
 
-    @property
-    def codes(self) -> tuple[str, ...]:
-        """Codes of the pages that explain this error, in the order of the lines."""
-        return tuple(dict.fromkeys(line.code for line in self.problems if line.code))
-
-    def at(self, place: str) -> list[Problem]:
+    def at(self, place: str) -> list[str]:
         """Prefix every line with a place, for a caller that knows the place and re-raises."""
-        return [Problem(f"{place}: {line}", line.code) for line in self.problems]
+        return [f"{place}: {line}" for line in self.problems]
 
 
 class InputError(BeltidError):
@@ -162,7 +132,6 @@ class NumericsError(BeltidError):
     """Numerical failure: no trustworthy result was obtained (status 3)."""
 
     exit_status = EXIT_NUMERICS
-    code = "numerics"
 
 
 class ConvergenceError(NumericsError):
@@ -194,7 +163,7 @@ class Problems:
 
     Attributes
     ----------
-    found : list of (int, Problem)
+    found : list of (int, str)
         Line number (0 for the whole file) and text of the stored problems.
     count : int
         Number of problems, including those not stored.
@@ -202,15 +171,15 @@ class Problems:
         Places of rows with an unreadable cell, which has already been reported.
     """
 
-    found: list[tuple[int, Problem]] = field(default_factory=list)
+    found: list[tuple[int, str]] = field(default_factory=list)
     count: int = 0
     unread: set[str] = field(default_factory=set)
 
-    def add(self, text: str, line: int = 0, code: str = "") -> None:
+    def add(self, text: str, line: int = 0) -> None:
         """Add a problem; beyond a few hundred, only count it."""
         self.count += 1
         if len(self.found) < 20 * SHOWN:
-            self.found.append((line, Problem(text, code)))
+            self.found.append((line, text))
 
     def add_alike(
         self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
@@ -229,7 +198,7 @@ class Problems:
         more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
         for row in rows[:1] if more else rows:
             where, line = place(int(row))
-            self.add(f"{where}: {text(int(row))}{more}", line, "numbers")
+            self.add(f"{where}: {text(int(row))}{more}", line)
 
     def take(self, others: Problems) -> None:
         """Add the problems of a part of the file."""
@@ -245,7 +214,7 @@ class Problems:
         places : sequence of str
             File names, with which the problems begin.
         """
-        alike: dict[str, list[tuple[int, Problem]]] = {}
+        alike: dict[str, list[tuple[int, str]]] = {}
         for line, text in self.found:
             place = next((p for p in places if text.startswith(p)), "")
             rest = text[len(place) :].partition(": ")[2] if place else text
@@ -255,7 +224,7 @@ class Problems:
             line, text = same[0]
             if len(same) > 1 and not rest.startswith("\0"):
                 place = text[: -len(rest) - 2]
-                text = Problem(f"{place} and {len(same) - 1} more: {rest}", text.code)
+                text = f"{place} and {len(same) - 1} more: {rest}"
                 self.count -= len(same) - 1
             self.found.append((line, text))
 

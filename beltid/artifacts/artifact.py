@@ -226,7 +226,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
 
     if data[:4] != b"PAR1":
         text = f"{path}: not an artifact (not a Parquet file){_needed(kind)}"
-        raise ArtifactError(text, code="artifact-kind")
+        raise ArtifactError(text)
     file, record = _open(data, path, kind)
     _check_kind(path, record.kind, kind)
     table = schemas.table(record.kind)
@@ -237,10 +237,10 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     except ArtifactError:
         raise
     except Exception as error:  # a damaged file can raise almost any error
-        raise ArtifactError(f"{path}: {damaged(error)}", code="damaged") from None
+        raise ArtifactError(f"{path}: {damaged(error)}") from None
     if not intact:
         text = f"{path}: damaged: the numbers do not match their checksum"
-        raise ArtifactError(text, code="damaged")
+        raise ArtifactError(text)
     stated = {**record.extra, **{name: getattr(record, name) for name in SECTIONS}}
     metadata = metadata_of(record.kind, stated, f"{path}: damaged or not written by beltid")
     return Artifact(
@@ -262,22 +262,22 @@ def _open(data: bytes, path: Path, kind: str | None) -> tuple[Any, _Record]:
     stored = file.schema_arrow.metadata or {}
     if METADATA_KEY not in stored:
         if SEAL_KEY in stored:
-            raise ArtifactError(f"{path}: damaged: its metadata are missing", code="damaged")
+            raise ArtifactError(f"{path}: damaged: its metadata are missing")
         raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{_needed(kind)}")
     if sha256(stored[METADATA_KEY]).encode() != stored.get(SEAL_KEY):
         text = f"{path}: damaged: its metadata do not match their checksum"
-        raise ArtifactError(text, code="damaged")
+        raise ArtifactError(text)
     try:
         return file, _Record.model_validate_json(stored[METADATA_KEY])
     except ValidationError:
         text = f"{path}: damaged: its metadata are not those of an artifact"
-        raise ArtifactError(text, code="damaged") from None
+        raise ArtifactError(text) from None
 
 
 def _check_kind(path: Path, found: str, needed: str | None) -> None:
     if needed is not None and found != needed:
         text = f"{path}: is a {found} artifact{_needed(needed)}"
-        raise ArtifactError(text, code="artifact-kind")
+        raise ArtifactError(text)
     if found not in schemas.ARTIFACTS:
         raise ArtifactError(f"{path}: is a {found} artifact, which this version does not know")
 
@@ -288,7 +288,6 @@ def _check_version(path: Path, record: _Record, table: schemas.Table) -> None:
             f"{path}: schema version {record.schema_version} of a {table.kind} artifact (written "
             f"by beltid {record.software_version}), must be {table.version}; "
             f"write it again with `{table.command}`",
-            code="artifact-version",
         )
 
 

@@ -32,11 +32,11 @@ def opened(path: Path, error_type: type[InputError] = InputError) -> Iterator[Bu
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # reading may block or never end
-            raise error_type(f"{path}: is a pipe or a device, a file is needed; use - for stdin")
+            raise error_type(f"{path}: is a pipe or a device, a file is needed")
         with path.open("rb") as file:
             yield file
     except FileNotFoundError:
-        raise error_type(f"{path}: there is no such file", code="missing-file") from None
+        raise error_type(f"{path}: there is no such file") from None
     except IsADirectoryError:
         raise error_type(f"{path}: is a folder, a file is needed") from None
     except PermissionError:
@@ -113,7 +113,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         _replace(target, data)
     except (OSError, ValueError) as error:
         text = f"{stated}: not written: {_reason(error)}{_kept_note(target)}"
-        raise ArtifactError(text, code="not-written") from None
+        raise ArtifactError(text) from None
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -130,7 +130,7 @@ def _check_target(stated: Path, target: Path) -> None:
         what = "this is not an ordinary file"
     else:
         return
-    raise ArtifactError(f"{stated}: not written: {what}", code="not-written")
+    raise ArtifactError(f"{stated}: not written: {what}")
 
 
 def _kept_note(target: Path) -> str:

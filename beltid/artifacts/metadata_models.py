@@ -596,7 +596,7 @@ def metadata_of(kind: str, values: Mapping[str, Any], name: str) -> Metadata:
     except ValidationError as error:
         details = error.errors(include_url=False)[:SHOWN]
         lines = [f"{name}: {_problem(detail)}" for detail in details]
-        raise ArtifactError(lines, code="damaged") from None
+        raise ArtifactError(lines) from None
 
 
 def _problem(detail: Mapping[str, Any]) -> str:

@@ -80,7 +80,7 @@ def open_parquet(source: bytes | Path, name: str, error_type: type[InputError]) 
     except InputError:
         raise
     except Exception as error:  # a damaged file can raise almost any error
-        raise error_type(f"{name}: {damaged(error)}", code="damaged") from None
+        raise error_type(f"{name}: {damaged(error)}") from None
 
 
 def _refuse_claims(footer: Any, size: int, name: str, error_type: type[InputError]) -> None:
@@ -89,7 +89,7 @@ def _refuse_claims(footer: Any, size: int, name: str, error_type: type[InputErro
     limit = min(MAX_CELLS, MAX_EXPANSION * size)
     if not (0 <= cells <= limit and all(0 <= claimed <= 8 * limit for claimed in sizes)):
         text = f"{name}: damaged: it claims {cells:,} values in {size:,} bytes"
-        raise error_type(text, code="damaged")
+        raise error_type(text)
 
 
 def damaged(error: BaseException) -> str:
@@ -233,7 +233,7 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
         if column.name not in arrow.column_names:
             if column.required:
                 text = f"{name}: damaged: column {column.name} is missing"
-                raise ArtifactError(text, code="damaged")
+                raise ArtifactError(text)
             continue
         chunked = arrow.column(column.name)
         if column.dtype == "string":  # store each text once: a file may repeat a long one
@@ -243,7 +243,6 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
             raise ArtifactError(
                 f"{name}: damaged: column {column.name} holds {arrow_type}, "
                 f"must hold {_arrow_type(column)}",
-                code="damaged",
             )
         columns[column.name] = _from_arrow(chunked, column)
     problems = [
@@ -252,7 +251,7 @@ def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.n
         for problem in _problems(cells, table.column(column_name), name)
     ]
     if problems:
-        raise ArtifactError(problems, code="damaged")
+        raise ArtifactError(problems)
     return columns
 
 

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.artifacts.file_bytes import read_bytes, write_bytes
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, ArtifactError, BeltidError, percent
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, percent
 from beltid.report.results import LEFT_OUT
 from beltid.report.summary import Summary, combined_origin
-from beltid.stages.build_artifact import FOREIGN
-from beltid.stages.reporter import Reporter
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
@@ -27,10 +22,6 @@ SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
 """State of the hold-out comparison if the bench has a single arc: no other arc to predict from."""
 HELD_OUT: Final = "compare hold-out"
-SWEEP_TABLE: Final = "sweep.csv"
-OUR_TABLE: Final = b"case,"
-"""First bytes of a sweep table."""
-TABLE_STEP: Final = "sweep table"
 
 
 @dataclass(slots=True)
@@ -41,10 +32,6 @@ class BeltRun:
     ----------
     belt : str
         Name of the belt.
-    case : str
-        Name of the case, in a sweep.
-    swept : dict
-        Swept values of the case by ``section.key``.
     states : dict
         Name of a stage -> its state, in the order of the chain.
     lacking : tuple of str
@@ -56,17 +43,10 @@ class BeltRun:
     """
 
     belt: str
-    case: str
-    swept: Mapping[str, Any]
     states: dict[str, str]
     lacking: tuple[str, ...] = ()
     summaries: dict[str, Summary] = field(default_factory=dict)
     troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """Name of the belt, and of the case in a sweep."""
-        return f"{self.belt}/{self.case}" if self.case else self.belt
 
     @property
     def exit_status(self) -> int:
@@ -124,22 +104,18 @@ def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
         status = failed[0].exit_status if len(belts) == 1 else EXIT_BATCH_FAILED
     origins = {belt.origin for belt in belts}
     mixed = len(origins) > 1
-    kind = "cases" if any(belt.case for belt in belts) else "belts"
-    predicted = [line for belt in belts if not belt.case and (line := prediction(belt))]
+    predicted = [line for belt in belts if (line := prediction(belt))]
     nothing_done = all(belt.up_to_date for belt in belts)
     if failed:
-        verdict = f"{len(failed)} of {len(belts)} {kind} failed: " + ", ".join(
-            belt.name for belt in failed
-        )
+        names = ", ".join(belt.belt for belt in failed)
+        verdict = f"{len(failed)} of {len(belts)} belts failed: {names}"
     else:
-        verdict = (
-            "everything is up to date, nothing was done" if nothing_done else f"all {kind} done"
-        )
+        verdict = "everything is up to date, nothing was done" if nothing_done else "all belts done"
     return Summary(
         stage="run",
         title="from the recordings to the comparison",
         out=folder,
-        facts={kind: len(belts), f"{kind}_failed": len(failed)},
+        facts={"belts": len(belts), "belts_failed": len(failed)},
         table=[_row(belt) for belt in belts],
         shown=_shown_columns(belts, mixed),
         verdict="\n".join([*predicted, verdict]),
@@ -158,68 +134,25 @@ def prediction(belt: BeltRun) -> str:
     rms, over_u = facts["groups"][0]["rms_percent"], facts["rms_over_u_validation"]
     units = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
     return (
-        f"{belt.name}: runs of {LEFT_OUT[facts['hold_out']]} that was left out are predicted to "
+        f"{belt.belt}: runs of {LEFT_OUT[facts['hold_out']]} that was left out are predicted to "
         f"{percent(rms)} RMS{units}"
     )
 
 
 def _shown_columns(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
-    """Select the columns to display: belt, swept keys, results, status.
+    """Select the columns to display: belt, results, status.
 
     Columns that are empty for all belts appear only in the JSON output.
     """
     rows = [_short_row(belt) for belt in belts]
-    swept = dict.fromkeys(key for belt in belts for key in belt.swept)
     first, *rest = dict.fromkeys(name for row in rows for name in row) if rows else ("belt",)
     rest = [name for name in rest if any(row[name] is not None for row in rows)]
-    if swept:  # columns that are equal in all cases appear only in the JSON output
-        rest = [
-            name for name in rest if name == "status" or len({row.get(name) for row in rows}) > 1
-        ]
-    columns = [first, *swept, *(name for name in rest if name not in swept)]
-    return (*columns, *(["origin"] if mixed else []))
-
-
-def write_sweep_tables(belts: Sequence[BeltRun], folder: Path, reporter: Reporter) -> None:
-    """Write ``sweep.csv`` of every sweep, next to the folders of its cases.
-
-    If it cannot be written, the last case of the sweep counts as failed.
-    """
-    sweeps: dict[str, list[BeltRun]] = {}
-    for belt in belts:
-        if belt.case:
-            sweeps.setdefault(belt.belt, []).append(belt)
-    for name, cases in sweeps.items():
-        try:
-            _write_sweep_table(cases, folder / name / SWEEP_TABLE)
-        except ArtifactError as error:
-            cases[-1].failed(TABLE_STEP, error)
-            for line in error.problems:
-                reporter.error(f"{name}: {TABLE_STEP}: {line}")
-
-
-def _write_sweep_table(cases: Sequence[BeltRun], path: Path) -> None:
-    rows = [
-        # the text must not depend on whether a case was computed now or earlier
-        {"case": case.case, **_short_row(case), "origin": case.origin, "status": _outcome(case)}
-        for case in cases
-    ]
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    content = text.getvalue().encode()
-    existing = read_bytes(path, ArtifactError) if path.is_file() else b""
-    if existing and not existing.startswith(OUR_TABLE):
-        raise ArtifactError(f"{path}: is {FOREIGN}, not replaced; move it", code="not-replaced")
-    if existing != content:
-        write_bytes(path, content)
+    return (first, *rest, *(["origin"] if mixed else []))
 
 
 def _row(belt: BeltRun) -> dict[str, Any]:
     return {
         **_short_row(belt),
-        "case": belt.case or None,
         "origin": belt.origin,
         "exit_status": belt.exit_status,
         "stages": dict(belt.states),
@@ -242,7 +175,6 @@ def _short_row(belt: BeltRun) -> dict[str, Any]:
     )
     return {
         "belt": belt.belt,
-        **belt.swept,
         "k_linear_N_m2": stiffness.facts["k_linear_N_m2"] if stiffness else None,
         "k_quadratic_N_m3": stiffness.facts["k_quadratic_N_m3"] if stiffness else None,
         "runs": friction.facts["runs"] if friction else None,

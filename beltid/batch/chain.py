@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from beltid.artifacts.file_bytes import remove_stale
-from beltid.batch.belts import FAILED, HELD_OUT, batch_summary, write_sweep_tables
+from beltid.batch.belts import FAILED, HELD_OUT, batch_summary
 from beltid.batch.folders import alone_in, refuse_links_out
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
@@ -97,16 +97,10 @@ class BatchOptions(Options):
 
     Attributes
     ----------
-    fail_fast : bool
-        Whether the first belt that fails stops the others.
-    whole : bool
-        Whether the sources include all cases of each sweep, so that its table can be written.
     report : bool
         Whether to write the reports at the end.
     """
 
-    fail_fast: bool = False
-    whole: bool = True
     report: bool = True
 
 
@@ -125,9 +119,9 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     Parameters
     ----------
     sources : sequence of ConfigSource
-        One config per belt, or per case of a sweep.
+        One config per belt.
     folder : Path
-        Results folder; each belt has a folder in it, each case a folder in that of its belt.
+        Results folder; each belt has a folder in it.
     options : BatchOptions
         Force, reporter, workers.
 
@@ -145,15 +139,10 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
     with alone_in(folders, options.reporter):
         workers = options.workers
         try:
-            run_chains(chains, workers, force=options.force, fail_fast=options.fail_fast)
+            run_chains(chains, workers, force=options.force)
             runs = [chain.run for chain in chains]
-            if options.whole:
-                write_sweep_tables(runs, folder, options.reporter)
             if options.report:
-                # with fail_fast, the first failure has stopped the workers
-                stopped = options.fail_fast and any(run.exit_status for run in runs)
-                page_workers = Workers() if stopped else workers
-                write_reports(chains, folder if options.whole else None, options, page_workers)
+                write_reports(chains, folder, options, workers)
         except BaseException:
             workers.stop()
             for belt_folder in folders:  # temporary files of killed workers
@@ -165,16 +154,16 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
 
 
 def write_reports(
-    chains: Sequence[Chain], folder: Path | None, options: Options, workers: Workers
+    chains: Sequence[Chain], folder: Path, options: Options, workers: Workers
 ) -> None:
-    """Write the reports of belts that have results; cases of a sweep have a table instead.
+    """Write the reports of belts that have results.
 
     Parameters
     ----------
     chains : sequence of Chain
         The finished chains.
-    folder : Path or None
-        Results folder of the batch; None for a part of a batch, which has no comparison page.
+    folder : Path
+        Results folder of the batch.
     options : Options
         Force and reporter.
     workers : Workers
@@ -182,7 +171,7 @@ def write_reports(
     """
     from beltid.stages.results import report_belt
 
-    wanted = [chain for chain in chains if chain.run.summaries and not chain.run.case]
+    wanted = [chain for chain in chains if chain.run.summaries]
     for chain in wanted:
         chain.waiting = [REPORT]
     # a single page is drawn here: a worker would first have to import the plotting libraries,
@@ -190,7 +179,7 @@ def write_reports(
     in_workers = len(wanted) > 1 and workers.share_files
     run_chains(wanted, workers if in_workers else Workers(), force=options.force)
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
-    if not reported or folder is None:
+    if not reported:
         return
     belts = [chain.folder for chain in reported]
     in_batch = {chain.folder for chain in chains}

@@ -8,16 +8,14 @@ its calls on another one.
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts.file_bytes import read_bytes, source_sha256
+from beltid.artifacts.file_bytes import source_sha256
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Result, Workers
 
@@ -25,7 +23,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 CONNECT_WITHIN_S: Final = 10.0
-INSTALL: Final = "--executor dask needs the package distributed: pip install 'beltid[cluster]'"
+INSTALL: Final = "--scheduler needs the package distributed: pip install 'beltid[cluster]'"
 
 
 class ClusterWorkers(Workers):
@@ -33,22 +31,19 @@ class ClusterWorkers(Workers):
 
     Parameters
     ----------
-    scheduler : str or None
-        Address of the scheduler, such as ``tcp://host:8786``; None: taken from `scheduler_file`
-        or from the environment variable DASK_SCHEDULER_ADDRESS.
-    scheduler_file : Path or None
-        File in which the scheduler wrote its address.
+    scheduler : str
+        Address of the scheduler, such as ``tcp://host:8786``.
 
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler is named or reachable, or it has no workers.
+        If Dask is not installed, the scheduler is not reachable, or it has no workers.
     """
 
     share_files = False
 
-    def __init__(self, scheduler: str | None = None, scheduler_file: Path | None = None) -> None:
-        self._client, self._where = _connect(scheduler, scheduler_file)
+    def __init__(self, scheduler: str) -> None:
+        self._client, self._where = _connect(scheduler), scheduler
         self._lock = threading.Lock()
         self._waiting: set[Future] = set()
         self._cancelled = False
@@ -139,29 +134,17 @@ def guarded(ours: str, function: Callable[..., Result], arguments: tuple[Any, ..
     return function(*arguments)
 
 
-def _connect(scheduler: str | None, scheduler_file: Path | None) -> tuple[Client, str]:
+def _connect(where: str) -> Client:
     try:
-        import dask
         from distributed import Client
     except ImportError:
         raise InputError(INSTALL) from None
-    if scheduler_file is not None:
-        _check_file(scheduler_file)
-    address = scheduler or (None if scheduler_file else dask.config.get("scheduler-address", None))
-    if not address and scheduler_file is None:
-        raise InputError(
-            "--executor dask: no scheduler named; give --scheduler tcp://host:8786, "
-            "--scheduler-file FILE, or set DASK_SCHEDULER_ADDRESS"
-        )
-    if address:
-        _check_address(address)
+    _check_address(where)
     # its log would mix with our messages; important failures are reported as errors
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    where = str(address or scheduler_file)
-    target = {"address": address} if address else {"scheduler_file": str(scheduler_file)}
     try:
-        client = Client(**target, timeout=CONNECT_WITHIN_S, set_as_default=False)
-    except Exception as error:  # malformed addresses or files, network errors
+        client = Client(where, timeout=CONNECT_WITHIN_S, set_as_default=False)
+    except Exception as error:  # malformed addresses, network errors
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise InputError(f"cluster {where}: cannot be reached: {reason}") from None
     try:
@@ -177,7 +160,7 @@ def _connect(scheduler: str | None, scheduler_file: Path | None) -> tuple[Client
     except BaseException:
         client.close(timeout=1.0)
         raise
-    return client, where
+    return client
 
 
 def refuse_lacking(client: Any, where: str) -> None:
@@ -202,25 +185,6 @@ def refuse_lacking(client: Any, where: str) -> None:
             f"cluster {where}: {len(lacking)} of {len(specs)} workers lack beltid, "
             f"such as {lacking[0]}; install beltid {__version__} there as on this computer"
         )
-
-
-def _check_file(scheduler_file: Path) -> None:
-    """Check the scheduler file; Dask itself would wait and then show a traceback."""
-    if not scheduler_file.is_file():
-        raise InputError(
-            f"--scheduler-file {scheduler_file}: there is no such file", code="missing-file"
-        )
-    try:
-        content = json.loads(read_bytes(scheduler_file))
-    except (ValueError, RecursionError):
-        content = None
-    address = content.get("address") if isinstance(content, dict) else None
-    if not isinstance(address, str):
-        raise InputError(
-            f"--scheduler-file {scheduler_file}: not the file of a scheduler, "
-            'must be a JSON object with its "address"; dask scheduler --scheduler-file writes it'
-        )
-    _check_address(address)
 
 
 def _check_address(address: str) -> None:

@@ -13,8 +13,6 @@ from beltid.errors import InputError
 from beltid.stages.reporter import Reporter
 
 LOCK: Final = ".beltid-lock"
-WORKING: Final = 256
-"""Largest number of files that a batch has open in addition to its locks."""
 
 
 def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
@@ -27,7 +25,7 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
     folder : Path
         Results folder.
     belts : sequence of str
-        Names of belts or of cases, such as ``5pk`` or ``5pk/case``.
+        Names of belts, such as ``5pk``.
 
     Raises
     ------
@@ -36,14 +34,13 @@ def refuse_links_out(folder: Path, belts: Sequence[str]) -> None:
     """
     root = os.path.realpath(folder)
     problems = []
-    for place in dict.fromkeys(p for belt in belts for p in (*Path(belt).parents, Path(belt))):
-        here = folder / place
+    for here in (folder, *(folder / belt for belt in belts)):
         for path in (here, *_links_in(here)):
             target = os.path.realpath(path)
             if os.path.commonpath([root, target]) != root:
                 problems.append(
                     f"{path}: is a link to {target}, outside the results folder {folder}; "
-                    "remove the link, or name another --runs-dir"
+                    "remove the link, or name another --out"
                 )
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
@@ -72,36 +69,14 @@ def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
         Receives a message when another batch must be awaited.
     """
     unique = sorted(set(folders))  # always in the same order, to prevent a deadlock
-    most = _max_locks(len(unique))
     with contextlib.ExitStack() as locks:
-        for index, folder in enumerate(unique):
+        for folder in unique:
             descriptor = _open_lock(folder)
-            if descriptor is not None and index >= most:
-                os.close(descriptor)
-            elif descriptor is not None:
+            if descriptor is not None:
                 locks.callback(os.close, descriptor)
                 _lock(descriptor, folder, reporter)
             remove_stale(folder)
         yield
-
-
-def _max_locks(wanted: int) -> int:
-    """Return how many locks, each an open file, fit in the limit of open files.
-
-    Raises the limit if the system allows it. Cases of a very large sweep beyond it run without a
-    lock.
-    """
-    try:
-        import resource
-    except ImportError:  # not a POSIX system
-        return wanted
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    limits = [limit for limit in (hard, wanted + WORKING) if limit != resource.RLIM_INFINITY]
-    if soft != resource.RLIM_INFINITY and soft < min(limits):
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (min(limits), hard))
-            soft = min(limits)
-    return wanted if soft == resource.RLIM_INFINITY else min(wanted, max(0, soft - WORKING))
 
 
 def _open_lock(folder: Path) -> int | None:

@@ -26,7 +26,7 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
     Parameters
     ----------
     sources : sequence of ConfigSource
-        One config per belt, or per case of a sweep.
+        One config per belt.
     folder : Path
         Results folder.
     options : BatchOptions

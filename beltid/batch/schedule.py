@@ -36,7 +36,7 @@ class Chain:
     Parameters
     ----------
     source : ConfigSource
-        The config of the belt, or of one case of a sweep.
+        The config of the belt.
     folder : Path
         Results folder of the belt.
     steps : sequence of Step
@@ -54,9 +54,7 @@ class Chain:
         self.waiting = list(steps)
         possible = within_reach(steps, self.files)
         self.run = BeltRun(
-            source.config.belt.name,
-            source.case,
-            source.swept,
+            source.name,
             {step.name: NOT_RUN if step.name in possible else SKIPPED for step in steps},
             tuple(lacking(source.config)),
         )
@@ -117,9 +115,7 @@ class Chain:
             reporter.report(f"{name}: {summary.verdict}")
 
 
-def run_chains(
-    chains: Sequence[Chain], workers: Workers, *, force: bool = False, fail_fast: bool = False
-) -> None:
+def run_chains(chains: Sequence[Chain], workers: Workers, *, force: bool = False) -> None:
     """Run chains until nothing more can be done.
 
     Parameters
@@ -130,8 +126,6 @@ def run_chains(
         Workers that compute.
     force : bool
         Whether to recompute results that are up to date.
-    fail_fast : bool
-        Whether to stop everything when the first step fails.
     """
     alone = workers.jobs == 1
     most = 1 if alone else min(STEPS_AHEAD * workers.jobs, MOST_STEPS)
@@ -156,10 +150,8 @@ def run_chains(
                     chain.finished(step, future.result(), time.monotonic() - start)
                 except BeltidError as error:
                     chain.failed(step, error)
-                if fail_fast and chain.run.exit_status != EXIT_DONE:
-                    return
     finally:
-        if running:  # stopped by the first failure
+        if running:  # an interrupt or a bug
             workers.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 

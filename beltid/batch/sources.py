@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from beltid.config import ConfigSource, load_cases
+from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import BeltidError, ConfigError, InputError
 from beltid.stages.setup.named_recordings import wrong_recordings
@@ -19,7 +17,7 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
     Parameters
     ----------
     paths : sequence of Path
-        Configs, one per belt; one with a sweep gives a source per case.
+        Configs, one per belt.
     explicit : Path or None
         Additional config, given by ``--config``.
 
@@ -37,52 +35,18 @@ def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[
             raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
         named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
     problems: list[str] = []
-    belts: list[list[ConfigSource]] = []
+    sources: list[ConfigSource] = []
     for path, origin in named:
         try:
-            cases = load_cases(path)
-            belts.append([ConfigSource(c, origin, path, case, swept) for case, swept, c in cases])
+            sources.append(ConfigSource(load_config(path), origin, path))
         except BeltidError as error:
             problems += error.problems
-    for cases_of_belt in belts:
-        problems += wrong_recordings(cases_of_belt[0])
-    problems += _same_names([cases_of_belt[0] for cases_of_belt in belts])
+    for source in sources:
+        problems += wrong_recordings(source)
+    problems += _same_names(sources)
     if problems:
         raise ConfigError(problems)
-    return [source for cases_of_belt in belts for source in cases_of_belt]
-
-
-@dataclass(frozen=True, slots=True)
-class Shard:
-    """One of several independent parts of a batch, such as a job of an array.
-
-    Attributes
-    ----------
-    number, count : int
-        Number of the part, from 1, and number of parts.
-    """
-
-    number: int
-    count: int
-
-    @classmethod
-    def parse(cls, text: str) -> Shard:
-        """Parse a text such as ``2/4``.
-
-        Raises
-        ------
-        InputError
-            If the text is invalid.
-        """
-        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-        number, count = (int(part) for part in match.groups()) if match else (0, 0)
-        if not 1 <= number <= count:
-            raise InputError(f"--shard = {text}, must be i/n with 1 <= i <= n, such as 2/4")
-        return cls(number, count)
-
-    def of(self, sources: Sequence[ConfigSource]) -> list[ConfigSource]:
-        """Select the belts and cases of this part: every n-th."""
-        return list(sources[self.number - 1 :: self.count])
+    return sources
 
 
 def _same_names(sources: Sequence[ConfigSource]) -> list[str]:
@@ -90,7 +54,7 @@ def _same_names(sources: Sequence[ConfigSource]) -> list[str]:
     problems = []
     first: dict[str, ConfigSource] = {}
     for source in sources:
-        name = source.config.belt.name
+        name = source.name
         other = first.setdefault(name.lower(), source)
         if other is not source:
             problems.append(

@@ -47,7 +47,6 @@ class ReadOptions:
             sign = dialect.decimal
             raise InputError(
                 f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
-                code="config-value",
             )
         names, units = config.columns.of(kind), config.units.of(kind)
         return cls(names, units, dialect, config.runs.of(kind), config.rig)

@@ -313,7 +313,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     part = ParquetTable("frame", path, arrow, arrow.schema)
     recording = _of_tables([part], path, kind, options)
     if table.label not in recording.mappings and "time_s" in table.names:  # it may be the index
-        raise InputError(f"frame: column {table.label} is missing", code="columns")
+        raise InputError(f"frame: column {table.label} is missing")
     return recording.columns
 
 
@@ -346,7 +346,7 @@ def _from_parquet(
     artifact = artifact_from_bytes(sources[0].data, path, needed)
     if needed is None:
         text = f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed"
-        raise InputError(text, code="artifact-kind")
+        raise InputError(text)
     table, problems = schemas.rig_table(), Problems()
     columns = completed(artifact.columns, table, len(artifact.columns[table.label]))
     checker = Checker(

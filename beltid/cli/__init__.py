@@ -6,7 +6,7 @@ Module         Responsibility
 ``program``    the list of commands, the options that all have, the entry point
 ``commands``   the commands, grouped into modules by topic
 ``inputs``     arguments that several commands share; recordings in the help
-``execute``    run a stage, print its summary, exit statuses; - as a file
+``execute``    run a stage, print its summary, exit statuses
 ``process``    stop signals: report, end the children, exit; closed and full streams
 ``reporter``   what goes to stderr: notes, warnings, progress
 ============== ==================================================================

@@ -1,8 +1,4 @@
-"""Run a stage for the command line: report, print, and turn errors into exit statuses.
-
-``-`` means stdin for an input and stdout for the artifact. Stages work on files, so the bytes go
-through a temporary file that exists while the command runs.
-"""
+"""Run a stage for the command line: report, print, and turn errors into exit statuses."""
 
 from __future__ import annotations
 
@@ -10,14 +6,14 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import typer
 
-from beltid.cli.process import if_stopped, mute, passing, stdout_message
+from beltid.cli.process import if_stopped, mute, stdout_message
 from beltid.cli.program import Common
 from beltid.cli.reporter import TerminalReporter, console_for
 from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
@@ -31,12 +27,7 @@ if TYPE_CHECKING:
 
 Stage = Callable[["ConfigSource", Mapping[str, Path], Path, "Options"], "Summary"]
 
-DASH: Final = Path("-")
 NOTHING: Final = "nothing was written"
-STDIN: Final = "stdin"
-STDOUT: Final = "stdout"
-MOST_PAGES: Final = 3
-"""Largest number of ``explain`` pages named below an error."""
 
 
 def execute(
@@ -54,7 +45,7 @@ def execute(
         Function ``run`` of a stage.
     inputs : mapping of str to Path or None
         Input files by role, None if not given. Results and configs are next to the first one;
-        without inputs, in the current folder. ``-`` is stdin.
+        without inputs, in the current folder.
     default_name : str
         File name of the result, next to the first input, if the user gave none.
     common : Common
@@ -69,33 +60,20 @@ def execute(
     first = next(iter(given.values()), None)
     named = common.out or (Path() if first is None else folder_of(first)) / default_name
     kept = f"{named} was not written" + (" again" if named.exists() else "")
-    names: dict[str, str] = {}
-    with ExitStack() as passing:
 
-        def work(options: Options) -> Summary:
-            reporter = options.reporter
-            files = passing.enter_context(piped(given, named, common.json))
-            names.update(files.names)
-            source = find_config(first, common.config)
-            reporter.report(f"config: {source.origin}")
-            chosen = options if workers is None else replace(options, workers=workers)
-            summary = stage(source, files.inputs, files.out, chosen)
-            if files.to_stdout:
-                with _stdout():
-                    files.send()
-                _report(summary, reporter, common, time.monotonic() - start)
-                raise typer.Exit(summary.exit_status)
-            return summary
+    def work(options: Options) -> Summary:
+        source = find_config(first, common.config)
+        options.reporter.report(f"config: {source.origin}")
+        chosen = options if workers is None else replace(options, workers=workers)
+        return stage(source, given, named, chosen)
 
-        start = time.monotonic()
-        finish(work, common, kept, names)
+    finish(work, common, kept)
 
 
 def finish(
     work: Callable[[Options], Summary],
     common: Common,
     kept: str | None = None,
-    names: Mapping[str, str] | None = None,
 ) -> None:
     """Do the work, print its summary on stdout and exit with its status.
 
@@ -107,12 +85,10 @@ def finish(
         The common options.
     kept : str, optional
         Message about the results after an interrupt; None for a command that writes no file.
-    names : mapping of str to str, optional
-        Replacements in messages, such as stdin for a temporary file.
     """
-    options, start = _options(common, names), time.monotonic()
+    options, start = _options(common), time.monotonic()
     with _statuses(options.reporter, kept or NOTHING):
-        if kept is None and common.out not in (None, DASH):
+        if kept is None and common.out is not None:
             raise InputError(f"--out = {common.out}: this command writes no file, leave it out")
         with options.reporter.python_warnings():
             summary = work(options)
@@ -127,7 +103,7 @@ def print_text(work: Callable[[Options], str], common: Common) -> None:
     options, out = _options(common), common.out
     with _statuses(options.reporter, NOTHING):
         text = work(options)
-        if out is None or out == DASH:
+        if out is None:
             with _stdout():
                 print(text, end="", flush=True)
         else:
@@ -145,11 +121,11 @@ def _write(text: str, out: Path, *, force: bool) -> None:
     write_text(out, text)
 
 
-def _options(common: Common, names: Mapping[str, str] | None = None) -> Options:
+def _options(common: Common) -> Options:
     """Convert the command-line options to the options of a stage."""
     from beltid.stages.reporter import Options
 
-    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose, names=names)
+    reporter = TerminalReporter(quiet=common.quiet, verbose=common.verbose)
     return Options(force=common.force, reporter=reporter)
 
 
@@ -175,11 +151,6 @@ def _statuses(reporter: Reporter, kept: str) -> Iterator[None]:
     except BeltidError as error:
         for problem in error.problems:
             reporter.error(problem)
-        pages = [f"`beltid explain {code}`" for code in error.codes[:MOST_PAGES]]
-        if pages:
-            reporter.report(
-                f"note: {', '.join(pages)} {'tells' if len(pages) == 1 else 'tell'} more"
-            )
         raise typer.Exit(error.exit_status) from None
     except OSError as error:
         if error.filename is None:  # not about a file that the user named
@@ -214,89 +185,3 @@ def _print(summary: Summary, common: Common) -> None:
 
     show(summary, console_for("stdout"), complete=common.verbose)
     sys.stdout.flush()
-
-
-@dataclass(frozen=True, slots=True)
-class Piped:
-    """Files that replace ``-``.
-
-    Attributes
-    ----------
-    inputs : dict of str to Path
-        Input files by role.
-    out : Path
-        Where to write the artifact.
-    to_stdout : bool
-        Whether its bytes go to stdout.
-    names : dict of str to str
-        Path of a temporary file -> its name in messages.
-    """
-
-    inputs: dict[str, Path]
-    out: Path
-    to_stdout: bool = False
-    names: dict[str, str] = field(default_factory=dict)
-
-    def send(self) -> None:
-        """Write the artifact to stdout.
-
-        Raises
-        ------
-        InputError
-            If the command wrote other files too: stdout can take only one.
-        """
-        more = [path.name for path in self.out.parent.iterdir() if path != self.out]
-        if [name for name in more if name != STDIN]:
-            raise InputError(f"--out -: stdout takes one file, this call also writes {more[0]}")
-        sys.stdout.flush()
-        sys.stdout.buffer.write(self.out.read_bytes())
-        sys.stdout.buffer.flush()
-
-
-@contextmanager
-def piped(inputs: Mapping[str, Path], out: Path, json: bool) -> Iterator[Piped]:
-    """Replace ``-`` by temporary files while the command runs.
-
-    Parameters
-    ----------
-    inputs : mapping of str to Path
-        Input files by role.
-    out : Path
-        Where to write the artifact.
-    json : bool
-        Whether the JSON object goes to stdout.
-
-    Raises
-    ------
-    InputError
-        If ``-`` is given for several inputs, stdin is empty, or two outputs want stdout.
-    """
-    from_stdin = [role for role, path in inputs.items() if path == DASH]
-    if not from_stdin and out != DASH:
-        yield Piped(dict(inputs), out)
-        return
-    if len(from_stdin) > 1:
-        raise InputError(f"- (stdin) can be one input only, not {' and '.join(from_stdin)}")
-    if out == DASH and json:
-        raise InputError("--out - and --json both want stdout, name a file for --out")
-    from tempfile import TemporaryDirectory  # slow, and the help must be fast
-
-    with TemporaryDirectory(prefix="beltid-") as name, passing(Path(name)):
-        folder, names, files = Path(name), {}, dict(inputs)
-        for role in from_stdin:
-            files[role] = _spool_stdin(folder / STDIN)
-            names[str(files[role])] = STDIN
-        if out == DASH:
-            out = folder / "artifact.parquet"
-            names[str(out)] = STDOUT
-        yield Piped(files, out, STDOUT in names.values(), names)
-
-
-def _spool_stdin(path: Path) -> Path:
-    import shutil  # slow, and the help must be fast
-
-    with path.open("wb") as file:  # copied in blocks: it need not fit into memory
-        shutil.copyfileobj(sys.stdin.buffer, file)
-    if not path.stat().st_size:
-        raise InputError(f"{STDIN}: nothing came in")
-    return path

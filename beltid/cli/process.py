@@ -15,7 +15,6 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -28,7 +27,6 @@ SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
 STREAMS: Final = ("stdin", "stdout", "stderr")
 
 _kept: list[str] = []
-_passing: list[Path] = []
 
 
 def one_thread_each() -> None:
@@ -57,16 +55,6 @@ def if_stopped(kept: str) -> Iterator[None]:
         _kept.pop()
 
 
-@contextlib.contextmanager
-def passing(folder: Path) -> Iterator[None]:
-    """Remove a folder if a stop signal comes inside."""
-    _passing.append(folder)
-    try:
-        yield
-    finally:
-        _passing.remove(folder)
-
-
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
     line = f"error: {'; '.join([WORDS[signal.Signals(number).name], *_kept[-1:]])}"
     encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
@@ -76,11 +64,6 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
         os.write(2, f"{printable(line)}\n".encode(encoding, "replace"))
     with contextlib.suppress(Exception):
         _end_children()
-    with contextlib.suppress(Exception):
-        for folder in _passing:
-            import shutil
-
-            shutil.rmtree(folder, ignore_errors=True)
     os._exit(128 + number)
 
 

@@ -49,7 +49,7 @@ From bench recordings to a friction law that is validated on a simulated copy of
                    plan -----------> plan.csv: the next runs of the rig
 
 `beltid run CONFIG.yaml` runs the whole chain, and the drive if the config has one. Results go to
-stdout, messages and progress to stderr. As an input - is stdin, after --out it is stdout.
+stdout, messages and progress to stderr.
 """
 
 EXIT_STATUSES = """\
@@ -84,26 +84,32 @@ COMMANDS: Final = {
     "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
     "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
     "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
-    "show": ("report", "any artifact: a table, or a figure in a file"),
+    "show": ("report", "what an artifact is: a table, or a figure in a file"),
     "export": ("export", "runs/<belt> -> contact law for multibody codes"),
-    "info": ("about", "what an artifact is; without one, versions"),
     "config": ("about", "show or check a config"),
-    "explain": ("about", "what an error means and what to do"),
 }
 """Commands in the order of the work: command -> its module and its line in the help."""
 
 
-def show_version(wanted: bool) -> None:
-    """Print the version and exit, if requested."""
-    if wanted:
-        typer.echo(f"beltid {__version__}")
-        raise typer.Exit
+def show_version(context: typer.Context, wanted: bool) -> None:
+    """Print the version and exit, if requested; with --verbose, those of all libraries too."""
+    if not wanted:
+        return
+    typer.echo(f"beltid {__version__}")
+    if context.params["verbose"]:
+        from beltid.cli.execute import finish
+        from beltid.stages.setup.about import program
+
+        finish(lambda options: program(), Common(verbose=True))
+    raise typer.Exit
 
 
 Version = Annotated[
     bool,
     typer.Option(
-        "--version", callback=show_version, is_eager=True, help="Show the version and exit."
+        "--version",
+        callback=show_version,
+        help="Show the version and exit; with -v, those of all libraries, and the environment.",
     ),
 ]
 
@@ -129,7 +135,7 @@ class Common:
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write, - for stdout. Default: next to the input, as named above.",
+            help="File to write. Default: next to the input, as named above.",
         ),
     ] = None
     json: Annotated[
@@ -139,7 +145,9 @@ class Common:
         bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")
     ] = False
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Print all rows and details.")
+        bool,
+        # eager: --version, wherever it stands, must know it
+        typer.Option("--verbose", "-v", is_eager=True, help="Print all rows and details."),
     ] = False
     force: Annotated[
         bool,
@@ -251,6 +259,8 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
     def wrapper(*args: Any, **values: Any) -> None:
         values.pop("version", None)
         chosen = {field.name: values.pop(field.name) for field in fields(Common)}
+        if chosen["out"] == Path("-"):
+            raise typer.BadParameter("- is not stdout, name a file", param_hint="--out")
         function(*args, common=Common(**chosen), **values)
 
     parameters = [*own, *shared, version]
@@ -260,8 +270,14 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
 
 
 @app.callback()
-def _top(version: Version = False) -> None:
-    pass
+def _top(
+    version: Version = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", is_eager=True, help="With --version: everything.")
+    ] = False,
+) -> None:
+    if verbose:
+        raise typer.BadParameter("-v stands after the command, or beside --version")
 
 
 def main() -> None:

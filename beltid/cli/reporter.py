@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
@@ -55,19 +55,10 @@ class TerminalReporter(Reporter):
         Whether to report warnings and errors only.
     verbose : bool
         Whether to report details too.
-    names : mapping of str to str, optional
-        Replacements in messages, such as stdin for a temporary file.
     """
 
-    def __init__(
-        self,
-        *,
-        quiet: bool = False,
-        verbose: bool = False,
-        names: Mapping[str, str] | None = None,
-    ) -> None:
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         self.quiet = quiet
-        self._names = {} if names is None else names
         self.verbose = verbose and not quiet
         self._lock = threading.RLock()  # belts of a batch report at the same time
         self._bars: Progress | None = None
@@ -80,8 +71,6 @@ class TerminalReporter(Reporter):
             self._print(MARKS.get(level, "") + text)
 
     def _print(self, text: str) -> None:
-        for word, other in self._names.items():
-            text = text.replace(word, other)
         text = "\n".join(printable(line) for line in text.split("\n"))
         with self._lock:
             if self._bars is not None:  # above the progress bars, not through them

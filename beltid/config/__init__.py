@@ -9,15 +9,14 @@ Module           Responsibility
 ``yaml_source``  YAML text -> plain values with their places
 ``messages``     texts of the errors
 ``name_pattern`` settings in file names, by a pattern or a regular expression
-``sweep``        the section `sweep`: lists of values -> cases
-``loading``      file or dict -> `Config`; config of a recording; origin of each value
+``loading``      file or dict -> `Config`; config of a recording; its values
 ``writing``      `Config` -> YAML text
 ``template``     `Config` -> commented YAML text for a new belt
 ================ =========================================================
 """
 
-from beltid.config.loading import ConfigSource, find_config, load_cases, load_config
+from beltid.config.loading import ConfigSource, find_config, load_config
 from beltid.config.model import Config
 from beltid.config.writing import config_text
 
-__all__ = ["Config", "ConfigSource", "config_text", "find_config", "load_cases", "load_config"]
+__all__ = ["Config", "ConfigSource", "config_text", "find_config", "load_config"]

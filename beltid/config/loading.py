@@ -1,19 +1,18 @@
-"""Load a config from a file or a dict, find that of a recording, list the origin of its values."""
+"""Load a config from a file or a dict, find that of a recording, list its values."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import ValidationError
 
 from beltid.config.fields import Section
 from beltid.config.messages import note_problems
 from beltid.config.model import Config
-from beltid.config.sweep import SWEEP, swept_cases, take_sweep
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
 from beltid.errors import ConfigError
 
@@ -52,61 +51,21 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
     return _with_paths_from(config, path.parent)
 
 
-def load_cases(path: Path) -> list[tuple[str, dict[str, Any], Config]]:
-    """Load every case of a config; without a sweep, one case without a name.
-
-    Parameters
-    ----------
-    path : Path
-        A YAML file.
-
-    Returns
-    -------
-    list of (str, dict, Config)
-        Name of the case (and of its folder), its swept values by ``section.key``, its config.
-
-    Raises
-    ------
-    ConfigError
-        With the problems of all cases.
-    """
-    source = parse(read_text(path), str(path))
-    sweep = take_sweep(source)
-    if not sweep:
-        return [("", {}, _with_paths_from(_checked(source), path.parent))]
-    cases = []
-    for name, values, case in swept_cases(source, sweep):
-        config = _validated(case)
-        source.problems += case.problems
-        if config is not None:
-            cases.append((name, values, _with_paths_from(config, path.parent)))
-    source.problems = list(dict.fromkeys(source.problems))  # most occur in every case
-    source.raise_if_any()
-    return cases
-
-
 def _checked(source: Source) -> Config:
-    if SWEEP in source.values:
-        take_sweep(source)  # a single stage uses the config without the sweep
-    config = _validated(source)
-    source.raise_if_any()
-    assert config is not None  # otherwise there is a problem
-    return config
-
-
-def _validated(source: Source) -> Config | None:
-    """Validate the values of a source; if invalid, add the problems to it and return None."""
+    """Validate the values of a source; raise the problems of all of them."""
     # an empty section, such as `compare:` with all keys commented out, means its defaults
     values = {
         key: value
         for key, value in source.values.items()
         if value is not None or key not in Config.model_fields
     }
+    config = Config()
     try:
-        return Config.model_validate(values)
+        config = Config.model_validate(values)
     except ValidationError as error:
         note_problems(error, Config, source)
-        return None
+    source.raise_if_any()
+    return config
 
 
 def _plain(value: Any) -> Any:
@@ -157,23 +116,16 @@ class ConfigSource:
         Description of its origin, for the user and the results.
     path : Path or None
         The file, or None for the built-in rig.
-    case : str
-        Name of the case, in a sweep.
-    swept : dict
-        Swept values of the case by ``section.key``.
     """
 
     config: Config
     origin: str
     path: Path | None = None
-    case: str = ""
-    swept: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """Path of the results folder: name of the belt, and of the case in a sweep."""
-        belt = self.config.belt.name
-        return f"{belt}/{self.case}" if self.case else belt
+        """Name of the belt, and of the folder of its results."""
+        return self.config.belt.name
 
 
 def find_config(
@@ -240,48 +192,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-DEFAULT: Final = "default"
-
-
-@dataclass(frozen=True, slots=True)
-class EffectiveValue:
-    """A value of a config in effect.
-
-    Attributes
-    ----------
-    key : str
-        Its key, ``section.key``.
-    value : object
-        The value in effect.
-    origin : str
-        ``file:line`` that states it, or "default".
-    """
-
-    key: str
-    value: Any
-    origin: str
-
-
-def effective_values(source: ConfigSource) -> list[EffectiveValue]:
-    """List every key of a config with its value and origin, in the order of the model.
-
-    Raises
-    ------
-    ConfigError
-        If the file can no longer be read.
-    """
-    path = source.path
-    places = Source() if path is None else parse(read_text(path), str(path))
-    return list(_values(source.config, (), places))
-
-
-def _values(section: Section, above: KeyPath, places: Source) -> Iterator[EffectiveValue]:
+def effective_values(section: Section, above: KeyPath = ()) -> Iterator[tuple[str, Any, bool]]:
+    """Yield every key of a config with its value, and whether it is stated, in model order."""
     for name in type(section).model_fields:
-        value = getattr(section, name)
-        path = (*above, name)
+        value, path = getattr(section, name), (*above, name)
         if isinstance(value, Section):
-            yield from _values(value, path, places)
+            yield from effective_values(value, path)
         else:
-            place = places.key_places.get(path)
-            origin = f"{places.name}:{place.line}" if place else DEFAULT
-            yield EffectiveValue(format_path(path), value, origin)
+            yield format_path(path), value, name in section.model_fields_set

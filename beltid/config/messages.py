@@ -45,8 +45,7 @@ def note_problems(error: ValidationError, model: type[BaseModel], source: Source
             if unknown
             else _found_and_allowed(path, detail, model, source)
         )
-        code = "config-key" if unknown else "config-value"
-        source.complain(source.place(path, key=unknown), text, code=code)
+        source.complain(source.place(path, key=unknown), text)
 
 
 def requirement(detail: Mapping[str, Any]) -> str:

@@ -345,7 +345,6 @@ class UncertaintySection(Section):
 
     tension_gain_rel: Share = 0.002
     cell_gain_rel: Share = 0.001
-    cell_linearity_rel: Share = 0.0
     cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
     torque_gain_rel: Share = 0.005
     bearing_drag_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.01

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from beltid.config.model import Config
@@ -13,41 +13,41 @@ HEAD: Final = """\
 # Config of the belt {name}, for beltid.
 #
 # Units are part of a key. A line such as "# ribs: 5" shows a default: remove the # and enter your
-# own value. `beltid config check FILE` checks this file, `beltid config show -c FILE` shows all
-# keys with their values, including the sections friction, surface, slip, simulation, drive and
+# own value. `beltid config check FILE` checks this file, `beltid config show --all -c FILE` shows
+# all keys with their values, including the sections friction, surface, slip, simulation, drive and
 # plan, and columns, units and dialect for files in another format.
 """
 
 
-def template_text(config: Config, stated: frozenset[str]) -> str:
+def template_text(config: Config, sources: Mapping[str, str]) -> str:
     """Write a config as commented text; `load_config` reads it back to the same values.
 
     Parameters
     ----------
     config : Config
         The values. Keys that are not written must have their defaults.
-    stated : frozenset of str
-        Keys (``section.key``) that the user stated. The others are commented out and so stay
-        defaults: an uncertainty that is not stated is an assumption.
+    sources : dict of str to str
+        Keys (``section.key``) that are stated, and a comment on what states them. The others are
+        commented out and so stay defaults: an uncertainty that is not stated is an assumption.
     """
     lines = [HEAD.format(name=config.belt.name)]
     for section, what in SECTIONS.items():
         lines.append(f"{section + ':':<{COLUMN}}# {what}")
-        lines += _keys(section, getattr(config, section), stated)
+        lines += _keys(section, getattr(config, section), sources)
         lines.append("")
     return "\n".join(lines)
 
 
-def _keys(section: str, values: Any, stated: frozenset[str]) -> Iterator[str]:
+def _keys(section: str, values: Any, sources: Mapping[str, str]) -> Iterator[str]:
     for name, field in type(values).model_fields.items():
         key = f"{section}.{name}"
         value = getattr(values, name)
         text = str(value) if section == "data" and value is not None else value
         range_ = allowed(field.annotation, field.metadata)
-        notes = [MEANINGS[key], range_] if range_ else [MEANINGS[key]]
-        sign = "" if key in stated else "# "
+        notes = [MEANINGS[key], range_, sources.get(key)]
+        sign = "" if key in sources else "# "
         line = f"  {sign}{name}: {value_text(text)}"
-        yield f"{line:<{COLUMN - 1}} # {'; '.join(notes)}"
+        yield f"{line:<{COLUMN - 1}} # {'; '.join(filter(None, notes))}"
 
 
 SECTIONS: Final = {
@@ -108,7 +108,6 @@ MEANINGS: Final = {
     "compare.hold_out": "left out in turn and predicted from the rest: none, arc or speed",
     "uncertainty.tension_gain_rel": "calibration that both load cells share",
     "uncertainty.cell_gain_rel": "calibration of each load cell",
-    "uncertainty.cell_linearity_rel": "nonlinearity of each load cell at the largest tension",
     "uncertainty.cell_offset_N": "zero of each load cell",
     "uncertainty.torque_gain_rel": "torque of the friction rig",
     "uncertainty.bearing_drag_N_m": "residual drag and zero error of that torque",

@@ -17,7 +17,7 @@ from beltid.tables.units import Calibration
 _COMMENT_COLUMN = 48
 
 
-def config_text(config: Config) -> str:
+def config_text(config: Config, *, complete: bool = True) -> str:
     """Write a config as YAML text, with the allowed values of every key as comments.
 
     Sections that only list differences (`columns`, `units`) are omitted if empty.
@@ -26,6 +26,8 @@ def config_text(config: Config) -> str:
     ----------
     config : Config
         The config.
+    complete : bool
+        Whether to write the defaults too, not only what is stated.
 
     Returns
     -------
@@ -35,20 +37,22 @@ def config_text(config: Config) -> str:
     lines: list[str] = []
     for name in type(config).model_fields:
         section: Section = getattr(config, name)
-        body = list(_lines(section, "  "))
+        body = list(_lines(section, "  ", complete))
         if body:
             lines += [f"{name}:", *body, ""]
-    return "\n".join(lines).rstrip() + "\n"
+    return "\n".join(lines or ["{}  # nothing is stated"]).rstrip() + "\n"
 
 
-def _lines(section: Section, indent: str) -> Iterator[str]:
+def _lines(section: Section, indent: str, complete: bool) -> Iterator[str]:
     for name, field in type(section).model_fields.items():
         value = getattr(section, name)
         if isinstance(value, Section):
-            body = list(_lines(value, indent + "  "))
+            body = list(_lines(value, indent + "  ", complete))
             if body:
                 yield f"{indent}{name}:"
                 yield from body
+            continue
+        if not complete and name not in section.model_fields_set:
             continue
         comment = allowed(field.annotation, field.metadata)
         if value is None and (not comment or isinstance(section, Unstated)):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.errors import ConfigError, Problem
+from beltid.errors import ConfigError
 
 MAX_BYTES: Final = 300_000
 MAX_DEPTH: Final = 16
@@ -47,7 +47,7 @@ class Source:
         Key path to the place of the value, and of the key.
     texts : dict
         Key path to the scalar as written in the file.
-    problems : list of (Place, Problem)
+    problems : list of (Place, str)
         The problems, in the order in which they were found.
     """
 
@@ -56,7 +56,7 @@ class Source:
     places: dict[KeyPath, Place] = field(default_factory=dict)
     key_places: dict[KeyPath, Place] = field(default_factory=dict)
     texts: dict[KeyPath, str] = field(default_factory=dict)
-    problems: list[tuple[Place, Problem]] = field(default_factory=list)
+    problems: list[tuple[Place, str]] = field(default_factory=list)
 
     def place(self, path: KeyPath, *, key: bool = False) -> Place:
         """Return the place of a value (or key); if absent, of its section; else `NOWHERE`."""
@@ -74,9 +74,9 @@ class Source:
         where = "" if place == NOWHERE else f":{place.line}:{place.column}"
         return f"{self.name}{where}: {text}"
 
-    def complain(self, place: Place, text: str, *, code: str = "") -> None:
+    def complain(self, place: Place, text: str) -> None:
         """Add a problem at a place."""
-        self.problems.append((place, Problem(self.at(place, text), code)))
+        self.problems.append((place, self.at(place, text)))
 
     def raise_if_any(self) -> None:
         """Raise a ConfigError with the problems in file order.
@@ -107,7 +107,7 @@ def read_text(path: Path) -> str:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise ConfigError(f"{path}: there is no such config file", code="missing-file") from None
+        raise ConfigError(f"{path}: there is no such config file") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
@@ -120,7 +120,6 @@ def read_text(path: Path) -> str:
         line = raw[: error.start].count(b"\n") + 1
         raise ConfigError(
             f"{path}:{line}: byte 0x{raw[error.start]:02X} is not UTF-8, save the config as UTF-8",
-            code="encoding",
         ) from None
 
 
@@ -161,18 +160,17 @@ def _compose(text: str, name: str) -> Any:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
         text = f"{place}: not valid YAML: {_yaml_words(error)}"
-        raise ConfigError(text, code="config-yaml") from None
+        raise ConfigError(text) from None
     except YAMLError as error:
         position = getattr(error, "position", None)
         line = f":{text[:position].count(chr(10)) + 1}" if isinstance(position, int) else ""
         raise ConfigError(
             f"{name}{line}: not valid YAML: a character that YAML does not allow",
-            code="config-yaml",
         ) from None
     except ConfigError:
         raise
     except Exception:  # malformed directives or escapes make ruamel.yaml raise almost any error
-        raise ConfigError(f"{name}: not valid YAML", code="config-yaml") from None
+        raise ConfigError(f"{name}: not valid YAML") from None
 
 
 def _limit(yaml: Any, text: str, name: str) -> None:
@@ -228,7 +226,7 @@ class _Walk:
             if key in values:
                 duplicate = format_path((*path, key))
                 text = f"{duplicate} is given twice, first in line {first[key].line}"
-                self.source.complain(here, text, code="config-key")
+                self.source.complain(here, text)
                 continue
             first[key] = self.source.key_places[(*path, key)] = here
             values[key] = self.value(value_node, (*path, key))

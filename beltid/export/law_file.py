@@ -55,12 +55,11 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         values = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         text = f"{name}: not a contact law: not valid JSON ({error})"
-        raise ArtifactError(text, code="law-file") from None
+        raise ArtifactError(text) from None
     if not isinstance(values, dict) or values.get("format") != "beltlaw":
         raise ArtifactError(
             f'{name}: not a contact law: the key "format" must be "beltlaw"; '
             "`beltid export json` writes one",
-            code="law-file",
         )
     if values.get("version") != 1:
         raise ArtifactError(
@@ -72,7 +71,6 @@ def law_from_text(text: str, name: str) -> ContactLaw:
         raise ArtifactError(
             f"{name}: was changed after beltid wrote it; if this is intended, remove its key "
             f"{SEAL}",
-            code="law-file",
         )
     if isinstance(values.get("friction"), dict):
         values["friction"].pop("ensemble", None)  # version 0.x wrote it, nearly always null
@@ -142,7 +140,6 @@ def _check_shapes(law: ContactLaw, expected: np.ndarray, name: str) -> None:
         raise ArtifactError(
             f"{name}: friction.patches do not belong to the nodes friction.mu; "
             "`beltid.FrictionSurface` builds a surface from nodes alone",
-            code="law-file",
         )
 
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import InputError, Problem, percent
+from beltid.errors import InputError, percent
 from beltid.export.law import ContactLaw
 from beltid.laws.friction_surface import FrictionSurface
 
@@ -123,7 +123,7 @@ def reference_point(
             text = (
                 f"{option} = {value:g}, must be in the range of mu, {low:.6g} to {high:.6g} {unit}"
             )
-            problems.append(Problem(text, "outside-range"))
+            problems.append(text)
         chosen.append(_middle(nodes) if value is None else value)
     if problems:
         raise InputError(problems)

@@ -3,7 +3,7 @@
 ====================== ========================================================================
 Module                 Responsibility
 ====================== ========================================================================
-``setup``              commands that compute nothing: inspect, init, info, config
+``setup``              commands that compute nothing: inspect, init, config
 ``results``            output for people and other programs: report, show, export
 ``simulation``         simulate the rig, compare, refine the surface, plan the next runs
 ``drive``              simulate the belt drive and compare it with measurements

@@ -38,7 +38,7 @@ from beltid.artifacts.artifact import (
 from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import Metadata, Origin, plain
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
-from beltid.errors import ArtifactError, InputError, Problem
+from beltid.errors import ArtifactError, InputError
 from beltid.report.summary import Summary, combined_origin
 from beltid.stages.outcome import Outcome
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS
@@ -327,7 +327,6 @@ class Build:
             even = " even with --force" if force else ""
             raise InputError(
                 f"{out}: is {obstacle}, not replaced{even} by a {self.kind} artifact; {how}",
-                code="not-replaced",
             )
         _refuse_unwritable(out)
         return existing
@@ -338,11 +337,11 @@ class Build:
         for role, path in self.inputs.items():
             if _same_file(path, out):
                 text = f"{out}: is the {role} input of this command, name another --out"
-                raise InputError(text, code="not-replaced")
+                raise InputError(text)
         for kind, path in self.source.config.data.files.items():
             if _same_file(path, out):
                 text = f"{out}: is the {kind} recording of the config, name another --out"
-                raise InputError(text, code="not-replaced")
+                raise InputError(text)
 
 
 def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") -> list[str]:
@@ -377,10 +376,9 @@ def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") 
     ]
 
 
-def already_exists(path: Path) -> Problem:
+def already_exists(path: Path) -> str:
     """Return the problem of a file that only --force overwrites."""
-    text = f"{path}: already exists; use --force to overwrite, or name another --out"
-    return Problem(text, "not-replaced")
+    return f"{path}: already exists; use --force to overwrite, or name another --out"
 
 
 def _value(values: Mapping[str, Any], key: str) -> Any:
@@ -420,7 +418,7 @@ def _refuse_unwritable(out: Path) -> None:
         folder = folder.parent
     if not folder.is_dir():
         text = f"{out}: not written: {folder} is a file, not a folder"
-        raise ArtifactError(text, code="not-written")
+        raise ArtifactError(text)
     if not os.access(folder, os.W_OK | os.X_OK):
         text = f"{out}: not written: no permission to write in {folder}"
-        raise ArtifactError(text, code="not-written")
+        raise ArtifactError(text)

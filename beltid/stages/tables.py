@@ -57,7 +57,7 @@ def load_law(path: str | Path) -> ContactLaw:
             if kind
             else f"{path}: not a contact law: no UTF-8 text"
         )
-        raise ArtifactError(text, code="law-file") from None
+        raise ArtifactError(text) from None
     return law_from_text(text, str(path))
 
 
@@ -210,7 +210,7 @@ def table_columns(
     arrow = arrow_of(frame, name, simple)
     missing = ", ".join(column for column in needed if column not in arrow.column_names)
     if missing:
-        raise InputError(f"{name}: column {missing} is missing", code="columns")
+        raise InputError(f"{name}: column {missing} is missing")
     part = ParquetTable(name, Path(name), arrow, arrow.schema)
     selected = {
         n: Wanted(n, is_text, n) for n, is_text in simple.items() if n in arrow.column_names

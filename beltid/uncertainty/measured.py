@@ -56,8 +56,6 @@ class Measured:
         Position of each run in the campaign; by default the order here.
     temperature_degC : ndarray, optional
         Temperature of each run while sliding [°C], nan if unknown; by default all unknown.
-    largest_tension : float, optional
-        Largest tension of the campaign [N]; by default that of these runs.
     kind : RigKind
         What the rig measures; determines which errors the tensions can have.
     given_force : {"none", "tight", "slack", "hub"}
@@ -82,7 +80,6 @@ class Measured:
     columns: Mapping[str, Array] = field(default_factory=dict)
     order: NDArray[np.intp] | None = None
     temperature_degC: Array | None = None
-    largest_tension: float | None = None
     kind: RigKind = TWO_CELLS
     given_force: GivenForce = "none"
     momentum: Array | float = 0.0
@@ -210,7 +207,7 @@ class Measured:
         The cell also reads m v² of a running belt, which is subtracted by the belt's mass.
         """
         zero, reading = errors.at("cell_offset", cell), tension + self.momentum
-        gain = self._gain(errors, cell, reading)
+        gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(tension + reading * gain + zero - self._momentum_error(errors))
 
     def _momentum_error(self, errors: Errors) -> Array | float:
@@ -219,12 +216,6 @@ class Measured:
         The speed of the belt has the gain error of the speed of the pulley.
         """
         return self.momentum * (errors.at("mass_per_length") + 2.0 * errors.at("pulley_speed"))
-
-    def _gain(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Return the gain error of a cell at each tension, as a share."""
-        largest = self.largest_tension or float(np.max(self.tight))
-        gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
-        return np.asarray(gain + errors.at("cell_linearity", cell) * tension / largest)
 
     def _by_columns(self, errors: Errors) -> Array:
         """Return the change of ln mu (n,) by shared errors in `columns`."""

@@ -168,7 +168,6 @@ def simulated_uncertainty(
     arc: NDArray[np.intp],
     sources: Sequence[Source],
     elements: int | None = None,
-    largest_tension: float | None = None,
     kind: RigKind = TWO_CELLS,
 ) -> SimulatedUncertainty:
     """Compute the uncertainty of simulated runs (sliding limit).
@@ -187,8 +186,6 @@ def simulated_uncertainty(
         Errors; the first ones belong to the columns of the surface's factor.
     elements : int, optional
         Belt elements; by default as in the simulation.
-    largest_tension : float, optional
-        Largest tension of the whole campaign [N], if these are only some of its runs.
     kind : RigKind
         What the simulated bench measures.
 
@@ -216,7 +213,7 @@ def simulated_uncertainty(
     finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
     measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig, kind)
-    measured = replace(measured, arc=arc, largest_tension=largest_tension)
+    measured = replace(measured, arc=arc)
     campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
     slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
     difference, simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))

@@ -40,9 +40,6 @@ class StandardUncertainties:
     cell_gain : float
         Gain of each load cell separately, as a share, after calibration and after comparison of
         both cells at rest.
-    cell_linearity : float
-        Nonlinearity of each load cell separately, as a share of the largest tension of the
-        campaign: the error of a reading grows with its square.
     cell_offset : float
         Zero point of each load cell [N].
     torque_gain : float
@@ -83,7 +80,6 @@ class StandardUncertainties:
 
     tension_gain: float = 0.0
     cell_gain: float = 0.0
-    cell_linearity: float = 0.0
     cell_offset: float = 0.0
     torque_gain: float = 0.0
     bearing_drag: float = 0.0
@@ -178,7 +174,6 @@ DEGREE = ("deg", math.pi / 180.0)
 RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
     ("tension_gain", "gain common to both load cells", PERCENT, 1),
     ("cell_gain", "gain of each load cell", PERCENT, 2),
-    ("cell_linearity", "nonlinearity of each load cell", PERCENT, 2),
     ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
     ("torque_gain", "gain of the torque", PERCENT, 1),
     ("bearing_drag", "drag of the bearings in the torque", ("N m", 1.0), 1),

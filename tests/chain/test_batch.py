@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -19,7 +18,6 @@ import pytest
 from small_bench import BELTID, beltid, contents, environment, numbers
 
 from beltid.batch.local import MOST_LOSSES, ProcessWorkers, local_workers
-from beltid.batch.sources import Shard
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Workers
 
@@ -30,46 +28,6 @@ def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Pat
     done = beltid(bench, *BOTH, "-j", "2")
     assert done.exit_code == 0, done.stderr
     assert contents(bench / "runs") == contents(by_one)
-
-
-@pytest.mark.long
-def test_shards_make_what_one_run_makes_and_a_last_run_finds_it(bench: Path, by_one: Path) -> None:
-    for number, belt in ((1, "one"), (2, "two")):
-        done = beltid(bench, *BOTH, "-j", "1", "--shard", f"{number}/2", "--json")
-        assert done.exit_code == 0, done.stderr
-        assert [row["belt"] for row in json.loads(done.stdout)["table"]] == [belt]
-    made = contents(bench / "runs")
-    assert made == contents(by_one)
-    last = beltid(bench, *BOTH)
-    assert "everything is up to date, nothing was done" in last.stdout
-    assert contents(bench / "runs") == made
-
-
-@pytest.mark.parametrize("text", ["0/2", "3/2", "1/0", "1", "a/b", "1/2/3", "-1/2", ""])
-def test_a_wrong_shard_is_reported(text: str) -> None:
-    with pytest.raises(InputError, match=r"must be i/n with 1 <= i <= n"):
-        Shard.parse(text)
-
-
-def test_shards_divide_all_belts_among_them() -> None:
-    belts: Any = list("abcdefg")
-    parts = [Shard.parse(f"{i}/3").of(belts) for i in (1, 2, 3)]
-    assert parts == [["a", "d", "g"], ["b", "e"], ["c", "f"]]
-    assert Shard.parse("9/9").of(belts) == []
-
-
-def test_the_first_failure_ends_it_if_that_is_asked_for(bench: Path) -> None:
-    (bench / "press.csv").write_text("test,time_s\n")
-    bad = (bench / "one.yaml").read_text()
-    (bench / "three.yaml").write_text(bad.replace("name: one", "name: three"))
-    done = beltid(bench, *BOTH, "three.yaml", "--fail-fast", "--json", "-j", "2")
-    assert done.exit_code == 5
-    chains = [row["stages"] for row in json.loads(done.stdout)["table"]]
-    # two begin at the same time: whichever is first to fail, no other one is heard of
-    states = [state for chain in chains for state in chain.values()]
-    assert states.count("failed") == 1
-    assert "failed" in (chains[0]["fit-stiffness"], chains[1]["fit-stiffness"])
-    assert {chain["compare refined"] for chain in chains} == {"not run"}
 
 
 def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
@@ -96,62 +54,6 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_o
     assert single["stages"]["compare hold-out"] == "too few settings"
     assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
     assert "compare hold-out" not in without["stages"]
-
-
-# --- sweeps ------------------------------------------------------------------------------------
-
-
-def test_a_sweep_makes_a_folder_per_case_and_one_table(bench: Path, by_one: Path) -> None:
-    config = bench / "two.yaml"
-    text = config.read_text().replace("hold_out: arc", "hold_out: none")
-    config.write_text(text + "sweep: {belt.bending_stiffness_N_m2: [0.005, 0.02]}\n")
-    done = beltid(bench, "run", "two.yaml", "-j", "1", "--json")
-    assert done.exit_code == 0, done.stderr
-    rows = json.loads(done.stdout)["table"]
-    names = ["bending_stiffness_N_m2-0.005", "bending_stiffness_N_m2-0.02"]
-    assert [row["case"] for row in rows] == names
-    assert [row["belt.bending_stiffness_N_m2"] for row in rows] == [0.005, 0.02]
-    with (bench / "runs" / "two" / "sweep.csv").open(newline="") as file:
-        table = list(csv.DictReader(file))
-    assert [float(row["rms_percent"]) for row in table] == [row["rms_percent"] for row in rows]
-    # the published procedure ignores bending: the stiffer the belt, the larger its bias
-    assert rows[0]["rms_percent"] < rows[1]["rms_percent"]
-    made = contents(bench / "runs")
-    assert {Path(name).parent.name for name in made} == {"two", *names}
-    again = beltid(bench, "run", "two.yaml")
-    assert "everything is up to date" in again.stdout
-    assert contents(bench / "runs") == made
-    # a case is what a config with its value gives, whatever the other cases are: belt two has the
-    # usual bending stiffness, 0.02 N m2
-    alone = numbers(by_one / "two")
-    case = numbers(bench / "runs" / "two" / names[1])
-    assert len(case) > 6
-    assert case == {name: alone[name] for name in case}
-
-
-MANY = """
-import resource, sys
-from pathlib import Path
-from beltid.batch.folders import alone_in
-from beltid.stages.reporter import Reporter
-hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1] if sys.argv[2] == "hard" else 300
-resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
-with alone_in([Path(sys.argv[1], str(k)) for k in range(400)], Reporter()):
-    files = [open(sys.executable) for _ in range(200)]
-"""
-
-
-@pytest.mark.parametrize("limit", ["hard", "300"])
-def test_a_sweep_of_many_cases_leaves_files_to_work_with(tmp_path: Path, limit: str) -> None:
-    """Every case has a lock, which is an open file, and a shell often allows 1024 of them."""
-    done = subprocess.run(
-        [sys.executable, "-c", MANY, str(tmp_path), limit],
-        capture_output=True,
-        text=True,
-        env=environment(),
-    )
-    assert done.returncode == 0, done.stderr
-    assert len(list(tmp_path.iterdir())) == 400
 
 
 # --- workers -----------------------------------------------------------------------------------

@@ -83,7 +83,7 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
     bench: Path, by_one: Path, cluster: Cluster
 ) -> None:
     process = subprocess.Popen(
-        [*BELTID, "run", "one.yaml", "two.yaml", "--executor", "dask", "--no-report"],
+        [*BELTID, "run", "one.yaml", "two.yaml", "--no-report"],
         cwd=bench,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -108,12 +108,8 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--executor", "dask"), "no scheduler named"),
-        (("--executor", "dask", "--scheduler", "here"), "not an address of a scheduler"),
-        (("--executor", "dask", "--scheduler-file", "no.json"), "there is no such file"),
-        (("--executor", "slurm"), "--executor = slurm, must be local or dask"),
-        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: needs --executor dask"),
-        (("--executor", "dask", "-j", "2"), "--jobs: applies to this machine only"),
+        (("--scheduler", "here"), "cluster here: not an address of a scheduler"),
+        (("--scheduler", "tcp://127.0.0.1:1", "-j", "2"), "--jobs applies to this machine"),
     ],
 )
 def test_a_cluster_that_is_not_there_is_status_2_and_reported(
@@ -124,6 +120,16 @@ def test_a_cluster_that_is_not_there_is_status_2_and_reported(
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert not (bench / "runs").exists()
+
+
+def test_a_cluster_named_by_the_environment_is_used(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "here")
+    done = beltid(bench, "run", "one.yaml")
+    assert done.exit_code == 2
+    assert "cluster here, named by $DASK_SCHEDULER_ADDRESS" in done.stderr
+    assert "cluster here: not an address of a scheduler" in done.stderr
 
 
 def test_a_scheduler_that_does_not_answer_is_given_up(
@@ -137,30 +143,15 @@ def test_a_scheduler_that_does_not_answer_is_given_up(
         cluster.ClusterWorkers("tcp://127.0.0.1:9")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b'{"addr', b"[]", b'"tcp://127.0.0.1:9"', b'{"address": 5}', b"\xff\xfe", b"[" * 100_000],
-)
-def test_a_damaged_file_of_a_scheduler_is_reported(
-    tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("more", [(), ("--jobs", "1")])
+def test_an_empty_variable_or_a_number_of_jobs_names_this_machine(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
 ) -> None:
-    from beltid.batch import cluster
-    from beltid.errors import InputError
-
-    damaged = tmp_path / "scheduler.json"
-    damaged.write_bytes(content)
-    with pytest.raises(
-        InputError, match=r"scheduler\.json: (not the file of a scheduler|the file is empty)"
-    ):
-        cluster.ClusterWorkers(scheduler_file=damaged)
-    assert capfd.readouterr().err == ""
-
-
-def test_an_empty_variable_names_no_scheduler(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "")
-    done = beltid(bench, "run", "one.yaml", "--executor", "dask")
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "here" if more else "")
+    (bench / "press.csv").write_text("test,time_s\n")
+    done = beltid(bench, "run", "one.yaml", *more)
     assert done.exit_code == 2
-    assert "no scheduler named" in done.stderr
+    assert "press.csv" in done.stderr  # it began
 
 
 def test_workers_without_the_package_are_refused_at_once() -> None:

@@ -11,17 +11,15 @@ from typing import Any
 import pytest
 from small_bench import contents
 
-from beltid.batch.belts import BeltRun, batch_summary, write_sweep_tables
-from beltid.batch.chain import BatchOptions, run_batch, write_reports
+from beltid.batch.chain import write_reports
 from beltid.batch.local import ProcessWorkers
 from beltid.batch.schedule import Chain
 from beltid.batch.sources import config_sources
-from beltid.batch.steps import Step
 from beltid.config import ConfigSource
-from beltid.errors import EXIT_BATCH_FAILED, EXIT_INPUT, BeltidError, InputError
+from beltid.errors import BeltidError
 from beltid.report.summary import Summary
 from beltid.stages.reporter import Level, Options, Reporter
-from beltid.stages.workers import Cancelled, Workers
+from beltid.stages.workers import Workers
 
 
 class Notes(Reporter):
@@ -169,84 +167,6 @@ def test_threads_of_one_process_draw_no_pages(
         chain = Chain(source, tmp_path / source.name, (), Reporter())
         chain.run.summaries["fit-friction"] = Summary(stage="fit-friction", title="")
         chains.append(chain)
-    write_reports(chains, None, Options(), Remote())
+    monkeypatch.setattr("beltid.stages.results.report_belt.of_belts", lambda *_: None)
+    write_reports(chains, tmp_path, Options(), Remote())
     assert drawn_by == [threading.main_thread()] * 2
-
-
-class Stopped(Counted):
-    """Workers who give no result any more once they were told to stop."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.halted = threading.Event()
-
-    def as_ended(
-        self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Any]]:
-        if self.halted.is_set():
-            raise Cancelled
-        return super().as_ended(function, calls)
-
-    def stop(self) -> None:
-        self.halted.set()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_what_stands_is_reported_when_the_first_failure_ended_it_all(
-    by_one: Path, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    workers, notes = Stopped(), Notes()
-    both_have_their_law = threading.Barrier(2)
-
-    def law(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(by_one / source.name / "stiffness.parquet", out)
-        return Summary(stage="law", title="", out=out)
-
-    def fails(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
-        both_have_their_law.wait(timeout=20)
-        if source.name == "one":
-            raise InputError("no")
-        assert workers.halted.wait(timeout=20)
-        raise Cancelled
-
-    steps = (
-        Step("law", "stiffness", {}, law, spreads=True),
-        Step("fails", "friction", {"stiffness": "stiffness"}, fails, spreads=True),
-    )
-    monkeypatch.setattr("beltid.batch.chain.CHAIN", steps)
-    configs = config_sources([recordings / "one.yaml", recordings / "two.yaml"])
-    options = BatchOptions(reporter=notes, workers=workers, fail_fast=True)
-    summary = run_batch(configs, tmp_path, options)
-    assert summary.exit_status == EXIT_BATCH_FAILED
-    assert notes.wrong == ["one: fails: no"]
-    for belt in ("one", "two"):
-        assert (tmp_path / belt / "report.html").is_file()
-
-
-def test_a_table_of_a_sweep_that_cannot_be_written_is_a_failure_of_its_last_case(
-    tmp_path: Path,
-) -> None:
-    reporter = Notes()
-    runs = [BeltRun(b, c, {"rig.supports": c}, {}) for b in ("s", "t") for c in ("x", "y")]
-    (tmp_path / "s" / "sweep.csv").mkdir(parents=True)
-    write_sweep_tables(runs, tmp_path, reporter)
-    assert [run.exit_status for run in runs] == [0, EXIT_INPUT, 0, 0]
-    assert runs[1].states == {"sweep table": "failed"}
-    (line,) = reporter.wrong
-    assert line.startswith("s: sweep table: ")
-    assert line.endswith("sweep.csv: not written: this is a folder, name a file in it")
-    assert (tmp_path / "t" / "sweep.csv").read_text().count("\n") == 3
-    assert batch_summary(runs, tmp_path).verdict == "1 of 4 cases failed: s/y"
-
-
-def test_a_file_of_the_user_is_not_replaced_by_the_table_of_a_sweep(tmp_path: Path) -> None:
-    reporter = Notes()
-    runs = [BeltRun("s", c, {"rig.supports": c}, {}) for c in ("x", "y")]
-    mine = tmp_path / "s" / "sweep.csv"
-    mine.parent.mkdir()
-    mine.write_text("my own notes\n")
-    write_sweep_tables(runs, tmp_path, reporter)
-    assert mine.read_text() == "my own notes\n"
-    assert runs[1].states == {"sweep table": "failed"}
-    assert "a file that beltid did not write" in reporter.wrong[0]

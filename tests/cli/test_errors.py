@@ -24,9 +24,8 @@ def config_text(text: str) -> Callable[[Path], None]:
 
 
 # name: what is spoiled, the call, what must be said; every wrong file at every command is in
-# tests/hostile/test_wrong_files.py, places for results in tests/stages/test_build_artifact.py, a
-# case of every page of explanations in tests/cli/test_explain.py, the words of the readers and of
-# the config in their own tests
+# tests/hostile/test_wrong_files.py, places for results in tests/stages/test_build_artifact.py, the
+# words of the readers and of the config in their own tests
 CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
     "several wrong cells": (
         lambda f: [replaced(f / "rig.csv", n, 2, "much") for n in (10, 20)],
@@ -46,6 +45,7 @@ CASES: dict[str, tuple[Callable[[Path], Any], list[str], list[str]]] = {
         ["build-surface", "friction.parquet", "-o", "rig.parquet", "--force"],
         [r"rig\.parquet: is the rig recording of the config, name another --out"],
     ),
+    "a dash for a recording": (lambda f: None, ["fit-friction", "-"], ["-: there is no such"]),
     "unknown method": (
         lambda f: None,
         ["simulate-rig", "surface.parquet", "stiffness.parquet", "--method", "quick"],

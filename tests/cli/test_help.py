@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
@@ -29,8 +30,6 @@ COMMANDS = {
     "report": ("FOLDER", "report.html"),
     "export": ("TARGET", "export/ in the folder of the law"),
     "init": ("NAME", "<NAME>.yaml"),
-    "info": ("FILE", "range of validity"),
-    "explain": ("CODE", "what it means"),
 }
 OPTIONS = ("--config", "-c", "--out", "-o", "--json", "-q", "-v", "--force", "--version")
 
@@ -78,10 +77,26 @@ def test_a_misspelt_command_is_corrected() -> None:
 def test_every_command_reports_the_version(arguments: list[str]) -> None:
     result = CliRunner().invoke(app, arguments)
     assert (result.exit_code, result.stdout) == (0, f"beltid {__version__}\n")
+    for order in (["-v", *arguments], [*arguments, "-v"])[len(arguments) - 1 :]:
+        result = CliRunner().invoke(app, order)
+        assert result.exit_code == 0
+        first, *lines = result.stdout.splitlines()
+        assert first == f"beltid {__version__}"
+        told = dict(line.split() for line in lines if len(line.split()) == 2)
+        assert told["numpy"] == np.__version__
+        assert {"scipy", "h5py", "BELTID_CONFIG"} <= set(" ".join(lines).split())
 
 
 @pytest.mark.parametrize(
-    "arguments", [["fit-frictoin"], ["fit-friction"], ["compare", "a"], ["fit-slip", "x", "--what"]]
+    "arguments",
+    [
+        ["fit-frictoin"],
+        ["fit-friction"],
+        ["compare", "a"],
+        ["fit-slip", "x", "--what"],
+        ["-v", "run"],
+        *([command, "x", "-o", "-"] for command in ("fit-slip", "run", "show", "init")),
+    ],
 )
 def test_a_wrong_call_is_status_2_and_says_so_on_stderr(arguments: list[str]) -> None:
     result = CliRunner().invoke(app, arguments)

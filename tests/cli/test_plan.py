@@ -69,21 +69,6 @@ def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, belti
     assert (bench / "plan.csv").read_text().count("usual values") == product["facts"]["runs"]
 
 
-def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: Any) -> None:
-    config = (bench / "beltid.yaml").read_text()
-    drive = "drive: {initial_tension_N: [310], operating_points: {torque_N_m: {driven: [8, 14]}}}\n"
-    speeds = "plan: {speed_rad_s: [0.10, 0.21, 0.84]}\n"
-    (bench / "beltid.yaml").write_text(config + drive + speeds)
-    call = ("plan", "-c", "beltid.yaml", "--goal-u", "0.0", "--runs", "6", "--json")
-    result = beltid(*call, "--target", "drive")
-    assert result.exit_code == 0, result.stderr
-    product = json.loads(result.stdout)
-    rows = product["table"]
-    assert [row["pulley_speed_rad_s"] for row in rows].count(0.84) <= 1
-    # half of it rubs more slowly than any candidate
-    assert any("below the slowest candidate" in line for line in product["warnings"])
-
-
 def test_every_statement_has_its_size_or_says_that_it_is_by_the_data(
     ran: Path, results: Any, beltid: Any
 ) -> None:
@@ -120,16 +105,13 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
     [
         (("surface.parquet",), "SURFACE and STIFFNESS go together"),
         (("--from", "friction.parquet"), "--from goes with them"),
-        (("--target", "belt"), "must be one of surface, drive"),
         (("--goal-u", "2"), "must be in [0, 1)"),
-        (("--target", "drive"), "--target drive: drive.initial_tension_N: must be stated"),
         (("-c", "light.yaml"), "a setting of plan: (without it of rig:) cannot be simulated"),
         (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
         (
             ("-o", "runs.png"),
             "runs.png: the table of a plan ends in .csv; its figure is written as",
         ),
-        (("-o", "-"), "stdout: the table of a plan ends in .csv; its figure is written as"),
     ],
 )
 def test_a_wrong_call_is_refused(

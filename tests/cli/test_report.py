@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from beltid.cli.reporter import console_for
 from beltid.report.cells import cell, fact, heading, name_and_unit
 from beltid.report.summary import Summary
 from beltid.report.terminal import show
@@ -140,3 +142,17 @@ def test_further_tables_are_for_the_curious() -> None:
     assert "99" not in printed(summary, 80)
     assert "99" in printed(summary, 80, complete=True)
     assert summary.as_json()["details"] == {"solver": [{"steps": 99}]}
+
+
+def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NO_COLOR (no-color.org) holds on a terminal, too; FORCE_COLOR brings none into a file."""
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert console_for("stdout").color_system is not None
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert console_for("stdout").no_color
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: False, raising=False)
+    assert console_for("stdout").color_system is None

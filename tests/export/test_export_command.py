@@ -225,7 +225,6 @@ def test_the_first_line_of_a_module_states_its_encoding(results: Path) -> None:
         (("json",), "LAW is missing"),
         (("json", "nowhere"), "nowhere: there is no such folder or file"),
         (("json", "."), "stiffness.parquet: there is no such file"),
-        (("json", ".", "-o", "-"), "--out = -, must be a folder"),
     ],
 )
 def test_what_cannot_be_exported_is_reported(

@@ -43,11 +43,8 @@ COMMANDS = (
     "show surface.parquet",
     "show surface.parquet -o surface.svg",
     "export all .",
-    "info surface.parquet",
-    "info",
     "config show",
     "config check beltid.yaml",
-    "explain",
 )
 
 

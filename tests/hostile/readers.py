@@ -15,14 +15,14 @@ from beltid.bench.big_recording import open_big
 from beltid.bench.formats.isolated.process import load, read_format, save
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import Opened, read_recording, recording_of
-from beltid.config.loading import load_cases, load_config
+from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
 from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
 from beltid.stages.results.belt_results import sheet_of
-from beltid.stages.setup.about import file_info
+from beltid.stages.results.show_artifact import summary_of
 from beltid.stages.tables import press_law, surface_of
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
@@ -59,7 +59,7 @@ def _artifact(path: Path) -> object:
     verdict_of(results)
     for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):
         table(results)
-    return file_info(path).as_json()
+    return summary_of(artifact, None, [], None).as_json()
 
 
 def _law(path: Path) -> object:
@@ -94,7 +94,7 @@ def clean() -> None:
 
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
-    "yaml": ("x.yaml", load_cases),
+    "yaml": ("x.yaml", load_config),
     "csv": ("x.csv", _recording("rig")),
     "press": ("x.csv", _recording("press")),
     "speedloss": ("x.csv", _recording("speedloss")),

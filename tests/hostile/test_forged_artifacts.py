@@ -26,7 +26,7 @@ READERS = {
     "simulated": ["compare friction.parquet simulated.parquet --force -o out.parquet"],
     "compare": [],
 }
-"""Kind -> commands that work on its artifacts, beside show and info."""
+"""Kind -> commands that work on its artifacts, beside show."""
 CONFIG = """\
 belt: {name: small}
 rig: {arcs_deg: [40, 82], initial_tensions_N: [100, 220, 411], pulley_speeds_rad_s: [0.05, 0.21]}
@@ -77,7 +77,7 @@ def picked(kind: str, count: int) -> list[tuple[str, bytes]]:
 )
 def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
     for what, data in picked(kind, 2):
-        for command in (f"show {kind}.parquet", f"info {kind}.parquet", *READERS[kind]):
+        for command in (f"show {kind}.parquet", *READERS[kind]):
             (folder / f"{kind}.parquet").write_bytes(data)
             try:
                 ended_well(command)

@@ -133,7 +133,7 @@ def test_a_link_out_of_the_folder_of_the_results_is_refused(tmp_path, link, argu
     path = tmp_path / "runs" / link
     path.parent.mkdir(parents=True)
     path.symlink_to(outside if link == "belt" else outside / "new")
-    call = ["run", str(belts_config(tmp_path)), "--runs-dir", str(tmp_path / "runs"), *arguments]
+    call = ["run", str(belts_config(tmp_path)), "--out", str(tmp_path / "runs"), *arguments]
     result = CliRunner().invoke(app, call)
     assert result.exit_code == 2
     assert f"{path}: is a link to {path.resolve()}, outside the results folder" in result.stderr
@@ -143,7 +143,7 @@ def test_a_link_out_of_the_folder_of_the_results_is_refused(tmp_path, link, argu
 def test_the_folder_of_the_results_itself_may_be_a_link(tmp_path):
     (tmp_path / "disk").mkdir()
     (tmp_path / "runs").symlink_to(tmp_path / "disk")
-    call = ["run", str(belts_config(tmp_path)), "--runs-dir", str(tmp_path / "runs"), "--dry-run"]
+    call = ["run", str(belts_config(tmp_path)), "--out", str(tmp_path / "runs"), "--dry-run"]
     assert CliRunner().invoke(app, call).exit_code == 0
 
 

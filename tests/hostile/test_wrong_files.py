@@ -27,14 +27,13 @@ CALLS = {
     f"simulate-rig {FEW}": ("surface.parquet", "stiffness.parquet"),
     "compare": ("friction.parquet", "simulated.parquet"),
     "show": ("surface.parquet",),
-    "info": ("surface.parquet",),
     "report": ("results",),
     "export json": ("results",),
     "run": ("beltid.yaml",),
     "config check": ("beltid.yaml",),
 }
 PLACES = [(command, i) for command, good in CALLS.items() for i in range(len(good))]
-WRITING = [c for c in CALLS if c not in ("info", "config check", "run", "show", "report")]
+WRITING = [c for c in CALLS if c not in ("config check", "run", "show", "report")]
 WRONG = (
     "missing",
     "folder",
@@ -51,7 +50,6 @@ WRONG = (
     "compare.parquet",
     "slip.parquet",
 )
-ANY_ARTIFACT = ("show", "info")
 # one command for each way to read an input meets all wrong files, the others a few
 THOROUGH = {
     ("fit-friction", 0),
@@ -64,9 +62,9 @@ INPUTS = [
     (command, place, wrong)
     for command, place in PLACES
     for wrong in (WRONG if (command, place) in THOROUGH else FEW_WRONG)
-    if command not in ANY_ARTIFACT or wrong not in ("compare.parquet", "slip.parquet")
+    if command != "show" or wrong not in ("compare.parquet", "slip.parquet")
 ]
-WITHOUT_CONFIG = (*ANY_ARTIFACT, "report", "config check")
+WITHOUT_CONFIG = ("show", "report", "config check")
 
 
 @pytest.fixture(scope="module")

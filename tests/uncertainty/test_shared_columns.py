@@ -19,7 +19,7 @@ from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from beltid.uncertainty.simulated import RunsUncertainty
-from beltid.uncertainty.sources import Errors, reduction_sources
+from beltid.uncertainty.sources import reduction_sources
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
@@ -152,35 +152,6 @@ def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
     alone = np.array([r.error / r.scatter for r in found])
     assert np.mean(np.abs(alone) < 1.96) < 0.5
-
-
-def test_a_nonlinear_cell_errs_by_the_square_of_the_tension():
-    campaign = read_campaign(SMALL, np.random.default_rng(2))
-    runs = campaign.measured
-    largest = runs.tight.max()
-    after = runs.corrected(Errors({"cell_linearity": np.array([0.02, 0.0])}))
-    np.testing.assert_allclose(after.tight - runs.tight, 0.02 * runs.tight**2 / largest)
-    np.testing.assert_array_equal(after.slack, runs.slack)
-    np.testing.assert_allclose(after.T_0 - runs.T_0, 0.01 * runs.T_0**2 / largest)
-    expected = np.log1p(0.02 * runs.tight / largest) / runs.beta
-    np.testing.assert_allclose(after.mu - runs.mu, expected, rtol=1e-9)
-    # some runs of a campaign: the largest tension is that of all
-    some = replace(runs, largest_tension=2.0 * largest)
-    half = some.corrected(Errors({"cell_linearity": np.array([0.0, 0.02])}))
-    np.testing.assert_allclose(half.slack - runs.slack, 0.01 * runs.slack**2 / largest)
-
-
-def test_a_budget_has_a_line_for_nonlinear_cells():
-    config = {"uncertainty": {**NOTHING["uncertainty"], "cell_linearity_rel": 0.02}}
-    table = friction()
-    columns, rows = friction_uncertainty(table, given(config), 0.05)
-    f, beta = table["normal_force_N_m"], np.radians(table["arc_deg"])
-    slack = f * 0.05 * table["mu_sliding"] * beta / np.expm1(table["mu_sliding"] * beta)
-    tight = slack * np.exp(table["mu_sliding"] * beta)
-    changes = [np.log1p(0.02 * tension / tight.max()) / beta for tension in (tight, slack)]
-    expected = np.sqrt(sum(np.square(changes)) + np.square(table["mu_sliding_se"]))
-    np.testing.assert_allclose(columns["mu_sliding_u"], expected, rtol=1e-9)
-    assert "nonlinearity of each load cell" in lines(rows)
 
 
 def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):

@@ -19,7 +19,7 @@ from beltid.bench.formats.dialect import IN_NAME, unit_in_name, without_position
 from beltid.bench.read_options import ReadOptions
 from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
-from beltid.errors import Problem, Problems
+from beltid.errors import Problems
 from beltid.tables.columns import Column, Table
 from beltid.tables.schemas import RECORDINGS, SETTINGS
 from beltid.tables.schemas import table as table_of
@@ -582,10 +582,9 @@ class RawTable:
         return f"{self.place}, {self.row_word} {index + 1}", index + 1
 
 
-def missing_setting(setting: str, kind: str, place: str) -> Problem:
+def missing_setting(setting: str, kind: str, place: str) -> str:
     """Return the problem that a setting is stated nowhere, with the ways to state it."""
-    text = f"{place}: column {setting} is missing{how_to_state(setting, kind)}"
-    return Problem(text, "columns")
+    return f"{place}: column {setting} is missing{how_to_state(setting, kind)}"
 
 
 def how_to_state(setting: str, kind: str) -> str:

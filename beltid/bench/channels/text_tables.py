@@ -224,13 +224,12 @@ def check_header(
         problems.add(
             f"{place}: these are the columns of a recording of {schemas.table(meant).command}, "
             f"not of {table.command}; in a config its key is data.{meant}",
-            code="columns",
         )
         return
     for text in messages if missing else ():  # missing settings alone are reported elsewhere
-        problems.add(text, code="columns")
+        problems.add(text)
     if missing and (rig_kind := _rig_kind_of(header, table)):
-        problems.add(f"{place}: these are the channels of {rig_kind}", code="columns")
+        problems.add(f"{place}: these are the channels of {rig_kind}")
     elif missing:
         ours, close = missing[0]
         example = close[0] if close else "its name in the file"

@@ -31,7 +31,7 @@ def unpacked(data: bytes, path: Path) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             plain = file.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error):
-        raise InputError(f"{path}: the gzip file is damaged or cut off", code="damaged") from None
+        raise InputError(f"{path}: the gzip file is damaged or cut off") from None
     if len(plain) > MAX_BYTES:
         raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
     if not plain:
@@ -51,7 +51,7 @@ def members(data: bytes, path: Path) -> Iterator[str]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = [e for e in archive.infolist() if not e.is_dir()]
     except Exception:  # a damaged file can raise nearly anything
-        raise InputError(f"{path}: the zip file is damaged or cut off", code="damaged") from None
+        raise InputError(f"{path}: the zip file is damaged or cut off") from None
     names = [
         e.filename
         for e in entries
@@ -85,9 +85,7 @@ def member_bytes(data: bytes, path: Path, member: str) -> bytes:
         with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(member) as file:
             plain = file.read(MAX_BYTES + 1)
     except Exception:  # each compression method raises its own errors
-        raise InputError(
-            f"{path}: {member} in the zip file is damaged or cut off", code="damaged"
-        ) from None
+        raise InputError(f"{path}: {member} in the zip file is damaged or cut off") from None
     if len(plain) > MAX_BYTES:
         raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
     if not plain:

@@ -159,7 +159,6 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
                 raise InputError(
                     f"{name}: looks like UTF-16 without a byte order mark: set "
                     f"dialect: {{encoding: {order}}}",
-                    code="encoding",
                 )
         raise _zero_byte(name, data.decode("latin-1"))
     used = encoding or "utf-8"
@@ -174,7 +173,6 @@ def decode(data: bytes, name: str, encoding: str | None = None) -> Decoded:
             hint = "" if encoding else "; if it is of Windows, set dialect: {encoding: cp1252}"
             raise InputError(
                 f"{name}:{line}: byte 0x{data[error.start]:02X} is not {encoding or 'UTF-8'}{hint}",
-                code="encoding",
             ) from None
         text, used = data.decode("latin-1"), "latin-1"
         notes = ("not UTF-8, read as latin-1",)
@@ -192,7 +190,7 @@ def _zero_byte(name: str, text: str) -> InputError:
     if not lines:
         return InputError(f"{name}: is neither a text file nor in any other known format")
     place = f"{name}:{lines + 1}"
-    return InputError(f"{place}: contains a zero byte: damaged, or not a text file", code="damaged")
+    return InputError(f"{place}: contains a zero byte: damaged, or not a text file")
 
 
 def _ambiguous(data: bytes) -> bool:

@@ -305,7 +305,6 @@ class Clock:
                     f"{where}: {self.name} stays the same from sample to sample more often than "
                     "it changes: its resolution is too coarse for the time of the samples",
                     line,
-                    "numbers",
                 )
             if nights.size:
                 time[rows[1:]] += nights * DAY_S
@@ -332,7 +331,7 @@ class Clock:
         where, line = place(int(rows[back[0] + 1]))
         more = f"; it goes back {back.size - 1} more times" if back.size > 1 else ""
         text = f"{where}: {self.name} goes back from {_shown(before)} to {_shown(after)} without "
-        problems.add(f"{text}passing midnight: {cause}{more}", line, "numbers")
+        problems.add(f"{text}passing midnight: {cause}{more}", line)
 
     def report_wrong(
         self,

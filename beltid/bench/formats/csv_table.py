@@ -118,9 +118,7 @@ def csv_blocks(
     for line, data in _whole_rows(chunks, layout.first_line, name, notes):
         if b"\0" in data:
             at = line + data.count(b"\n", 0, data.index(b"\0"))
-            raise InputError(
-                f"{name}:{at}: contains a zero byte: damaged, or not a text file", code="damaged"
-            )
+            raise InputError(f"{name}:{at}: contains a zero byte: damaged, or not a text file")
         try:
             body = data if encoding == "utf-8" else data.decode(encoding).encode()
             block, count = blank_asides(replace(layout, body=body, first_line=line))
@@ -131,7 +129,6 @@ def csv_blocks(
             raise InputError(
                 f"{name}:{at}: byte 0x{data[error.start]:02X} is not {encoding.upper()}; if the "
                 "file is in another encoding, say which: dialect: {encoding: latin-1}",
-                code="encoding",
             ) from None
     notes += asides_note(asides)
 
@@ -151,9 +148,7 @@ def file_chunks(path: Path) -> Iterator[bytes]:
             while chunk := source.read(CHUNK):
                 yield chunk
         except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise InputError(
-                f"{path}: the gzip file is damaged or cut off", code="damaged"
-            ) from None
+            raise InputError(f"{path}: the gzip file is damaged or cut off") from None
 
 
 def _line_feeds(data: bytes) -> int:

@@ -316,7 +316,6 @@ def _number_signs(
                 raise InputError(
                     f'{place}: column {name} holds "{pair[0]}" and "{pair[1]}": if the point marks '
                     'thousands, set dialect: {thousands: "."}, else {decimal: "."}',
-                    code="numbers",
                 )
     return signs
 

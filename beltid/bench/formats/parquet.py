@@ -101,7 +101,7 @@ def parquet_blocks(
         try:
             rows = _rows(batch, part, wanted, table, first_row)
         except Exception as error:  # a number beyond float64
-            raise InputError(f"{part.name}: {damaged(error)}", code="damaged") from None
+            raise InputError(f"{part.name}: {damaged(error)}") from None
         yield rows
         first_row += batch.num_rows
 
@@ -121,7 +121,7 @@ def batches_of(
             batch.validate(full=True)
             yield batch
     except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(f"{part.name}: {damaged(error)}", code="damaged") from None
+        raise InputError(f"{part.name}: {damaged(error)}") from None
 
 
 def first_texts(part: ParquetTable, names: Sequence[str]) -> dict[str, list[str]]:

@@ -233,4 +233,4 @@ def _float(text: str, name: str, line: int) -> float:
 
 
 def _damaged(name: str, line: int, what: str) -> InputError:
-    return InputError(f"{name}:{line}: damaged universal file: {what}", code="damaged")
+    return InputError(f"{name}:{line}: damaged universal file: {what}")

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from beltid.bench.runs.run_split import MIN_SAMPLES
-from beltid.errors import PlaceOf, Problem, Problems
+from beltid.errors import PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
 from beltid.tables.values import absent, outside, shown_value
 
@@ -315,9 +315,9 @@ def note_of_copies(copies: Sequence[tuple[str, str]], table: Table) -> list[str]
     ]
 
 
-def no_number(name: str, column: Column) -> Problem:
+def no_number(name: str, column: Column) -> str:
     """Return the problem that a column of a recording holds no numbers."""
-    return Problem(f"{name}: {column.name} holds no numbers", "numbers")
+    return f"{name}: {column.name} holds no numbers"
 
 
 def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""Show versions, the contents of a file, the values in effect, and explanations of errors."""
+"""Show the values of a config in effect, and check configs."""
 
 from __future__ import annotations
 
@@ -14,24 +14,9 @@ if TYPE_CHECKING:
     from beltid.stages.reporter import Options
 
 
-def explanations() -> dict[str, str]:
-    """Return the pages about common errors, as Markdown, by error code."""
-    from importlib.resources import files  # slow, and the help must be fast
-
-    pages = (files("beltid.cli") / "explanations").iterdir()
-    return {
-        page.name.removesuffix(".md"): page.read_text("utf-8")
-        for page in sorted(pages, key=lambda page: page.name)
-    }
-
-
-def _codes(incomplete: str) -> list[str]:
-    return [code for code in explanations() if code.startswith(incomplete)]
-
-
 config_app = typer.Typer(
     name="config",
-    help="Show the values in effect and where they come from, or check configs.",
+    help="Show the values that a config states or that are in effect, or check configs.",
     short_help="show or check a config",
     rich_markup_mode=None,
     no_args_is_help=True,
@@ -40,28 +25,7 @@ config_app = typer.Typer(
 app.add_typer(config_app)
 
 
-@command("info")
-def info(
-    file: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE", help="An artifact (.parquet) or a law file (.json)."),
-    ] = None,
-    *,
-    common: Common,
-) -> None:
-    """Show what a file is: kind, origin, range of validity, hashes of its inputs.
-
-    With --verbose also its settings, what was set aside and why, and fit statistics. Without a
-    file: version, libraries and environment of this program, for a bug report.
-
-    Example: beltid info runs/5pk/friction.parquet
-    """
-    from beltid.stages.setup import about as stage
-
-    finish(lambda options: stage.program() if file is None else stage.file_info(file), common)
-
-
-@command("show", of=config_app, short="the values in effect, and their origin")
+@command("show", of=config_app, short="the values that are stated, or all in effect")
 def show(
     file: Annotated[
         Path | None,
@@ -69,29 +33,29 @@ def show(
             metavar="FILE", help="Input whose config is searched for, as in every command."
         ),
     ] = None,
-    origin: Annotated[
-        bool, typer.Option("--origin", help="Show for each value the file and line that state it.")
+    complete: Annotated[
+        bool, typer.Option("--all", help="Show all values in effect, defaults too.")
     ] = False,
     *,
     common: Common,
 ) -> None:
-    """Print the values in effect, as YAML with the range of every key.
+    """Print the values that the config states, as YAML with the range of every key.
 
     The config is that of --config, else the one that a command would find for FILE, else the
-    built-in 5PK rig. With --origin, a table: key, value, and the file and line that state it.
+    built-in 5PK rig. With --all, the defaults of all other keys too.
 
-    Example: beltid config show rig.csv --origin
+    Example: beltid config show rig.csv --all
     """
-    from beltid.config import find_config
-    from beltid.stages.setup import about as stage
+    from beltid.config import config_text, find_config
+    from beltid.stages.setup.about import config_values
 
-    if origin or common.json:
-        finish(lambda options: stage.config_origins(find_config(file, common.config)), common)
+    if common.json:
+        finish(lambda _: config_values(find_config(file, common.config), complete=complete), common)
 
     def text(options: Options) -> str:
         source = find_config(file, common.config)
         options.reporter.report(f"config: {source.origin}")
-        return stage.shown_config(source)
+        return config_text(source.config, complete=complete)
 
     print_text(text, common)
 
@@ -112,35 +76,3 @@ def check(
     from beltid.stages.setup import about as stage
 
     finish(lambda options: stage.check_configs(configs), common)
-
-
-@command("explain")
-def explain(
-    code: Annotated[
-        str | None,
-        typer.Argument(metavar="CODE", help="Code below an error message.", autocompletion=_codes),
-    ] = None,
-    *,
-    common: Common,
-) -> None:
-    """Explain an error: what it means, and what to do about it. Without CODE: list the codes.
-
-    Example: beltid explain columns
-    """
-    from beltid.errors import InputError
-    from beltid.report.summary import Summary
-
-    def chosen() -> dict[str, str]:
-        pages = explanations()
-        if code is not None and code not in pages:
-            raise InputError(f"CODE = {code}, must be one of {', '.join(pages)}")
-        return pages if code is None else {code: pages[code]}
-
-    def rows(options: Options) -> Summary:
-        table = [{"code": name, "page": page} for name, page in chosen().items()]
-        return Summary(stage="explain", title="errors explained", table=table)
-
-    if common.json:
-        finish(rows, common)
-    listed = code is None
-    print_text(lambda _: "".join(f"{c}\n" if listed else p for c, p in chosen().items()), common)

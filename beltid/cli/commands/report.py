@@ -63,7 +63,10 @@ def report(
 )
 def show(
     artifact: Annotated[
-        Path, typer.Argument(metavar="ARTIFACT", help="A .parquet file that beltid wrote.")
+        Path,
+        typer.Argument(
+            metavar="ARTIFACT", help="A .parquet file that beltid wrote, or a law file (.json)."
+        ),
     ],
     figure: Annotated[
         str | None,
@@ -72,10 +75,10 @@ def show(
     *,
     common: Common,
 ) -> None:
-    """Show any artifact: what it is, and its first rows.
+    """Show any artifact: kind, origin, range of validity, hashes, first rows.
 
     With --out it writes the whole table as CSV, for a spreadsheet, or a figure, for a paper or a
-    slide. --verbose prints every row.
+    slide. --verbose prints every row, the settings, and what was set aside and why.
 
     Example: beltid show runs/5pk/friction.parquet -o friction.csv
 

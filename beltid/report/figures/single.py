@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from beltid.report.cells import MICRO
 from beltid.report.drawing import (
     MU,

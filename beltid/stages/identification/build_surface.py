@@ -150,7 +150,7 @@ def _ok_rows(columns: Mapping[str, np.ndarray], name: str) -> np.ndarray:
     good = np.flatnonzero(usable)
     if good.size == 0:
         text = f"{name}: none of its {usable.size} runs has the status ok, at least one is needed"
-        raise InputError(text, code="no-run")
+        raise InputError(text)
     return good
 
 

@@ -334,7 +334,7 @@ class FrictionTable:
         """
         if not any(run.ok for run in runs):
             lines = [f"{name}: run {run.run} cannot be used: {run.status}" for run in runs]
-            raise InputError(lines, code="no-run")
+            raise InputError(lines)
         columns = reduction_columns(runs)
         combined, budget = friction_uncertainty(columns, uncertainty, radius_m, kind)
         return cls(runs, {**columns, **combined}, budget)

@@ -71,7 +71,7 @@ def check_folder(folder: Path) -> None:
     if not folder.is_dir():
         if folder.exists():
             raise ArtifactError(f"{folder}: is a file, the folder of a belt's results is needed")
-        raise ArtifactError(f"{folder}: there is no such folder", code="missing-file")
+        raise ArtifactError(f"{folder}: there is no such folder")
 
 
 def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:

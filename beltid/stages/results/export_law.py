@@ -66,8 +66,6 @@ def run(
         raise InputError(
             "LAW is missing: name the results of a belt, such as runs/5pk, or a law file"
         )
-    if out is not None and str(out) == "-":
-        raise InputError("--out = -, must be a folder: the law is written as several files")
     targets = _targets(target)
     law = (
         _load_law_file(source, surface)

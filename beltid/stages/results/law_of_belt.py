@@ -64,7 +64,6 @@ def law_of_folder(
         raise InputError(
             f"{folder}: there is no such folder or file; name the results of a belt, such as "
             f"runs/5pk, or a law file <belt>{SUFFIX}",
-            code="missing-file",
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, reporter)

@@ -239,8 +239,6 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     InputError
         If the file there is not a report page; with force, if it is not an HTML file at all.
     """
-    if str(out) == "-":
-        raise InputError("--out = -, must be a file: a page of several MB is not for stdout")
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
     if not out.exists():
@@ -249,5 +247,5 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     if mark is None and not (options.force and is_page):
         how = ", or replace it with --force" if is_page else ""
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
-        raise InputError(text, code="not-replaced")
+        raise InputError(text)
     return mark == made_from and not options.force

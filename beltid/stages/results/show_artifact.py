@@ -1,12 +1,14 @@
-"""beltid show: show any artifact as a table and a figure, or write it as CSV or as a figure."""
+"""beltid show: what a result is, as a table and a figure; or write it as CSV or as a figure."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import write_bytes
+from beltid.artifacts.metadata_models import plain
 from beltid.errors import InputError
 from beltid.report.drawing import NO_DATES, saved
 from beltid.report.figures.single import pictures
@@ -16,6 +18,7 @@ from beltid.stages.build_artifact import already_exists
 from beltid.stages.outcome import csv_bytes, flat
 from beltid.stages.reporter import Options
 from beltid.stages.results.belt_results import sheet_of
+from beltid.stages.tables import load_law
 
 STAGE: Final = "show"
 TABLE: Final = ".csv"
@@ -59,12 +62,12 @@ SHOWN: Final = {
 
 
 def run(path: Path, out: Path | None, name: str | None, options: Options) -> Summary:
-    """Show an artifact.
+    """Show an artifact or a law file.
 
     Parameters
     ----------
     path : Path
-        The artifact.
+        The artifact, or a law file (.json).
     out : Path or None
         Table (.csv) or figure (.svg, .png, .pdf) to write; None shows the table in the terminal.
     name : str or None
@@ -79,6 +82,10 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
     InputError
         If there is no such figure, or `out` has another ending or already exists.
     """
+    if path.suffix == ".json":
+        if out is not None or name is not None:
+            raise InputError(f"{path}: a law file; --out and --figure need an artifact (.parquet)")
+        return _law_file(path)
     artifact = read_artifact(path)
     if out is not None:
         _check_place(out, options)
@@ -86,7 +93,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
         if name is not None:
             raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
         write_bytes(out, csv_bytes(artifact.columns, artifact.metadata.origin))
-        return _summary(artifact, None, [], out)
+        return summary_of(artifact, None, [], out)
     available = pictures(sheet_of(artifact))
     chosen = _chosen(available, name, path)
     if out is None and name is not None:
@@ -97,7 +104,7 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
         raise InputError(f"{path}: contains nothing to draw")
-    return _summary(artifact, chosen, [picture.key for picture in available], out)
+    return summary_of(artifact, chosen, [picture.key for picture in available], out)
 
 
 def _check_place(out: Path, options: Options) -> None:
@@ -119,7 +126,7 @@ def _chosen(available: list[Picture], name: str | None, path: Path) -> Picture |
     raise InputError(f"{path}: --figure = {name}, must be one of: {names}")
 
 
-def _summary(
+def summary_of(
     artifact: Artifact, chosen: Picture | None, names: list[str], out: Path | None
 ) -> Summary:
     """Summarise the artifact for the terminal; if a file was written, give its path only."""
@@ -128,17 +135,30 @@ def _summary(
     columns = flat(artifact.columns)
     rows = rows_of(columns, *columns)
     shown = [name for name in SHOWN[artifact.kind] if name in columns]
+    metadata = artifact.metadata
+    measured = metadata.figures.get("measured", {})
     facts: dict[str, Any] = {
         "kind": artifact.kind,
+        "schema_version": artifact.schema_version,
         "rows": len(rows),
-        "origin": artifact.metadata.origin,
+        "origin": metadata.origin,
+        **({"method": metadata.method} if metadata.method else {}),
         "beltid": artifact.software_version,
+        "config": metadata.config,
+        "file_sha256": artifact.sha256,
+        "config_sha256": metadata.config_sha256,
+        "sources_sha256": artifact.software_sha256,
+        **{f"measured {key}": span for key, span in measured.items()},
+        **{f"valid {key}": span for key, span in metadata.validity.items()},
+        "set_aside": len(metadata.set_aside),
         "figure": None if chosen is None else f"{chosen.title} ({chosen.key})",
     }
     further = [name for name in names if chosen is None or name != chosen.key]
     if further:
         facts["further figures"] = ", ".join(further)
-    notes = [*artifact.metadata.warnings, *artifact.metadata.notes]
+    notes = [*metadata.warnings, *metadata.notes]
+    named = {"notes", "warnings", "origin", "config", "method", "measured"}
+    further_facts = {key: value for key, value in metadata.figures.items() if key not in named}
     few = [{name: row[name] for name in shown} for row in rows[:FEW_ROWS]]
     n_hidden = len(rows) - len(few)
     return Summary(
@@ -148,6 +168,40 @@ def _summary(
         table=rows,
         overview=few,
         shown=tuple(columns),
+        details={
+            "made from": [{"input": key, "sha256": sha} for key, sha in metadata.inputs.items()],
+            "set aside": list(metadata.set_aside),
+            "settings": _pairs("setting", metadata.settings),
+            "further": _pairs("name", further_facts),
+        },
         notes=(*notes, *([f"{n_hidden} more rows, see --verbose"] if n_hidden > 0 else [])),
-        origin=artifact.metadata.origin,
+        origin=metadata.origin,
+    )
+
+
+def _pairs(name: str, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [{name: key, "value": plain(value)} for key, value in values.items()]
+
+
+def _law_file(path: Path) -> Summary:
+    """Summarise a law file: what it holds, where it is valid, what it was made from."""
+    law = load_law(path)
+    return Summary(
+        stage=STAGE,
+        title=f"{path}: contact law of the belt {law.belt.name}",
+        facts={
+            "kind": law.format,
+            "version": law.version,
+            "belt": law.belt.type or law.belt.name,
+            "method": law.friction.method,
+            "written_by": law.provenance.software,
+            "config": law.provenance.config,
+            **{f"valid {name}": span for name, span in law.validity.model_dump().items() if span},
+        },
+        table=[
+            {"made from": name, "sha256": sha}
+            for name, sha in {**law.provenance.artifacts, **law.provenance.recordings}.items()
+        ],
+        notes=law.provenance.notes,
+        origin=law.origin,
     )

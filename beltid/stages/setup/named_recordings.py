@@ -16,7 +16,7 @@ from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
-from beltid.errors import InputError, Problem
+from beltid.errors import InputError
 from beltid.tables import schemas
 
 WITHOUT: Final = {
@@ -51,7 +51,7 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     for keys, file in named.items():
         place = places.at(places.place(keys), format_path(keys))
         for problem in _file_problems(file, list(tables.values())):
-            problems.append(Problem(f"{place} = {problem}", "missing-file"))
+            problems.append(f"{place} = {problem}")
     return problems or _mismatched_kinds(source.config, places)
 
 
@@ -83,7 +83,7 @@ def _mismatched_kinds(config: Config, places: Source) -> list[str]:
         else:
             continue
         where = places.place(("data", kind))
-        problems.append(Problem(places.at(where, text), "columns"))
+        problems.append(places.at(where, text))
     return problems
 
 

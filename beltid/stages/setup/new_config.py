@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,12 +12,11 @@ import numpy as np
 
 from beltid.artifacts.file_bytes import write_text
 from beltid.artifacts.metadata_models import plain
-from beltid.bench.files.sources import exists
-from beltid.bench.inspection import inspect_recording
+from beltid.bench.inspection import RunView, inspect_recording
 from beltid.config import Config, load_config
-from beltid.config.loading import DEFAULT, ConfigSource, effective_values
+from beltid.config.loading import effective_values
 from beltid.config.template import SECTIONS, template_text
-from beltid.errors import ConfigError, InputError
+from beltid.errors import InputError
 from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
@@ -26,7 +24,6 @@ from beltid.stages.reporter import Options
 from beltid.stages.simulation.planned_runs import nominal_settings
 from beltid.tables.schemas import RECORDINGS
 
-RECORDED: Final = tuple(f"data.{kind}" for kind in RECORDINGS)
 SETTINGS: Final = {
     "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
     "rig.initial_tensions_N": (
@@ -40,13 +37,15 @@ MOST_SETTINGS: Final = 30
 """Number of values above which every run is assumed to have its own setting."""
 
 
-def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summary:
+def run(name: str, files: Sequence[Path], out: Path | None, options: Options) -> Summary:
     """Write the config of a new belt.
 
     Parameters
     ----------
-    stated : mapping
-        Values by their key (``section.key``); recordings as paths from the current folder.
+    name : str
+        Name of the belt.
+    files : sequence of Path
+        Its recordings, one per bench.
     out : Path or None
         The file; None for ``<name>.yaml``.
     options : Options
@@ -55,68 +54,69 @@ def run(stated: Mapping[str, Any], out: Path | None, options: Options) -> Summar
     Raises
     ------
     InputError
-        If a value is not allowed, or the file already exists.
+        If the name is not allowed, the bench of a recording is unknown, or the file exists.
     """
-    values = _with_derived_type(dict(stated))
-    path = out or Path(f"{values.get('belt.name', Config().belt.name)}.yaml")
-    config = load_config(_sections(_relative(values, path.parent)))
-    recorded = _rig_values(stated.get("data.rig"), config, options)
-    recorded = {key: value for key, value in recorded.items() if key not in values}
-    if recorded:
-        values |= recorded
-        config = load_config(_sections(values))
-    if path.exists() and not options.force:
-        raise InputError(already_exists(path))
+    path = out or Path(f"{name}.yaml")
+    values, sources = _of_name(name)
+    load_config(_sections(values))  # checks the name
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{path}: a config is a YAML file, name it {path.stem}.yaml")
-    write_text(path, template_text(config, frozenset(values)))
-    for kind, file in load_config(path).data.files.items():  # checks that the config can be read
-        if not exists(file):
-            options.reporter.warn(f"data.{kind}: there is no {file} yet")
-    summary = _summary(path, config, frozenset(values), frozenset(recorded))
-    if not recorded:
-        return summary
-    listing = "; ".join(f"{key}: {plain(value)}" for key, value in recorded.items())
-    return replace(summary, notes=(f"read from the recording of the rig: {listing}",))
+    if path.exists() and not options.force:
+        raise InputError(already_exists(path))
+    problems: list[str] = []
+    for file in files:
+        try:
+            found = _of_recording(file, path.parent, options)
+        except InputError as error:
+            problems += error.problems
+            continue
+        key = next(iter(found))
+        if key in values:
+            problems.append(f"{file}: a second recording for {key}, beside {values[key]}")
+        values |= found
+        sources |= dict.fromkeys(found, f"from {file}") | {key: "recognised by its channels"}
+    if problems:
+        raise InputError(problems)
+    config = load_config(_sections(values))
+    write_text(path, template_text(config, sources))
+    return _summary(path, config, sources)
 
 
-def default_of(key: str, answers: Mapping[str, Any]) -> Any:
-    """Return the default of a key after the given answers; None if it has none, as for a file."""
-    section, _, name = key.partition(".")
-    answered = _with_derived_type(dict(answers)).get(key)
-    return getattr(getattr(Config(), section), name) if answered is None else answered
+def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the values that follow from a name, and from where: 6pk is a 6PK with six ribs."""
+    values: dict[str, Any] = {"belt.name": name}
+    match = re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE)
+    if match:
+        values |= {"belt.type": name.upper(), "belt.ribs": int(match[1])}
+    return values, dict.fromkeys(values, "from the name")
 
 
-def problems_of_answer(key: str, value: Any) -> tuple[str, ...]:
-    """Return the problems of a single value: not allowed, or no such file."""
-    try:
-        load_config(_sections({key: value}))
-    except ConfigError as error:
-        return error.problems
-    if key in RECORDED and not exists(Path(value)):
-        return (f"{key} = {value}: there is no such file; repeat the answer to keep it",)
-    return ()
-
-
-def _rig_values(recording: Path | None, config: Config, options: Options) -> dict[str, Any]:
-    """Return what a recording of the rig contains, by config key: its kind and its settings."""
-    if recording is None or not exists(Path(recording)):
-        return {}
-    try:
-        inspection = inspect_recording(Path(recording), config, "rig")
-    except InputError as error:  # a config can be written before its recording can be read
-        options.reporter.warn(f"data.rig: {error.problems[0]}")
-        return {}
+def _of_recording(file: Path, folder: Path, options: Options) -> dict[str, Any]:
+    """Return what a recording states, by config key: its path, and for the rig its settings."""
+    inspection = inspect_recording(file, Config())
+    kind = inspection.kind
+    kinds = [name for name in RECORDINGS if name in type(Config().data).model_fields]
+    if kind not in kinds:
+        raise InputError(
+            f"{file}: recording of {kind or 'an unknown bench'}, must be of {', '.join(kinds)}; "
+            f"`beltid inspect {file}` shows its channels"
+        )
     for line in inspection.problems[:1]:
         options.reporter.warn(
-            f"data.rig: arcs, tensions and speeds are not read from it: {line}; "
-            f"`beltid inspect {recording}` lists everything that must be stated"
+            f"data.{kind}: {line}; `beltid inspect {file}` lists everything that must be stated"
         )
-    values: dict[str, Any] = {f"rig.{name}": word for name, word in inspection.rig.items()}
+    values: dict[str, Any] = {f"data.{kind}": Path(os.path.relpath(file, folder)).as_posix()}
+    if kind == "rig":
+        values |= {f"rig.{name}": word for name, word in inspection.rig.items()}
+        values |= _settings(inspection.runs, options)
+    return values
+
+
+def _settings(runs: Sequence[RunView], options: Options) -> dict[str, list[float]]:
+    """Return arcs, tensions and speeds of the runs of a rig, by config key."""
+    values = {}
     for key, (columns, gap) in SETTINGS.items():
-        recorded = [
-            run.settings[c] for run in inspection.runs for c in columns if c in run.settings
-        ]
+        recorded = [run.settings[c] for run in runs for c in columns if c in run.settings]
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:
@@ -129,26 +129,6 @@ def _rig_values(recording: Path | None, config: Config, options: Options) -> dic
     return values
 
 
-def _with_derived_type(values: dict[str, Any]) -> dict[str, Any]:
-    """Derive type and ribs from the name or type, unless stated: 6pk is type 6PK with six ribs."""
-    match = re.fullmatch(r"(\d{1,2})(p[hjklm])", str(values.get("belt.name", "")), re.IGNORECASE)
-    if match:
-        values.setdefault("belt.type", match[0].upper())
-    rib_match = re.match(r"(\d{1,2})\s*P[HJKLM]", str(values.get("belt.type", "")), re.IGNORECASE)
-    if rib_match:
-        values.setdefault("belt.ribs", int(rib_match[1]))
-    return values
-
-
-def _relative(values: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Make the paths of the recordings relative to the folder of the config."""
-    for kind in RECORDINGS:
-        key = f"data.{kind}"
-        if values.get(key) is not None:
-            values[key] = Path(os.path.relpath(values[key], folder)).as_posix()
-    return values
-
-
 def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     sections: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
@@ -157,26 +137,19 @@ def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return sections
 
 
-def _summary(
-    path: Path, config: Config, stated: frozenset[str], recorded: frozenset[str]
-) -> Summary:
+def _summary(path: Path, config: Config, sources: Mapping[str, str]) -> Summary:
     """Summarise every key with its value and origin; the overview omits defaults."""
-
-    def origin(key: str) -> str:
-        return "recording" if key in recorded else "stated" if key in stated else DEFAULT
-
     rows = [
-        {"key": entry.key, "value": plain(entry.value), "origin": origin(entry.key)}
-        for entry in effective_values(ConfigSource(config, ""))
-        if entry.key.partition(".")[0] in SECTIONS
+        {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
+        for key, value, _ in effective_values(config)
+        if key.partition(".")[0] in SECTIONS
     ]
-    assumed = sum(row["origin"] == DEFAULT for row in rows)
     return Summary(
         stage="init",
         title=f"config of the belt {config.belt.name}",
         out=path,
-        facts={"stated": len(rows) - assumed, "defaults": assumed},
+        facts={"stated": len(sources), "defaults": len(rows) - len(sources)},
         table=rows,
-        overview=[row for row in rows if row["origin"] != DEFAULT],
+        overview=[row for row in rows if row["key"] in sources],
         origin=config.data.origin,
     )

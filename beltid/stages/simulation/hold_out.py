@@ -128,10 +128,7 @@ def predict(
     sources = with_rig_sources(solution.sources, rig_sources)
     points = [run.point for run in replace(campaign, measured=measured).runs]
     bench = replace(campaign.bench, surface=surface)
-    largest = float(max(measured.tight.max(), campaign.measured.tight.max()))
-    part = simulated_uncertainty(
-        bench, press, points, arcs, sources, largest_tension=largest, kind=kind
-    )
+    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind)
     if fold.by == "speed":
         known = float(np.exp(-BENDING_BEFORE[0]))  # as over ln f_N
         log_mu = np.log(surface.mu_nodes).mean(axis=0)

@@ -73,7 +73,7 @@ def prepared_campaign(
         reasons = Counter(row["why"] for row in set_aside)
         why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
         text = f"{name}: {counted(good.size, 'run')} can be used, at least 4 are needed{why}"
-        raise InputError(text, code="no-run")
+        raise InputError(text)
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
     standard_errors = own_errors(columns)
     mu_se = None if standard_errors is None else standard_errors[good]

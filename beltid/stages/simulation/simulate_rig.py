@@ -244,10 +244,9 @@ def _uncertainty(
     sources = with_rig_sources(sources_of(stored.get("sources", ())), rig_sources)
     points = [run.point for run in as_resting(campaign.config, runs)]
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
-    largest = max(float(result.tension_tight_N) for result in results)
     kind = rig_kind(campaign.config)
     calls = [
-        (campaign.bench, press, points[piece], numbers[piece], sources, elements, largest, kind)
+        (campaign.bench, press, points[piece], numbers[piece], sources, elements, kind)
         for piece in pieces
     ]
     try:

@@ -2,7 +2,7 @@
 
 The child receives a folder for its results and its limits as arguments, and the files as JSON on
 stdin: a list of ``[format, path]``. For file number i it writes ``i.npz`` (arrays and JSON, never
-pickled objects), or ``i.json`` with the reason of the failure and the code of its help page.
+pickled objects), or ``i.json`` with the reason of the failure.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | InputErr
         read, failure = _one_child(rest)
         results += read
         if len(read) < len(rest):
-            results.append(InputError(f"damaged: {failure}", code="damaged"))
+            results.append(InputError(f"damaged: {failure}"))
             crashes += 1
     untried = InputError("not tried, because too many files before it are damaged")
     return results + [untried] * (len(jobs) - len(results))
@@ -95,8 +95,7 @@ def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | Input
             if done.exists():
                 results.append(load(done))
             elif refused.exists():
-                text, code = json.loads(refused.read_text(encoding="utf-8"))
-                results.append(InputError(text, code=code))
+                results.append(InputError(json.loads(refused.read_text(encoding="utf-8"))))
             else:
                 break
     return results, failure
@@ -118,14 +117,14 @@ def read_all(folder: Path, jobs: Sequence[tuple[str, str]]) -> None:
             save(file, folder / f"{number}.part")
             os.replace(folder / f"{number}.part", folder / f"{number}.npz")
         except InputError as error:
-            reason = str(error), "".join(error.codes[:1])
+            reason = str(error)
         except ImportError as error:
-            reason = f"the library that reads its format cannot be loaded: {error}", ""
+            reason = f"the library that reads its format cannot be loaded: {error}"
         except MemoryError:
-            reason = "damaged: it requests more memory than a file of its size can need", "damaged"
+            reason = "damaged: it requests more memory than a file of its size can need"
         except Exception as error:  # a damaged file can raise nearly anything
             message = " ".join(str(error).split())[:160] or "unreadable"
-            reason = f"damaged: {type(error).__name__}: {message}", "damaged"
+            reason = f"damaged: {type(error).__name__}: {message}"
         else:
             continue
         (folder / f"{number}.json").write_text(json.dumps(reason), encoding="utf-8")

@@ -34,7 +34,7 @@ def read(path: Path) -> BenchFile:
     with path.open("rb") as stream:
         file = TdmsFile.read(stream)
         if getattr(file, "incomplete_data", False) or _status_incomplete(file):
-            raise InputError("damaged: the last segment is cut off", code="damaged")
+            raise InputError("damaged: the last segment is cut off")
         origin = _first_start(file)
         groups = []
         for group in file.groups():

@@ -38,7 +38,7 @@ def read(path: Path) -> BenchFile:
             raise InputError("is a binary Excel workbook (.xlsb), save it as .xlsx")
         broken = archive.testzip()
         if broken is not None:
-            raise InputError(f"damaged: {broken} in it does not match its checksum", code="damaged")
+            raise InputError(f"damaged: {broken} in it does not match its checksum")
     notes: list[str] = []
     groups: list[Group] = []
     hidden: list[Group] = []
