@@ -174,13 +174,6 @@ def pattern_of_names(value: Any) -> str:
     return value
 
 
-def auto_or_switch(value: Any) -> Any:
-    """Check for the word auto, true or false."""
-    if not isinstance(value, bool) and value != "auto":
-        raise complain("auto, true or false")
-    return value
-
-
 def folder_name(value: Any) -> str:
     """Check a name that must be a safe folder name on every system."""
     if not isinstance(value, str):

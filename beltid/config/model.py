@@ -31,7 +31,6 @@ from beltid.config.fields import (
     Text,
     UnitOf,
     Unstated,
-    auto_or_switch,
     file_path,
     folder_name,
     pattern_of_names,
@@ -382,13 +381,12 @@ class FrictionSection(Section):
     """Reduction of a rig run to a friction coefficient.
 
     The calibration of the load cells is applied first: T = gain (reading - tare) / cos(tilt), where
-    tilt is the angle between the span and the axis of its cell. The remaining imbalance is
+    tilt is the angle between the span and the axis of its cell. Zeros that still show at rest are
     corrected next.
     """
 
     min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
     spike_threshold: Annotated[float, Number(3, 100)] = 6.0
-    correct_imbalance: Annotated[Literal["auto"] | bool, BeforeValidator(auto_or_switch)] = "auto"
     tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0

@@ -7,7 +7,7 @@ import pytest
 from virtual_rig import Recipe, bench
 
 from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
-from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.identify.friction.rest import against_stated
 
 KNOWN = RigKind(cells=KnownCells(KnownCell(4.0, 1.03, 12.0), KnownCell(-2.5, 0.98, -5.0)))
@@ -29,12 +29,10 @@ def numbers(runs: tuple[RunReduction, ...]) -> np.ndarray:
     return np.array([[getattr(run, name) for name in SAME] for run in runs])
 
 
-@pytest.mark.parametrize("mode", ["auto", True])
-def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one(mode: str | bool) -> None:
+def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one() -> None:
     columns = bench(Recipe(arc_deg=82.0), 8)
-    true = reduce_runs(columns, 0.05, FrictionSettings(correct_imbalance=mode))
-    settings = FrictionSettings(correct_imbalance=mode)
-    found = reduce_runs(distorted(columns), 0.05, settings, KNOWN)
+    true = reduce_runs(columns, 0.05)
+    found = reduce_runs(distorted(columns), 0.05, kind=KNOWN)
     np.testing.assert_allclose(numbers(found), numbers(true), rtol=1e-6, atol=1e-7)
     for run in found:
         assert "tight cell tare 4 N, gain 1.03, tilt 12 deg" in run.treatment.cells.note

@@ -46,8 +46,6 @@ def test_other_settings():
     assert StiffnessSettings(0.04, reference_temperature_degC=-273.0).cycles == "last"
     with pytest.raises(InputError, match="reference_temperature_degC"):
         StiffnessSettings(0.04, reference_temperature_degC=-273.15)
-    with pytest.raises(InputError, match=r"correct_imbalance = 'maybe'"):
-        FrictionSettings(correct_imbalance="maybe")  # type: ignore[arg-type]
 
 
 QUADRATIC = ("quadratic", 0.0, 1.0, 0.0)

@@ -168,7 +168,6 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: Fricti
         se=np.array([rest.imbalance_se_N for rest in rests]),
         tension=initial,
         sliding=np.array([record.tensions_N for record in records]),
-        mode=settings.correct_imbalance,
     )
     relaxed = 1.0 + _relaxation(rests)
     shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
@@ -182,6 +181,7 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: Fricti
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
+        run.held = float(cells.held[k])
         run.drift = level.drift / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:

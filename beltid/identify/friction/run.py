@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,11 +53,6 @@ class FrictionSettings:
     """Fewest usable samples of sliding."""
     spike_threshold: float = 6.0
     """Distance from the neighbours above which a sample is a spike, in standard deviations."""
-    correct_imbalance: Literal["auto"] | bool = "auto"
-    """Whether to subtract the difference of the cells at rest. ``True``: in every run, half from
-    each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
-    clear difference. ``"auto"``: where it is clear, as the difference of zero points or of gains
-    that all runs of the bench show together; otherwise as with ``False``."""
     check_initial_tension: bool = True
     """Whether tensions at rest that do not match the stated ones are an error."""
     max_mu: float = 3.0
@@ -75,9 +70,6 @@ class FrictionSettings:
             )
             if not low <= (value := getattr(self, name)) <= high
         ]
-        if self.correct_imbalance not in ("auto", True, False):
-            setting = f"friction.correct_imbalance = {self.correct_imbalance!r}"
-            problems.append(f"{setting}, must be auto, true or false")
         if problems:
             raise InputError(problems)
 
@@ -188,6 +180,8 @@ class RunReduction(RunHeader):
     imbalance_N: float = NAN
     """Tight minus slack cell at rest, as recorded [N]."""
     imbalance_se_N: float = NAN
+    held: float = NAN
+    """Imbalance that zeros of the cells do not explain, over the initial tension [-]."""
     start_time_s: float = NAN
     """First sample at which the pulley turns [s]."""
     peak_time_s: float = NAN
@@ -212,7 +206,7 @@ class RunReduction(RunHeader):
     shared_drift: float = NAN
     """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
-    """The same for the zeros and gains of the cells [-]."""
+    """The same for the zeros of the cells [-]."""
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
     notes: tuple[str, ...] = ()

@@ -45,6 +45,8 @@ DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
     "speed and arc explain"
 )
+HELD: Final = 0.005
+"""Difference of the spans at rest over the initial tension above which a warning names it [-]."""
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
 
@@ -218,6 +220,15 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
                 "constant; if the slide of the pulley is held by the load cell of the hub force, "
                 "state rig.slide: held"
             )
+    shares = [abs(run.held) for run in good if abs(run.held) > HELD]
+    if shares:
+        yield (
+            f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
+            f"tension (median of {counted(len(shares), 'run')} of {len(good)}): "
+            "friction held in the belt, or gains of the cells that differ by as much; neither is "
+            "corrected. Turn the pulley back and forth before the rest, or add a few runs in the "
+            "other direction; state what the gains may be off as uncertainty.cell_gain_rel"
+        )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
         yield f"{TOUCHING} ({listed(touching)})"
