@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable
+
 import numpy as np
+import pandas as pd
 import pytest
 from virtual_rig import Recipe, bench
 
+import beltid
 from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.identify.friction.rest import against_stated
@@ -92,7 +97,19 @@ def test_tensions_at_rest_are_as_stated_but_for_their_scatter() -> None:
     assert not against_stated(at_rest(offset=30.0)[:3], STATED[:3])
 
 
-@pytest.mark.parametrize("offset", [30.0, -15.0])
+@pytest.mark.parametrize("levels", [(270, 411), (310, 411), (360, 411)])
+def test_levels_set_with_a_scatter_of_their_own_are_no_tare(
+    levels: tuple[int, ...], part_of_rig: Callable[..., str]
+) -> None:
+    """At 82 deg they are off by +3.1 (270 N), +0.6 (310), -0.6 (360) and -10.9 N (411 N)."""
+    recording = pd.read_csv(io.StringIO(part_of_rig((82,), levels, (0.05, 0.1, 0.21))))
+    assert set(beltid.fit_friction(recording).columns["status"]) == {"ok"}
+    cells = ["tension_tight_N", "tension_slack_N"]
+    with pytest.raises(beltid.InputError, match="tare_N"):
+        beltid.fit_friction(recording.assign(**{c: recording[c] + 80.0 for c in cells}))
+
+
+@pytest.mark.parametrize("offset", [30.0, 20.0, -15.0])
 def test_cells_that_were_not_tared_are_recognised_by_their_offset(offset: float) -> None:
     said = against_stated(at_rest(offset=offset), STATED)
     assert "tension_tight_tare_N" in said

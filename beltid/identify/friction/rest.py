@@ -31,6 +31,7 @@ from beltid.identify.estimators.signal import (
 )
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
+    mad_sigma,
     median,
     outlier_mask,
 )
@@ -41,9 +42,9 @@ MIN_SAMPLES = 3
 """Fewest samples before the pulley turns."""
 NEAR = 1e-4 / 6.0
 """Smallest spread of the samples at rest, relative to their median, for the search for outliers."""
-CLEAR, LARGE = 5.0, 0.1
-"""Standard errors, and share of the lowest stated tension or of the factor 1, above which the
-readings contradict the stated tensions."""
+AGREE, LARGE = 0.7, 0.1
+"""Relative scatter of the levels of tension up to which they agree; share of the lowest stated
+tension, or of the factor 1, above which the readings contradict the stated tensions."""
 ROUGH = "If the stated tensions are only approximate: friction.check_initial_tension: false"
 SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
 """Standard deviations allowed for zeta, gamma, w and f, in units of the median initial tension;
@@ -160,8 +161,8 @@ def _slope(t: Array, x: Array) -> tuple[float, float, float]:
 def against_stated(measured_N: Array, stated_N: Array) -> str:
     """Compare the tensions at rest with the stated initial tensions and describe a mismatch.
 
-    The line ``measured = offset + factor stated`` passes through the medians of the lowest and of
-    the highest third of the runs (Tukey's resistant line), so a few wrongly set runs do not matter.
+    Each level of tension has an offset and a factor, medians over its runs. The median level
+    counts if the levels agree on it, so that a few wrongly set runs or levels do not matter.
 
     Parameters
     ----------
@@ -173,43 +174,41 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     Returns
     -------
     str
-        Empty if they match, or if fewer than four runs or a single tension do not allow a check.
+        Empty if they match, if the levels do not agree on a mismatch, or if fewer than four runs
+        or a single tension do not allow a check.
     """
-    usable = np.isfinite(measured_N) & np.isfinite(stated_N)
+    usable = np.isfinite(measured_N) & (stated_N > 0.0)
     measured, stated = measured_N[usable], stated_N[usable]
-    if usable.sum() < 4:
+    levels = np.unique(stated)
+    if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
         return ""
-    order = np.argsort(stated, kind="stable")
-    third = -(-order.size // 3)
-    (low, high), (at_low, at_high) = (
-        (np.median(x[order[:third]]), np.median(x[order[-third:]])) for x in (stated, measured)
-    )
-    if high - low < 0.1 * abs(high):
+    offset_N, offset_apart = _median_level(measured - stated, stated)
+    excess, excess_apart = _median_level(measured / stated - 1.0, stated)
+    if min(offset_apart, excess_apart) > AGREE:
         return ""
-    factor = float((at_high - at_low) / (high - low))
-    offset = float(np.median(measured - factor * stated))
-    residual = measured - offset - factor * stated
-    scatter = 1.4826 * float(np.median(np.abs(residual))) + 1e-3 * float(np.median(stated))
-    design = np.column_stack([np.ones_like(stated), stated])
-    # the line through medians is about 1.25 times as uncertain as that of least squares
-    errors = 1.25 * scatter * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    offset_se, factor_se = errors
-    lowest = float(np.min(stated))
-    if abs(offset) > max(CLEAR * offset_se, LARGE * lowest):
+    is_offset = offset_apart < excess_apart
+    if is_offset and abs(offset_N) > LARGE * levels[0]:
         return (
-            f"the tensions at rest are {offset:+.3g} N (standard error {offset_se:.2g} N) off the "
-            "stated initial tensions at every tension: were the load cells tared? State their "
-            "readings without load as friction.tension_tight_tare_N and "
-            f"friction.tension_slack_tare_N. {ROUGH}"
+            f"the tensions at rest are {offset_N:+.3g} N off the stated initial tensions at "
+            f"{levels.size} levels of tension: were the load cells tared? State their readings "
+            "without load as friction.tension_tight_tare_N and friction.tension_slack_tare_N. "
+            f"{ROUGH}"
         )
-    if abs(factor - 1.0) > max(CLEAR * factor_se, LARGE):
+    if not is_offset and abs(excess) > LARGE:
         return (
-            f"the tensions at rest are {factor:.4g} (standard error {factor_se:.2g}) times the "
-            "stated initial tensions: is the unit of the cells right (units.rig), is the force of "
-            "the whole hub stated? State a known error of the cells as friction.tension_tight_gain "
-            f"and friction.tension_slack_gain. {ROUGH}"
+            f"the tensions at rest are {1.0 + excess:.4g} times the stated initial tensions at "
+            f"{levels.size} levels of tension: is the unit of the cells right (units.rig), is the "
+            "force of the whole hub stated? State a known error of the cells as "
+            f"friction.tension_tight_gain and friction.tension_slack_gain. {ROUGH}"
         )
     return ""
+
+
+def _median_level(values: Array, stated: Array) -> tuple[float, float]:
+    """Return the median over the levels of tension, and their scatter relative to it."""
+    of_levels = np.array([median(values[stated == level]) for level in np.unique(stated)])
+    middle = median(of_levels)
+    return middle, mad_sigma(of_levels) / max(abs(middle), 1e-300)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
