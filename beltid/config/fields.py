@@ -268,8 +268,8 @@ class ListOf(Checked):
         Name of the items in messages.
     example : str
         Example of the list in messages.
-    longest, fewest : int
-        Largest and smallest number of items.
+    longest : int
+        Largest number of items.
     repeats : bool
         Whether a number may be given more than once.
     """
@@ -277,15 +277,14 @@ class ListOf(Checked):
     what: str
     example: str
     longest: int = 200
-    fewest: int = 1
     repeats: bool = False
 
     def check(self, value: Any) -> tuple[Any, ...]:
         """Return the items; raise if the value is not a list, or too short or too long."""
         if not isinstance(value, (list, tuple)):
             raise complain(f"a list of {self.what}, such as {self.example}")
-        if not self.fewest <= len(value) <= self.longest:
-            allowed = f"a list of {self.fewest} to {self.longest} {self.what}"
+        if not 1 <= len(value) <= self.longest:
+            allowed = f"a list of 1 to {self.longest} {self.what}"
             raise complain(f"{allowed}, it has {len(value)}")
         return tuple(value)
 

@@ -211,7 +211,6 @@ class PressSection(Section):
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 RigKind = Literal[MeasuredKind, "running"]
-BinEdge = Annotated[float, Number(0, 1e4, "rad/s")]
 Arcs = Annotated[
     tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
     ListOf("contact arcs", "[40, 68, 82]"),
@@ -243,12 +242,6 @@ class RigSection(Section):
     slide: Literal["free", "held"] = "free"
     running_measures: MeasuredKind = "two_cells"
     belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
-    speed_bins_rad_s: (
-        Annotated[
-            tuple[BinEdge, ...], ListOf("edges of speed bins", "[0.1, 0.2, 0.4, 0.8]", fewest=2)
-        ]
-        | None
-    ) = None
     force_resolution_N: Annotated[float, Number(0, 1e4, "N")] | None = None
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10

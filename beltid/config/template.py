@@ -86,7 +86,6 @@ MEANINGS: Final = {
     "rig.slide": "torque_hub: the pulley moves freely at constant force, or is held by its cell",
     "rig.running_measures": "running: what it measures while the belt moves",
     "rig.belt_speed_m_s": "running: speed of the belt; null: a column",
-    "rig.speed_bins_rad_s": "coast-down: edges of the speed bins; null: none",
     "rig.force_resolution_N": "of the forces in a table of plateaus; null: not stated",
     "rig.pulley_radius_m": "radius of the belt's centreline on the pulley",
     "rig.span_length_m": "free belt from a load cell to the pulley",

@@ -48,7 +48,7 @@ SLIP = SlipResult(
 
 def with_measured(config: Config) -> tuple[Any, ...]:
     rig = config.rig
-    return rig.belt_speed_m_s, rig.speed_bins_rad_s, rig.force_resolution_N
+    return rig.belt_speed_m_s, rig.force_resolution_N
 
 
 def with_slip(config: Config) -> RequiredSpeeds:

@@ -69,27 +69,6 @@ def test_the_cells_of_the_first_bench_are_not_those_of_the_second(benches: Path)
     assert not [note for note in summary.notes if "load cells" in note]
 
 
-def test_a_coast_down_on_the_second_bench_is_cut_into_the_same_bins(tmp_path: Path) -> None:
-    time = np.arange(0.0, 20.0, 0.02)
-    omega = 0.9 - 0.04 * time
-    tight = 200.0 * np.exp(0.5 * (0.5 + 0.2 * omega) * np.radians(90.0))
-    rows = "".join(
-        f"C1,{t:.9g},{T:.9g},{200.0**2 / T:.9g},{w:.9g},90,200\n"
-        for t, T, w in zip(time, tight, omega, strict=True)
-    )
-    names = "run,time_s,tension_tight_N,tension_slack_N,pulley_speed_rad_s,arc_deg"
-    for name in ("first", "second"):
-        (tmp_path / f"{name}.csv").write_text(f"{names},initial_tension_N\n{rows}")
-    (tmp_path / "first.yaml").write_text("rig: {speed_bins_rad_s: [0.1, 0.3, 0.6, 0.9]}\n")
-    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
-    friction = tmp_path / "friction.parquet"
-    fit_friction.run(find_config(first), {"rig": first}, friction, Options())
-    inputs = {"friction": friction, "simulated": second}
-    summary = compare.run(find_config(second), inputs, tmp_path / "compare.parquet", Options())
-    assert summary.facts["runs_compared"] == 3
-    assert summary.facts["groups"][0]["rms_percent"] < 1e-9
-
-
 def test_another_mass_of_a_running_belt_is_another_comparison(
     tmp_path: Path, part_of_rig: Callable[..., str]
 ) -> None:

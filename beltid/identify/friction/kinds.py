@@ -39,7 +39,6 @@ from beltid.laws.capstan import (
 Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-Course = Literal["", "falls", "rises"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
 CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 60.0)}
 """Allowed ranges of the known errors of a cell."""
@@ -149,9 +148,6 @@ class Treatment:
         Lowest and highest bearing drag subtracted from the torque [N m].
     other_span : bool
         Whether the tension measured with the torque is on another span than stated.
-    course : {"", "falls", "rises"}
-        Trend of the speed of the recording from which this bin was cut; empty for a run at a
-        steady speed.
     n_marks : int
         Overflow marks removed from the pulley speed.
     """
@@ -159,7 +155,6 @@ class Treatment:
     cells: KnownCells = KnownCells()
     drag_N_m: tuple[float, float] | None = None
     other_span: bool = False
-    course: Course = ""
     n_marks: int = 0
 
     @classmethod

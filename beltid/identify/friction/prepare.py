@@ -27,7 +27,7 @@ from beltid.identify.estimators.signal import (
     noise_before_rounding,
     strongest_line,
 )
-from beltid.identify.estimators.statistics import mad_sigma
+from beltid.identify.estimators.statistics import mad_sigma, median
 from beltid.identify.friction.channels import (
     Channels,
     Rotation,
@@ -40,7 +40,6 @@ from beltid.identify.friction.channels import (
     unswapped,
 )
 from beltid.identify.friction.kinds import SPANS, Span
-from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
 from beltid.identify.friction.rest import Rest, rest_state
 from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
@@ -53,6 +52,12 @@ Mask = NDArray[np.bool_]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
+RUNS_DOWN = 1.25
+"""Ratio of the speeds in the first and the last quarter of a run-down."""
+RUN_DOWN = (
+    "a run whose speed falls or rises throughout has to be cut into plateaus: give a table with a "
+    "row for each"
+)
 ROUNDING_NOTED = 1e-4
 """Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
 MAX_IMBALANCE = 0.2
@@ -67,8 +72,8 @@ ONSET = 200
 class PreparedRun:
     """A run prepared for its campaign."""
 
-    found: tuple[RunReduction, ...]
-    """What its own record gives; of a run at a changing speed, one for each bin."""
+    found: RunReduction
+    """What its own record gives."""
     sliding: SlidingRecord | None = None
     """Its sliding phase; None if the status of `found` is final."""
 
@@ -85,14 +90,25 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
     settings : FrictionSettings
         Settings of the reduction.
     """
-    if settings.speed_bins_rad_s and course(record):
-        return PreparedRun(binned_plateaus(record, R, settings))
     run = RunReduction.of(record)
     try:
-        return PreparedRun((run,), _sliding(run, record, R, settings))
+        return PreparedRun(run, _sliding(run, record, R, settings))
     except RunRejected as reason:
-        run.status = f"{reason}; {BY_BINS}" if course(record) else str(reason)
-    return PreparedRun((run,))
+        run.status = (
+            f"{reason}; {RUN_DOWN}" if _runs_down(record.pulley_speed_rad_s) else str(reason)
+        )
+    return PreparedRun(run)
+
+
+def _runs_down(speed: Array) -> bool:
+    """Return whether the pulley, while it turns, becomes slower or faster throughout."""
+    magnitude = np.abs(speed[np.isfinite(speed)])
+    turning = magnitude[magnitude > 0.02 * float(np.max(magnitude, initial=0.0))]
+    if turning.size < 16:
+        return False
+    quarter = turning.size // 4
+    change = median(turning[-quarter:]) / median(turning[:quarter])
+    return max(change, 1.0 / change) > RUNS_DOWN
 
 
 def _sliding(

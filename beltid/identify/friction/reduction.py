@@ -129,7 +129,7 @@ def reduce_stream(
     Returns
     -------
     tuple of RunReduction
-        One for every run, in their order; for a run at a changing speed, one for each bin.
+        One for every run, in their order.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def reduce_stream(
     sliding = [run for run in prepared if run.sliding is not None]
     if sliding:
         _reduce_together(sliding, R, settings)
-    results = tuple(run for each in prepared for run in each.found)
+    results = tuple(run.found for run in prepared)
     if settings.check_initial_tension:
         # include rejected runs: with an untared cell, those of low tension are rejected
         tensions = [(run.initial_tension_N, run.nominal_tension_N) for run in results]
@@ -158,7 +158,7 @@ def _check_radius(R: float) -> None:
 
 def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: FrictionSettings) -> None:
     """Reduce all sliding runs of a bench together."""
-    runs = [run.found[0] for run in prepared]
+    runs = [run.found for run in prepared]
     records = [run.sliding for run in prepared if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])

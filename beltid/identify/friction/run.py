@@ -57,8 +57,6 @@ class FrictionSettings:
     """Whether tensions at rest that do not match the stated ones are an error."""
     max_mu: float = 3.0
     """Largest credible friction coefficient [-]."""
-    speed_bins_rad_s: tuple[float, ...] = ()
-    """Edges of the speed bins into which a run at a changing speed is cut [rad/s]."""
 
     def __post_init__(self) -> None:
         problems = [

@@ -18,7 +18,6 @@ from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
-    BINNED,
     TOUCHING,
     FrictionTable,
     recording_in_memory,
@@ -79,7 +78,6 @@ def _keys(config: Config, role: str) -> tuple[str, ...]:
     return (
         "friction",
         *rig_kind_keys(config),
-        "rig.speed_bins_rad_s",
         "rig.force_resolution_N",
         "rig.pulley_radius_m",
         "conditions",
@@ -242,8 +240,6 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             "no standard error is known: state mu_se in the table, or the resolution of the forces "
             "as rig.force_resolution_N"
         )
-    if any(run.treatment.course for run in good):
-        yield f"runs without a steady speed were divided into speed bins: {BINNED}"
 
 
 def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:

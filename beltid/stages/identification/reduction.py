@@ -53,9 +53,6 @@ NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 
 CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
 """Keys of a config for the known errors of the load cells."""
-BINNED: Final = (
-    "friction at falling speed differs from that at rising and from that at steady speed"
-)
 TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
@@ -72,9 +69,7 @@ def friction_settings(config: Config) -> FrictionSettings:
     """Return the settings of the reduction that a config states."""
     names = {field.name for field in fields(FrictionSettings)}
     section = config.friction.model_dump()
-    bins = config.rig.speed_bins_rad_s or ()
-    chosen = {name: value for name, value in section.items() if name in names}
-    return FrictionSettings(**chosen, speed_bins_rad_s=bins)
+    return FrictionSettings(**{name: x for name, x in section.items() if name in names})
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -379,9 +374,6 @@ def _notes(run: RunReduction) -> str | None:
     notes = list(taken_off(run.treatment))
     if run.treatment.other_span:
         notes.append("the tension measured with the torque is not that of the stated span")
-    if run.treatment.course:
-        course = f"the speed {run.treatment.course}: a plateau for each bin of the speed"
-        notes.append(f"{course}; {BINNED}")
     if run.arc_deg >= TOUCH_DEG:
         notes.append(TOUCHING)
     notes += run.notes

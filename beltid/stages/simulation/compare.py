@@ -313,17 +313,15 @@ def _as_measured(friction: Artifact, config: Config) -> Config:
     radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
     field_names = type(config.friction).model_fields
     section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
-    bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
     try:
-        measured = load_config({"friction": section, "rig": bins}) if section else config
+        measured = load_config({"friction": section}) if section else config
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
     cells = {
         key: getattr(config.friction, key) for key in field_names if f"friction.{key}" in CELL_KEYS
     }
-    speed_bins = measured.rig.speed_bins_rad_s
-    rig = {"pulley_radius_m": float(radius), "speed_bins_rad_s": speed_bins}
+    rig = {"pulley_radius_m": float(radius)}
     return config.model_copy(
         update={
             "friction": measured.friction.model_copy(update=cells),
