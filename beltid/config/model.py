@@ -373,23 +373,16 @@ class UncertaintySection(Section):
 class FrictionSection(Section):
     """Reduction of a rig run to a friction coefficient.
 
-    The calibration of the load cells is applied first: T = gain (reading - tare) / cos(tilt), where
-    tilt is the angle between the span and the axis of its cell. Zeros that still show at rest are
-    corrected next.
+    The calibration of the load cells is applied first: T = gain (reading - tare). Zeros that still
+    show at rest are corrected next.
     """
 
-    min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
-    spike_threshold: Annotated[float, Number(3, 100)] = 6.0
     tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0
     tension_slack_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
-    tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
-    check_initial_tension: bool = True
     correct_temperature: bool = False
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
-    max_mu: Annotated[float, Number(0.01, 100)] = 3.0
 
 
 class SurfaceSection(Section):

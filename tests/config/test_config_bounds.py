@@ -17,7 +17,6 @@ from beltid.config import Config, load_config
 from beltid.config.fields import Count, ListOf, Number
 from beltid.config.writing import checks_of
 from beltid.errors import ConfigError, InputError
-from beltid.identify.friction.reduction import FrictionSettings
 from beltid.identify.press.stiffness import StiffnessSettings
 from beltid.identify.slip.points import (
     RequiredSpeeds,
@@ -29,7 +28,7 @@ from beltid.identify.surface.surface import build_surface
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
-from beltid.stages.identification.reduction import friction_settings, rig_kind, stiffness_settings
+from beltid.stages.identification.reduction import rig_kind, stiffness_settings
 from beltid.stages.simulation.plan_inputs import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
@@ -99,7 +98,7 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: c.compare,),  # they are compared with as they are
-    "friction": (friction_settings, rig_kind, with_temperature),
+    "friction": (rig_kind, with_temperature),
     "surface": (with_surface,),
     "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
@@ -174,7 +173,6 @@ def test_the_science_takes_what_the_config_takes(
         ("simulation", "steps_per_run", 51),
         ("simulation", "elements", 2),
         ("simulation", "elements", 41),
-        ("friction", "min_plateau_samples", 7),
         ("slip", "n_speeds", 1),
         ("surface", "force_nodes", 1),
         ("simulation", "sticking_ratio", 0.99),
@@ -194,7 +192,6 @@ def test_the_config_refuses_what_the_science_refuses(section: str, key: str, val
 def test_the_defaults_are_those_of_the_science() -> None:
     config = Config()
     for section, science in (
-        (config.friction, FrictionSettings()),
         (config.simulation, SimulationSettings()),
         (config.press, StiffnessSettings(segment_length_m=0.04)),
     ):

@@ -112,7 +112,7 @@ def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
         ("conditions: {surface: oily}\n", "1:23", "must be dry, wet or dusty"),
         ("conditions: {pulley: steel}\n", "1:22", "the keys material, roughness_Ra_um"),
         ("rig: {arcs_deg: 40}\n", "1:17", "a list of contact arcs, such as [40, 68, 82]"),
-        ("spike_threshold: 5\n", "1:1", "did you mean friction.spike_threshold?"),
+        ("tension_tight_gain: 5\n", "1:1", "did you mean friction.tension_tight_gain?"),
         ("units: {rig: {tension_tight_N: kPa}}\n", "1:32", "one of N, mN, daN, kN, lbf, kgf"),
         ("units: {rig: {run: s}}\n", "1:15", "units.rig.run is not a known key"),
         ("columns: {rig: {tension_tight: F1}}\n", "1:17", "did you mean tension_tight_N?"),

@@ -124,7 +124,7 @@ def test_every_value_that_changes_a_result_changes_the_hash():
     seen = {base.sha256}
     changes: list[dict[str, dict[str, object]]] = [
         {"press": {"cycles": "first"}},
-        {"friction": {"spike_threshold": 7}},
+        {"friction": {"tension_tight_gain": 1.1}},
         {"surface": {"force_nodes": 9}},
         {"slip": {"n_speeds": 6}},
         {"simulation": {"method": "steady"}},

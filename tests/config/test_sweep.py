@@ -119,7 +119,7 @@ def test_a_sweep_is_a_section(tmp_path: Path, text: str) -> None:
 
 def test_more_cases_than_anybody_means_are_refused(tmp_path: Path) -> None:
     values = ", ".join(str(k) for k in range(1, 60))
-    text = f"sweep:\n  press.segment_length_cm: [{values}]\n  friction.max_mu: [{values}]\n"
+    text = f"sweep:\n  press.segment_length_cm: [{values}]\n  rig.pulley_radius_m: [{values}]\n"
     assert problems(tmp_path, text) == [
         f"2:3: sweep makes 3,481 cases, must be at most {MOST_CASES:,}"
     ]

@@ -15,14 +15,14 @@ from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.identify.friction.rest import against_stated
 
-KNOWN = RigKind(cells=KnownCells(KnownCell(4.0, 1.03, 12.0), KnownCell(-2.5, 0.98, -5.0)))
+KNOWN = RigKind(cells=KnownCells(KnownCell(4.0, 1.03), KnownCell(-2.5, 0.98)))
 SAME = ("mu_sliding", "mu_sliding_se", "tension_tight_N", "normal_force_N_m", "imbalance_N")
 
 
 def distorted(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """What cells with the known errors would have read."""
-    tight = columns["tension_tight_N"] * np.cos(np.radians(12.0)) / 1.03 + 4.0
-    slack = columns["tension_slack_N"] * np.cos(np.radians(5.0)) / 0.98 - 2.5
+    tight = columns["tension_tight_N"] / 1.03 + 4.0
+    slack = columns["tension_slack_N"] / 0.98 - 2.5
     return {**columns, "tension_tight_N": tight, "tension_slack_N": slack}
 
 
@@ -40,7 +40,7 @@ def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one() -> Non
     found = reduce_runs(distorted(columns), 0.05, kind=KNOWN)
     np.testing.assert_allclose(numbers(found), numbers(true), rtol=1e-6, atol=1e-7)
     for run in found:
-        assert "tight cell tare 4 N, gain 1.03, tilt 12 deg" in run.treatment.cells.note
+        assert "tight cell tare 4 N, gain 1.03;" in run.treatment.cells.note
     assert not any(run.treatment.cells.note for run in true)
 
 
@@ -66,13 +66,6 @@ def test_exchanged_columns_keep_their_cells() -> None:
     for run, true in zip(found, reduce_runs(columns, 0.05), strict=True):
         assert run.swapped
         assert run.mu_sliding == pytest.approx(true.mu_sliding, rel=1e-6)
-
-
-def test_the_tension_of_a_tilted_span_is_larger_than_what_its_cell_feels() -> None:
-    cell = KnownCell(tare_N=10.0, gain=2.0, tilt_deg=60.0)
-    np.testing.assert_allclose(cell.tension([10.0, 110.0]), [0.0, 400.0], rtol=1e-12)
-    assert KnownCell() == KnownCell(tare_N=0.0, gain=1.0, tilt_deg=0.0)
-    assert KnownCell().is_perfect
 
 
 # --- tensions at rest against the stated ones ---

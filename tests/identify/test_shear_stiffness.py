@@ -14,7 +14,7 @@ from scipy.sparse.linalg import spsolve
 from shear_rig import Curve, Setting, ShearRig, curves_of, recording
 
 from beltid.errors import FitError, InputError
-from beltid.identify.friction.run import FrictionSettings, run_records
+from beltid.identify.friction.run import run_records
 from beltid.identify.shear.build_up import FEWEST, BuildUp, build_up
 from beltid.identify.shear.mechanics import laid_belt
 from beltid.identify.shear.stiffness import BenchValues, ShearStiffness, fit_shear_stiffness
@@ -42,7 +42,7 @@ def curves() -> dict[Setting, Curve]:
 
 
 def build_ups(columns: Columns, radius: float = R) -> list[BuildUp]:
-    return [build_up(run, radius, FrictionSettings()) for run in run_records(columns, R)]
+    return [build_up(run, radius) for run in run_records(columns, R)]
 
 
 def fitted(columns: Columns) -> ShearStiffness:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
 import pytest
 from pydantic import BaseModel
 
@@ -23,7 +22,7 @@ friction:
   tension_tight_tare_N: 12.0
   tension_slack_tare_N: -7.0
   tension_tight_gain: 1.25
-  tension_slack_tilt_deg: 20.0
+  tension_slack_gain: 0.8
 """
 
 
@@ -35,11 +34,11 @@ def benches(tmp_path: Path, part_of_rig: Callable[..., str]) -> Path:
     readings = []
     for row in kept:
         cells = row.split(",")
-        # reading of a cell: T cos(tilt) / gain + tare
+        # reading of a cell: T / gain + tare
         if cells[2]:
             cells[2] = f"{float(cells[2]) / 1.25 + 12.0:.9g}"
         if cells[3]:
-            cells[3] = f"{float(cells[3]) * np.cos(np.radians(20.0)) - 7.0:.9g}"
+            cells[3] = f"{float(cells[3]) / 0.8 - 7.0:.9g}"
         readings.append(",".join(cells))
     (tmp_path / "second.csv").write_text("\n".join([header, *readings]) + "\n")
     (tmp_path / "second.yaml").write_text(CELLS)
@@ -55,7 +54,7 @@ def test_the_cells_of_the_second_bench_are_taken_off_and_reported(benches: Path)
     assert summary.facts["groups"][0]["rms_percent"] < 1e-3
     (said,) = [note for note in summary.notes if "load cells" in note]
     assert said.startswith("second.csv: known errors")  # in any folder the same
-    for part in ("tight cell tare 12 N, gain 1.25", "slack cell tare -7 N, tilt 20 deg"):
+    for part in ("tight cell tare 12 N, gain 1.25", "slack cell tare -7 N, gain 0.8"):
         assert part in said
 
 
@@ -83,7 +82,7 @@ def test_another_mass_of_a_running_belt_is_another_comparison(
     recording, friction = tmp_path / "rig.csv", tmp_path / "friction.parquet"
     recording.write_text(f"{text}\n")
     stated = tmp_path / "rig.yaml"
-    config = "rig: {kind: running}\nfriction: {check_initial_tension: false}\n"
+    config = "rig: {kind: running}\n"
     stated.write_text(f"{config}belt: {{mass_per_length_kg_m: 0.1}}\n")
     fit_friction.run(find_config(recording), {"rig": recording}, friction, Options())
     inputs, out = {"friction": friction, "simulated": recording}, tmp_path / "compare.parquet"

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 60.0)}
+CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0)}
 """Allowed ranges of the known errors of a cell."""
 TURNS = 0.03
 """Share of the largest speed above which the pulley counts as turning."""
@@ -58,38 +58,27 @@ class KnownCell:
     """Reading without load [N]."""
     gain: float = 1.0
     """Ratio of the true force to the reading less tare [-]."""
-    tilt_deg: float = 0.0
-    """Angle between the free span of the belt and the axis of the cell [deg]."""
-
-    @property
-    def scale(self) -> float:
-        """Ratio of the tension to the reading less tare [-]."""
-        return self.gain / float(np.cos(np.radians(self.tilt_deg)))
 
     @property
     def is_perfect(self) -> bool:
         """Whether there is nothing to correct."""
-        return self.tare_N == 0.0 and self.scale == 1.0
+        return self.tare_N == 0.0 and self.gain == 1.0
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Convert readings of the cell to the tension of its span.
-
-        The cell measures the component of the tension along its axis,
-        ``T = gain (reading - tare) / cos(tilt)``.
+        """Convert readings of the cell to the tension of its span, ``gain (reading - tare)``.
 
         Parameters
         ----------
         reading_N : array_like
             Readings [N].
         """
-        return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
+        return self.gain * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
     @property
     def corrections(self) -> str:
         """Description of the corrections; empty for a perfect cell."""
         errors = (("tare", self.tare_N, 0.0, " N"), ("gain", self.gain, 1.0, ""))
-        parts = (*errors, ("tilt", self.tilt_deg, 0.0, " deg"))
-        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in parts if x != none)
+        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in errors if x != none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +206,7 @@ class RigKind:
             if not low <= (value := getattr(self.cell(span), name)) <= high
         ]
         problems += [
-            f"friction.tension_{span}_tare_N, _gain, _tilt_deg: rig.kind: {self.measures} has no "
+            f"friction.tension_{span}_tare_N, _gain: rig.kind: {self.measures} has no "
             f"cell in the {span} span; errors of another channel are a calibration: "
             "units: {rig: {...: {factor: 1.0, offset: 0.0}}}"
             for span in without.get(self.measures, [])

@@ -24,11 +24,11 @@ from beltid.identify.friction.kinds import (
 )
 from beltid.identify.friction.run import (
     CELLS,
+    MAX_MU,
     NAN,
     OPTIONAL,
     TEXT_COLUMNS,
     Conditions,
-    FrictionSettings,
     RunReduction,
     arc_problem,
 )
@@ -47,7 +47,6 @@ NUMBERS = (*STATED, *SPEEDS, *OPTIONAL, "mu_se", "arc_deg")
 def reduce_plateaus(
     columns: Columns,
     R: float,
-    settings: FrictionSettings,
     kind: RigKind,
     resolution_N: float = NAN,
 ) -> tuple[RunReduction, ...]:
@@ -61,8 +60,6 @@ def reduce_plateaus(
         pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is subtracted from the others.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Largest credible mu.
     kind : RigKind
         What the rig measures.
     resolution_N : float
@@ -137,7 +134,7 @@ def reduce_plateaus(
             if np.isnan(run.mu_sliding_se):
                 run.mu_sliding_se = float(se[k])
             run.momentum_N = float(momentum[k])
-        run.status = _problem(run, settings, kind) or "ok"
+        run.status = _problem(run, kind) or "ok"
         runs.append(run)
     return tuple(runs)
 
@@ -170,7 +167,7 @@ def _unique(labels: list[str]) -> list[str]:
     return unique
 
 
-def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind) -> str:
+def _problem(run: RunReduction, kind: RigKind) -> str:
     """Return why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
@@ -188,8 +185,8 @@ def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind) -> st
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
                 return f"tension_{name}_N = {tension:g}, must be > 0"
-    if not 0.0 < run.mu_sliding <= settings.max_mu:
-        return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {settings.max_mu:g}]"
+    if not 0.0 < run.mu_sliding <= MAX_MU:
+        return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {MAX_MU:g}]"
     if not run.normal_force_N_m > 0.0:
         return f"normal_force_N_m = {run.normal_force_N_m:g}, must be > 0"
     if not run.slip_speed_m_s > 0.0:

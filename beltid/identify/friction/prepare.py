@@ -41,7 +41,7 @@ from beltid.identify.friction.channels import (
 )
 from beltid.identify.friction.kinds import SPANS, Span
 from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
 
@@ -52,6 +52,8 @@ Mask = NDArray[np.bool_]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
+FEWEST_SLIDING = 12
+"""Fewest usable samples of sliding."""
 RUNS_DOWN = 1.25
 """Ratio of the speeds in the first and the last quarter of a run-down."""
 RUN_DOWN = (
@@ -78,7 +80,7 @@ class PreparedRun:
     """Its sliding phase; None if the status of `found` is final."""
 
 
-def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
+def prepare_run(record: RunRecord, R: float) -> PreparedRun:
     """Condense one record to the data its campaign needs; its status states any defect.
 
     Parameters
@@ -87,12 +89,10 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         The samples.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Settings of the reduction.
     """
     run = RunReduction.of(record)
     try:
-        return PreparedRun(run, _sliding(run, record, R, settings))
+        return PreparedRun(run, _sliding(run, record, R))
     except RunRejected as reason:
         run.status = (
             f"{reason}; {RUN_DOWN}" if _runs_down(record.pulley_speed_rad_s) else str(reason)
@@ -111,14 +111,12 @@ def _runs_down(speed: Array) -> bool:
     return max(change, 1.0 / change) > RUNS_DOWN
 
 
-def _sliding(
-    run: RunReduction, record: RunRecord, R: float, settings: FrictionSettings
-) -> SlidingRecord:
+def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     kind = record.kind
     if record.defect:
         raise RunRejected(record.defect)
-    channels = condensed(read_channels(record, settings))
+    channels = condensed(read_channels(record))
     run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
@@ -150,10 +148,8 @@ def _sliding(
     held = channels if kind.weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
     n = phase.time_s.size - phase.slide
-    if n < settings.min_plateau_samples:
-        raise RunRejected(
-            f"too short: {n} usable samples of sliding, must be >= {settings.min_plateau_samples}"
-        )
+    if n < FEWEST_SLIDING:
+        raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
     sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
     run.ripple_amplitude_N, run.ripple_period_s = sliding.ripple_N, sliding.ripple_s
     run.plateau_end_s = float(sliding.last_s[-1])

@@ -45,7 +45,7 @@ NEAR = 1e-4 / 6.0
 AGREE, LARGE = 0.7, 0.1
 """Relative scatter of the levels of tension up to which they agree; share of the lowest stated
 tension, or of the factor 1, above which the readings contradict the stated tensions."""
-ROUGH = "If the stated tensions are only approximate: friction.check_initial_tension: false"
+ROUGH = "If only the stated tensions are wrong, correct initial_tension_N"
 SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
 """Standard deviations allowed for zeta, gamma, w and f, in units of the median initial tension;
 zero has half the probability."""

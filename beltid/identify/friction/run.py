@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 
 NAN = float("nan")
+MAX_MU = 3.0
+"""Largest credible friction coefficient [-]."""
 
 
 class RunRejected(Exception):
@@ -37,39 +39,6 @@ class RunRejected(Exception):
 
     It is caught within the reduction of the run: one bad run must not stop the others.
     """
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionSettings:
-    """Settings of the reduction. The defaults suit both bench and simulated recordings.
-
-    Raises
-    ------
-    InputError
-        If values are out of range; lists all of them.
-    """
-
-    min_plateau_samples: int = 12
-    """Fewest usable samples of sliding."""
-    spike_threshold: float = 6.0
-    """Distance from the neighbours above which a sample is a spike, in standard deviations."""
-    check_initial_tension: bool = True
-    """Whether tensions at rest that do not match the stated ones are an error."""
-    max_mu: float = 3.0
-    """Largest credible friction coefficient [-]."""
-
-    def __post_init__(self) -> None:
-        problems = [
-            f"friction.{name} = {value!r}, must be in [{low:g}, {high:g}]"
-            for name, low, high in (
-                ("min_plateau_samples", 8, 1_000_000),
-                ("spike_threshold", 3.0, 100.0),
-                ("max_mu", 0.01, 100.0),
-            )
-            if not low <= (value := getattr(self, name)) <= high
-        ]
-        if problems:
-            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,9 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
+from beltid.identify.friction.prepare import FEWEST_SLIDING
 from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import NAN, FrictionSettings, RunRecord, RunRejected
+from beltid.identify.friction.run import NAN, RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,7 @@ class BuildUp:
         return self.status == "ok"
 
 
-def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp:
+def build_up(record: RunRecord, R: float) -> BuildUp:
     """Measure the build-up slope of one run; the status tells why a run cannot be used.
 
     Parameters
@@ -75,19 +76,17 @@ def build_up(record: RunRecord, R: float, settings: FrictionSettings) -> BuildUp
         The samples, at least up to sliding.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Settings for load cells, spikes, gaps and the minimum number of samples.
     """
     result = BuildUp(record.run, record.arc_deg, record.nominal_tension_N)
     try:
         if record.defect:
             raise RunRejected(record.defect)
-        channels = read_channels(record, settings)
+        channels = read_channels(record)
         rotation = find_rotation(channels.speed)
         rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
         channels, swapped = unswapped(channels, rotation)
         phase = sliding_phase(channels, rotation)
-        if phase.time_s.size - phase.slide < settings.min_plateau_samples:
+        if phase.time_s.size - phase.slide < FEWEST_SLIDING:
             raise RunRejected("too short: the record ends before the plateau shows")
         # from here on, samples start where the pulley begins to turn
         t = phase.time_s[phase.first :]

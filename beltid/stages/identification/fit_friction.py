@@ -99,8 +99,7 @@ def fit_friction(
     frame : DataFrame, pyarrow Table or mapping
         The columns of rig.csv, with the channels of the kind of the rig.
     config : Config, dict, path or None
-        Kind of the rig, radius of the pulley, settings of the reduction, conditions; None is the
-        built-in 5PK rig.
+        Kind of the rig, radius of the pulley, conditions; None is the built-in 5PK rig.
     table : bool
         Whether the frame has a row per plateau instead of samples over time.
 

@@ -29,7 +29,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
-    friction_settings,
     recording_in_memory,
     records_of,
 )
@@ -128,13 +127,11 @@ def _check_kind(config: Config) -> None:
 def _outcome(
     records: Iterable[RunRecord], config: Config, press: PressLaw | None
 ) -> Outcome[ShearStiffness]:
-    settings, radius = friction_settings(config), config.rig.pulley_radius_m
-    runs = [build_up(record, radius, settings) for record in records]
-    if config.friction.check_initial_tension:
-        measured, stated = np.array([(r.initial_tension_N, r.nominal_tension_N) for r in runs]).T
-        problem = against_stated(measured, stated)
-        if problem:
-            raise InputError(problem)
+    radius = config.rig.pulley_radius_m
+    runs = [build_up(record, radius) for record in records]
+    measured, stated = np.array([(r.initial_tension_N, r.nominal_tension_N) for r in runs]).T
+    if problem := against_stated(measured, stated):
+        raise InputError(problem)
     uncertainty = standard_uncertainties(config)
     stated = {name: getattr(uncertainty, name) for name in STATED}
     belt, span_m, law, spread = config.belt, config.rig.span_length_m, NORMAL_LAW, None

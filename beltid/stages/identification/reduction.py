@@ -34,7 +34,6 @@ from beltid.identify.friction.kinds import (
 )
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
-    FrictionSettings,
     RunReduction,
     reduce_stream,
 )
@@ -63,13 +62,6 @@ BATCH_BYTES: Final = 32 << 20
 """Size at which a batch is closed even with fewer runs [bytes]."""
 BYTES_UNDER_WAY: Final = 96 << 20
 """Maximum size of the batches that wait for their workers, without the one being filled."""
-
-
-def friction_settings(config: Config) -> FrictionSettings:
-    """Return the settings of the reduction that a config states."""
-    names = {field.name for field in fields(FrictionSettings)}
-    section = config.friction.model_dump()
-    return FrictionSettings(**{name: x for name, x in section.items() if name in names})
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -133,16 +125,15 @@ def reduce_rig(
     rig : Recording or BigRecording
         The recording.
     config : Config
-        Kind of the rig, radius of the pulley, settings of the reduction.
+        Kind of the rig, radius of the pulley.
     workers : Workers, optional
         Reduce the runs of a big recording while the next ones are read.
     """
-    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
-    records = records_of(rig, config)
+    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
     # a single worker reduces run by run without holding a batch
     if isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1:
-        return reduce_stream(records, radius, settings, partial(_parallel_map, workers))
-    return reduce_stream(records, radius, settings)
+        return reduce_stream(records, radius, partial(_parallel_map, workers))
+    return reduce_stream(records, radius)
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
@@ -202,7 +193,6 @@ def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[Ru
     return reduce_plateaus(
         columns,
         rig.pulley_radius_m,
-        friction_settings(config),
         rig_kind(config),
         _or_nan(resolution_N),
     )
