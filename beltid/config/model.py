@@ -203,10 +203,7 @@ class PressSection(Section):
     segment_length_cm: Annotated[float, Number(0.1, 100, "cm")] = 4.0
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
-    force_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    displacement_gain: Annotated[float, Number(0.1, 10)] = 1.0
     cycles: Literal["last", "first", "all"] = "last"
-    loading_only: bool = False
 
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]

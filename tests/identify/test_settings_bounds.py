@@ -15,8 +15,6 @@ from beltid.identify.press.recording import StiffnessSettings
 CLOSED = [
     (StiffnessSettings, "segment_length_m", 1e-3, 1.0),
     (StiffnessSettings, "machine_compliance_m_N", 0.0, 1e-5),
-    (StiffnessSettings, "force_gain", 0.1, 10.0),
-    (StiffnessSettings, "displacement_gain", 0.1, 10.0),
 ]
 
 

@@ -108,10 +108,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
         segment_length_m=press.segment_length_cm / 100.0,
         reference_temperature_degC=press.reference_temperature_degC,
         machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-        force_gain=press.force_gain,
-        displacement_gain=press.displacement_gain,
         cycles=press.cycles,
-        loading_only=press.loading_only,
     )
 
 
