@@ -76,7 +76,7 @@ def measure_inverse(rounds: int) -> Inverse:
     refined = refine_surface(bench, whole.runs, speeds)
     slopes = refined_slopes(whole, refined, speeds)
     sources = all_sources(GIVEN, 3, law_scatter=False)
-    nominal = prepare(whole, refined, speeds, None, (sources, slopes))
+    nominal = prepare(whole, refined, speeds, (sources, slopes))
     replicates(nominal, 0, [0])
     times: dict[str, list[float]] = {"solution": [], "sensitivities": [], "replicate": []}
     for number in range(rounds):

@@ -382,18 +382,6 @@ class FrictionSection(Section):
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
 
 
-class SurfaceSection(Section):
-    """Friction surface: number of common nodes of the normal force."""
-
-    force_nodes: Annotated[int, Count(2, 200)] | None = None
-
-
-class SlipSection(Section):
-    """Number of pulley speeds to run on the friction rig."""
-
-    n_speeds: Annotated[int, Count(2, 50)] = 5
-
-
 class SimulationSection(Section):
     """Simulation of the rig; null: chosen by the program."""
 
@@ -432,8 +420,6 @@ class Config(Section):
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()
     friction: FrictionSection = FrictionSection()
-    surface: SurfaceSection = SurfaceSection()
-    slip: SlipSection = SlipSection()
     simulation: SimulationSection = SimulationSection()
     drive: DriveSection = DriveSection()
     compare_drive: CompareDriveSection = CompareDriveSection()

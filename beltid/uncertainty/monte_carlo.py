@@ -62,8 +62,6 @@ class Nominal:
         Its solution.
     published : SurfaceGrid
         The surface by the published procedure.
-    force_nodes : int or None
-        Number of force nodes of that procedure, None for one per point of a curve.
     speeds : ndarray, shape (m,)
         Speeds of the solution [m/s].
     sources : tuple of Source
@@ -81,7 +79,6 @@ class Nominal:
     campaign: Campaign
     refined: RefinedSurface
     published: SurfaceGrid
-    force_nodes: int | None
     speeds: Array
     sources: tuple[Source, ...]
     slopes: Array
@@ -113,7 +110,6 @@ def prepare(
     campaign: Campaign,
     refined: RefinedSurface,
     speeds: Array,
-    force_nodes: int | None,
     linear: tuple[Sequence[Source], Array],
 ) -> Nominal:
     """Prepare the starting point of the replicates.
@@ -128,8 +124,7 @@ def prepare(
     return Nominal(
         campaign=campaign,
         refined=refined,
-        published=published_grid(campaign.measured, force_nodes),
-        force_nodes=force_nodes,
+        published=published_grid(campaign.measured),
         speeds=speeds,
         sources=tuple(sources),
         slopes=slopes,
@@ -188,7 +183,7 @@ def _replicate(nominal: Nominal, rng: np.random.Generator) -> tuple[Array, Array
     parameters = refined_again(nominal, corrected, errors, (scatter, pull))
     change = on_nodes(nominal.refined, (parameters - nominal.refined.parameters)[:, None])
     noisy = corrected.measured.scattered(measured.mu_se / measured.mu * scatter)
-    again = published_grid(noisy, nominal.force_nodes)
+    again = published_grid(noisy)
     return change[..., 0], changes_at_nodes(nominal.published, again)
 
 
@@ -430,7 +425,7 @@ def check_of(
         )
     measured, grid = nominal.campaign.measured, nominal.published
     published_factors = [
-        published_changes(measured, grid, sources, nominal.force_nodes),
+        published_changes(measured, grid, sources),
         scatter_factor(published_curves(measured), grid, arcs=False),
     ]
     u_published = np.linalg.norm(np.concatenate(published_factors, axis=-1), axis=-1)

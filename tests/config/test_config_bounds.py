@@ -24,7 +24,6 @@ from beltid.identify.slip.points import (
     SlipResult,
     required_pulley_speeds,
 )
-from beltid.identify.surface.surface import build_surface
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import DEFAULT_STEPS, SimulationSettings
@@ -51,7 +50,7 @@ def with_measured(config: Config) -> tuple[Any, ...]:
 
 
 def with_slip(config: Config) -> RequiredSpeeds:
-    return required_pulley_speeds(SLIP, config.rig.pulley_radius_m, config.slip.n_speeds)
+    return required_pulley_speeds(SLIP, config.rig.pulley_radius_m)
 
 
 def with_points(config: Config) -> tuple[OperatingPoint, ...]:
@@ -77,11 +76,6 @@ def with_drive(config: Config) -> tuple[Any, ...]:
     return drive, points_of_config(config) if stated else ()
 
 
-def with_surface(config: Config) -> Any:
-    points = [40.0] * 3, [1e3, 2e3, 3e3], [0.01] * 3, [1.0] * 3
-    return build_surface(*points, **dict(config.surface)).average.mu.shape
-
-
 def with_temperature(config: Config) -> Any:
     runs = np.zeros(2, dtype=int), np.zeros(2), np.array([20.0, 30.0])
     return campaign_effects(*runs, config.friction.reference_temperature_degC)
@@ -99,8 +93,6 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: c.compare,),  # they are compared with as they are
     "friction": (rig_kind, with_temperature),
-    "surface": (with_surface,),
-    "slip": (with_slip,),
     "simulation": (with_simulation, lambda c: c.contact_params()),
     "drive": (with_drive,),
     "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
@@ -173,8 +165,6 @@ def test_the_science_takes_what_the_config_takes(
         ("simulation", "steps_per_run", 51),
         ("simulation", "elements", 2),
         ("simulation", "elements", 41),
-        ("slip", "n_speeds", 1),
-        ("surface", "force_nodes", 1),
         ("simulation", "sticking_ratio", 0.99),
         ("contact", "points_per_element", 0),
     ],

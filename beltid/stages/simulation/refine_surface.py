@@ -401,9 +401,8 @@ def _refined(
     solution = workers.call(refined_campaign, campaign, speeds, sources, reference)
     uncertainty, check = refined_uncertainty(solution), None
     if choices.bootstrap:
-        force_nodes = config.surface.force_nodes
         linear = (solution.sources, solution.slopes)
-        nominal = prepare(solution.campaign, solution.refined, speeds, force_nodes, linear)
+        nominal = prepare(solution.campaign, solution.refined, speeds, linear)
         draws = choices.bootstrap, choices.seed
         replicates = drawn(nominal, *draws, options.reporter, workers)
         check = check_of(nominal, replicates, uncertainty.factor, uncertainty.sources)
