@@ -176,13 +176,6 @@ def pattern_of_names(value: Any) -> str:
     return value
 
 
-def auto_or_switch(value: Any) -> Any:
-    """Check for the word auto, true or false."""
-    if not isinstance(value, bool) and value != "auto":
-        raise complain("auto, true or false")
-    return value
-
-
 def folder_name(value: Any) -> str:
     """Check a name that must be a safe folder name on every system."""
     return _plain(value, FOLDER_NAME, "", "it names the folder of the results")
@@ -286,8 +279,8 @@ class ListOf(Checked):
         Name of the items in messages.
     example : str
         Example of the list in messages.
-    longest, fewest : int
-        Largest and smallest number of items.
+    longest : int
+        Largest number of items.
     repeats : bool
         Whether a number may be given more than once.
     """
@@ -295,15 +288,14 @@ class ListOf(Checked):
     what: str
     example: str
     longest: int = 200
-    fewest: int = 1
     repeats: bool = False
 
     def check(self, value: Any) -> tuple[Any, ...]:
         """Return the items; raise if the value is not a list, or too short or too long."""
         if not isinstance(value, (list, tuple)):
             raise complain(f"a list of {self.what}, such as {self.example}")
-        if not self.fewest <= len(value) <= self.longest:
-            allowed = f"a list of {self.fewest} to {self.longest} {self.what}"
+        if not 1 <= len(value) <= self.longest:
+            allowed = f"a list of 1 to {self.longest} {self.what}"
             raise complain(f"{allowed}, it has {len(value)}")
         return tuple(value)
 

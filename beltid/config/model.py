@@ -31,7 +31,6 @@ from beltid.config.fields import (
     Text,
     UnitOf,
     Unstated,
-    auto_or_switch,
     file_path,
     folder_name,
     pattern_of_names,
@@ -204,15 +203,11 @@ class PressSection(Section):
     segment_length_cm: Annotated[float, Number(0.1, 100, "cm")] = 4.0
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
     machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
-    force_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    displacement_gain: Annotated[float, Number(0.1, 10)] = 1.0
     cycles: Literal["last", "first", "all"] = "last"
-    loading_only: bool = False
 
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 RigKind = Literal[MeasuredKind, "running"]
-BinEdge = Annotated[float, Number(0, 1e4, "rad/s")]
 Arcs = Annotated[
     tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
     ListOf("contact arcs", "[40, 68, 82]"),
@@ -244,12 +239,6 @@ class RigSection(Section):
     slide: Literal["free", "held"] = "free"
     running_measures: MeasuredKind = "two_cells"
     belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
-    speed_bins_rad_s: (
-        Annotated[
-            tuple[BinEdge, ...], ListOf("edges of speed bins", "[0.1, 0.2, 0.4, 0.8]", fewest=2)
-        ]
-        | None
-    ) = None
     force_resolution_N: Annotated[float, Number(0, 1e4, "N")] | None = None
     pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
     span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
@@ -369,36 +358,16 @@ class UncertaintySection(Section):
 class FrictionSection(Section):
     """Reduction of a rig run to a friction coefficient.
 
-    The calibration of the load cells is applied first: T = gain (reading - tare) / cos(tilt), where
-    tilt is the angle between the span and the axis of its cell. The remaining imbalance is
-    corrected next.
+    The calibration of the load cells is applied first: T = gain (reading - tare). Zeros that still
+    show at rest are corrected next.
     """
 
-    min_plateau_samples: Annotated[int, Count(8, 1_000_000)] = 12
-    spike_threshold: Annotated[float, Number(3, 100)] = 6.0
-    correct_imbalance: Annotated[Literal["auto"] | bool, BeforeValidator(auto_or_switch)] = "auto"
     tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
     tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0
     tension_slack_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    tension_tight_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
-    tension_slack_tilt_deg: Annotated[float, Number(-60, 60, "°")] = 0.0
-    check_initial_tension: bool = True
     correct_temperature: bool = False
     reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
-    max_mu: Annotated[float, Number(0.01, 100)] = 3.0
-
-
-class SurfaceSection(Section):
-    """Friction surface: number of common nodes of the normal force."""
-
-    force_nodes: Annotated[int, Count(2, 200)] | None = None
-
-
-class SlipSection(Section):
-    """Number of pulley speeds to run on the friction rig."""
-
-    n_speeds: Annotated[int, Count(2, 50)] = 5
 
 
 class SimulationSection(Section):
@@ -438,8 +407,6 @@ class Config(Section):
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()
     friction: FrictionSection = FrictionSection()
-    surface: SurfaceSection = SurfaceSection()
-    slip: SlipSection = SlipSection()
     simulation: SimulationSection = SimulationSection()
     drive: DriveSection = DriveSection()
     compare_drive: CompareDriveSection = CompareDriveSection()

@@ -235,7 +235,7 @@ _FRICTION = Table(
                 for name, of in (
                     ("shared_tail", "the shape of the tail"),
                     ("shared_drift", "a drift of the cells or a relaxation of the belt"),
-                    ("shared_cells", "zero points and gains of the cells at rest"),
+                    ("shared_cells", "zero points of the cells at rest"),
                 )
             ),
             *_TENSIONS_FROM,

@@ -37,10 +37,10 @@ def published_curves(measured: Measured) -> CurveSet:
     return build_curves(points)
 
 
-def published_grid(measured: Measured, force_nodes: int | None) -> SurfaceGrid:
+def published_grid(measured: Measured) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
     curves = published_curves(measured)
-    return average(curves, force_nodes, errors_known=True)[0]
+    return average(curves, errors_known=True)[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
@@ -57,14 +57,10 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
     return np.asarray(np.log(other.mu / nominal.mu) - along)
 
 
-def published_changes(
-    measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source], force_nodes: int | None
-) -> Array:
+def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source]) -> Array:
     """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
     columns = [
-        changes_at_nodes(
-            nominal, published_grid(measured.corrected(Errors.single(source)), force_nodes)
-        )
+        changes_at_nodes(nominal, published_grid(measured.corrected(Errors.single(source))))
         for source in sources
     ]
     return np.stack(columns, axis=-1) if columns else np.zeros((*nominal.mu.shape, 0))

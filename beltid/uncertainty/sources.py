@@ -38,8 +38,8 @@ class StandardUncertainties:
     tension_gain : float
         Gain of both load cells together, as a share.
     cell_gain : float
-        Gain of each load cell separately, as a share, after calibration and after comparison of
-        both cells at rest.
+        Gain of each load cell separately, as a share. Rest does not show it: the belt may hold as
+        much friction.
     cell_offset : float
         Zero point of each load cell [N].
     torque_gain : float

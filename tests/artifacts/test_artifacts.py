@@ -39,7 +39,7 @@ METADATA = Metadata(
     inputs={"rig.csv": "cd" * 32},
     validity={"normal_force_N_m": [1041.5, 9000.25]},
     set_aside=[{"run": "R007", "why": "never slides"}],
-    settings={"max_mu": 3.0},
+    settings={"rig.pulley_radius_m": 0.05},
     method="published",
 )
 

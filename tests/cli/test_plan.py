@@ -88,7 +88,7 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
     ran: Path, results: Any, beltid: Any
 ) -> None:
     config = (ran / "beltid.yaml").read_text()
-    (ran / "other.yaml").write_text(f"{config}\nfriction: {{min_plateau_samples: 21}}\n")
+    (ran / "other.yaml").write_text(f"{config}\nfriction: {{tension_tight_gain: 1.01}}\n")
     (recording,) = ran.glob("**/rig.csv")
     made = beltid("fit-friction", recording, "-c", "other.yaml", "-o", "other.parquet")
     assert made.exit_code == 0, made.stderr

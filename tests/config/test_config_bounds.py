@@ -17,7 +17,6 @@ from beltid.config import Config, load_config
 from beltid.config.fields import Count, ListOf, Number
 from beltid.config.writing import checks_of
 from beltid.errors import ConfigError, InputError
-from beltid.identify.friction.reduction import FrictionSettings
 from beltid.identify.press.stiffness import StiffnessSettings
 from beltid.identify.slip.points import (
     RequiredSpeeds,
@@ -25,11 +24,10 @@ from beltid.identify.slip.points import (
     SlipResult,
     required_pulley_speeds,
 )
-from beltid.identify.surface.surface import build_surface
 from beltid.params import OperatingPoint
 from beltid.refine.effects import campaign_effects
 from beltid.rigsim.rig import SimulationSettings
-from beltid.stages.identification.reduction import friction_settings, rig_kind, stiffness_settings
+from beltid.stages.identification.reduction import rig_kind, stiffness_settings
 from beltid.stages.simulation.plan_inputs import rig_settings
 from beltid.stages.uncertainties import standard_uncertainties
 
@@ -48,11 +46,11 @@ SLIP = SlipResult(
 
 def with_measured(config: Config) -> tuple[Any, ...]:
     rig = config.rig
-    return rig.belt_speed_m_s, rig.speed_bins_rad_s, rig.force_resolution_N
+    return rig.belt_speed_m_s, rig.force_resolution_N
 
 
 def with_slip(config: Config) -> RequiredSpeeds:
-    return required_pulley_speeds(SLIP, config.rig.pulley_radius_m, config.slip.n_speeds)
+    return required_pulley_speeds(SLIP, config.rig.pulley_radius_m)
 
 
 def with_points(config: Config) -> tuple[OperatingPoint, ...]:
@@ -75,11 +73,6 @@ def with_drive(config: Config) -> tuple[Any, ...]:
     return drive, points_of_config(config) if stated else ()
 
 
-def with_surface(config: Config) -> Any:
-    points = [40.0] * 3, [1e3, 2e3, 3e3], [0.01] * 3, [1.0] * 3
-    return build_surface(*points, **dict(config.surface)).average.mu.shape
-
-
 def with_temperature(config: Config) -> Any:
     runs = np.zeros(2, dtype=int), np.zeros(2), np.array([20.0, 30.0])
     return campaign_effects(*runs, config.friction.reference_temperature_degC)
@@ -96,9 +89,7 @@ SCIENCE: dict[str, tuple[Callable[[Config], Any], ...]] = {
     "rig": (lambda c: c.rig_params(), with_points, with_slip, with_measured),
     "contact": (lambda c: c.contact_params(),),
     "compare": (lambda c: c.compare,),  # they are compared with as they are
-    "friction": (friction_settings, rig_kind, with_temperature),
-    "surface": (with_surface,),
-    "slip": (with_slip,),
+    "friction": (rig_kind, with_temperature),
     "simulation": (with_simulation, lambda c: c.contact_params()),
     "drive": (with_drive,),
     "compare_drive": (lambda c: c.compare_drive,),  # both numbers are compared with as they are
@@ -170,9 +161,6 @@ def test_the_science_takes_what_the_config_takes(
     [
         ("simulation", "elements", 2),
         ("simulation", "elements", 41),
-        ("friction", "min_plateau_samples", 7),
-        ("slip", "n_speeds", 1),
-        ("surface", "force_nodes", 1),
         ("simulation", "sticking_ratio", 0.99),
         ("contact", "points_per_element", 0),
     ],
@@ -190,7 +178,6 @@ def test_the_config_refuses_what_the_science_refuses(section: str, key: str, val
 def test_the_defaults_are_those_of_the_science() -> None:
     config = Config()
     for section, science in (
-        (config.friction, FrictionSettings()),
         (config.simulation, SimulationSettings()),
         (config.press, StiffnessSettings(segment_length_m=0.04)),
     ):

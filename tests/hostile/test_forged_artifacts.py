@@ -140,16 +140,16 @@ def test_figures_that_stages_rely_on_are_looked_at_when_they_are_opened(
     assert all(line.startswith(f"{path}: ") for line in caught.value.problems)
 
 
-def test_settings_of_a_reduction_that_no_config_allows_are_refused(folder):
+def test_a_radius_that_no_config_allows_is_refused(folder):
     path = folder / "friction.parquet"
     columns, record = forging.unpacked(path.read_bytes())
-    record = forging.changed(record, ("settings", "friction", "max_mu"), -3)
+    record = forging.changed(record, ("settings", "rig.pulley_radius_m"), -3)
     path.write_bytes(forging.sealed(columns, record))
     result = CliRunner().invoke(
         app, ["compare", "friction.parquet", "simulated.parquet", "--force"]
     )
     assert result.exit_code == 2
-    assert "friction.parquet: its settings: friction.max_mu = -3, must be" in result.stderr
+    assert "pulley_radius_m = -3" in result.stderr
 
 
 def test_an_artifact_without_a_pooled_law_is_refused_by_all_who_need_it(folder):

@@ -16,9 +16,8 @@ from beltid.identify.friction.channels import (
     sliding_phase,
     unswapped,
 )
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
+from beltid.identify.friction.run import RunRecord, RunRejected
 
-SETTINGS = FrictionSettings()
 N, FIRST = 200, 50
 ROTATION = Rotation(FIRST, FIRST, N, 0.2, False, 0.0)
 
@@ -36,7 +35,7 @@ def columns(seed=0):
 
 
 def prepared(**changed):
-    return read_channels(RunRecord(**{**columns(), **changed}), SETTINGS)
+    return read_channels(RunRecord(**{**columns(), **changed}))
 
 
 def limit(fine, message):

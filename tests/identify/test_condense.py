@@ -8,11 +8,10 @@ from virtual_rig import RADIUS_M, Recipe, record
 
 from beltid.identify.friction.channels import BLOCKS, Channels, condensed, read_channels
 from beltid.identify.friction.reduction import reduce_runs
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction
+from beltid.identify.friction.run import RunRecord, RunReduction
 
 ARC_DEG, MU, TENSION_N, NOISE_N = 82.0, 0.47, 270.0, 0.5
 N = 60_000
-SETTINGS = FrictionSettings()
 
 
 def long_run(seed: int = 0, n: int = N) -> dict[str, np.ndarray]:
@@ -28,7 +27,7 @@ def reduced(columns: dict[str, np.ndarray]) -> RunReduction:
 
 
 def channels_of(columns: dict[str, np.ndarray]) -> Channels:
-    return read_channels(RunRecord(**columns, arc_deg=ARC_DEG), SETTINGS)
+    return read_channels(RunRecord(**columns, arc_deg=ARC_DEG))
 
 
 def test_a_short_run_stays_as_it_is() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -166,16 +165,6 @@ def test_nothing_is_said_of_a_recording_without_faults():
     result = fit_stiffness(drifting(Bench(cycles=3, dt=0.3, dwell=30.0), 0, 0, 0, 0), SETTINGS)
     assert force_errors(result.pooled, Bench().force)[0] < 1e-3
     assert [f.check for f in result.pooled.findings if f.text and f.check != "speeds"] == []
-
-
-def test_loading_only_on_purpose_is_no_warning():
-    columns = loading_only(SKEW)
-    warned = fit_stiffness(columns, SETTINGS).pooled
-    meant = fit_stiffness(columns, replace(SETTINGS, loading_only=True)).pooled
-    for texts, told in ((warned.warnings, True), (meant.warnings, False), (meant.notes, True)):
-        assert any("loading branch alone" in text for text in texts) == told
-    np.testing.assert_array_equal(meant.covariance, warned.covariance)
-    assert math.isnan(meant.hysteresis_ratio)
 
 
 def test_a_coefficient_at_its_bound_has_an_error_and_a_linear_law_is_legitimate():

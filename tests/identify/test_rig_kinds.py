@@ -20,7 +20,7 @@ import pytest
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind, drag_of
 from beltid.identify.friction.plateaus import reduce_plateaus
-from beltid.identify.friction.reduction import FrictionSettings, RunReduction, reduce_runs
+from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records
 from beltid.stages.identification.reduction import reduction_columns
 
@@ -116,7 +116,7 @@ MOVING_HUB = RigKind("torque_hub", running=True, belt_speed_m_s=20.0)
     ids=["torque", "running", "running hub"],
 )
 def test_what_two_cells_show_is_found_from_other_channels(rig, two_cells, rewritten, kind):
-    runs = reduce_runs(rewritten(rig), R, None, kind)
+    runs = reduce_runs(rewritten(rig), R, kind)
     assert len(runs) == len(two_cells)
     assert np.abs(mu(runs) - mu(two_cells)).max() < 1e-6
     # the variances of the bench are sought until nothing changes by more than 1e-4 of them
@@ -128,7 +128,7 @@ def test_what_two_cells_show_is_found_from_other_channels(rig, two_cells, rewrit
 
 def test_a_radius_of_zero_is_refused_before_a_torque_is_divided_by_it(rig):
     with pytest.raises(InputError, match=r"pulley_radius_m = 0\.0, must be > 0"):
-        reduce_runs(by_torque(rig, "tight"), 0.0, None, RigKind("torque"))
+        reduce_runs(by_torque(rig, "tight"), 0.0, RigKind("torque"))
 
 
 def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
@@ -155,7 +155,7 @@ def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
 @pytest.mark.parametrize("span", ["slack", pytest.param("tight", marks=pytest.mark.long)])
 def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
     cells, kind = plateaus(two_cells), RigKind("dead_weight", weight_on=span)
-    runs, expected = reduce_runs(by_weight(cells, span), R, None, kind), reduce_runs(cells, R)
+    runs, expected = reduce_runs(by_weight(cells, span), R, kind), reduce_runs(cells, R)
     assert np.abs(mu(runs) - mu(expected)).max() < 1e-6
     for run in runs:
         weighed = run.tension_tight_N if span == "tight" else run.tension_slack_N
@@ -193,7 +193,7 @@ def test_drag_and_zero_of_the_torque_are_taken_off_by_an_idle_run(rig, two_cells
     torque["idle"] = np.full(len(turns), None)
     idle["tension_tight_N"] = np.full(100, 5.0)
     whole = {name: np.concatenate([torque[name], values]) for name, values in idle.items()}
-    runs = reduce_runs(whole, R, None, RigKind("torque"))
+    runs = reduce_runs(whole, R, RigKind("torque"))
     assert [run.run for run in runs] == list(dict.fromkeys(part["run"]))
     assert mu(runs) == pytest.approx(mu(reduce_runs(part, R)), abs=1e-6)
 
@@ -210,12 +210,12 @@ def test_a_torque_of_a_pulley_that_turns_backwards_counts_in_its_sense(rig):
     part = one_of(rig)
     forwards = by_torque(part, "slack")
     backwards = {name: -forwards[name] for name in ("torque_N_m", "pulley_speed_rad_s")}
-    runs = [reduce_runs(c, R, None, RigKind("torque")) for c in (forwards, forwards | backwards)]
+    runs = [reduce_runs(c, R, RigKind("torque")) for c in (forwards, forwards | backwards)]
     assert mu(runs[1]) == pytest.approx(mu(runs[0]), rel=1e-12)
 
 
 def statuses(columns: Columns, kind: RigKind) -> set[str]:
-    return {run.status for run in reduce_runs(columns, R, None, kind)}
+    return {run.status for run in reduce_runs(columns, R, kind)}
 
 
 def test_a_weight_on_the_other_span_is_reported(rig):
@@ -258,8 +258,8 @@ def test_a_known_error_of_the_only_cell_is_in_both_tensions(rig):
         for name in ("tension_tight_N", "tension_slack_N"):
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-12)
     # the search for the variances of a bench may take another step for the last bit of a sample
-    found = reduce_runs(off, R, None, known)
-    assert mu(found) == pytest.approx(mu(reduce_runs(part, R, None, RigKind("torque"))), rel=1e-6)
+    found = reduce_runs(off, R, known)
+    assert mu(found) == pytest.approx(mu(reduce_runs(part, R, RigKind("torque"))), rel=1e-6)
 
 
 def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():
@@ -273,6 +273,6 @@ def test_drag_is_taken_off_a_table_that_states_the_sliding_speed():
         "torque_N_m": np.append(torque[:2], 0.12),
         "slip_speed_m_s": np.full(3, 0.01),
     }
-    runs = reduce_plateaus(table, R, FrictionSettings(), RigKind("torque"))
+    runs = reduce_plateaus(table, R, RigKind("torque"))
     assert mu(runs) == pytest.approx([0.5, 0.5], rel=1e-12)
     assert [run.pulley_speed_rad_s for run in runs] == pytest.approx([0.2, 0.2], rel=1e-12)

@@ -363,11 +363,10 @@ def service(*speeds, se=1e-6):
 
 
 def test_range_and_proposal_follow_from_the_sliding_speeds():
-    found = required_pulley_speeds(service(0.004, -0.016, 0.008), 0.05, 3)
-    assert found.proposed_rad_s == pytest.approx((0.08, 0.16, 0.32), rel=1e-12)
+    found = required_pulley_speeds(service(0.004, -0.016, 0.008), 0.05)
+    assert found.proposed_rad_s == pytest.approx((0.08, 0.08 * 2**0.5, 0.16, 0.16 * 2**0.5, 0.32))
     assert found.covered is None
     assert found.statement == "sliding in service needs pulley speeds from 0.08 to 0.32 rad/s"
-    assert len(required_pulley_speeds(service(0.004, 0.016), 0.05).proposed_rad_s) == 5
     assert required_pulley_speeds(service(0.01), 0.05).proposed_rad_s == pytest.approx((0.2,))
 
 
@@ -407,5 +406,5 @@ def test_an_end_is_missed_by_more_than_a_fiftieth(speeds, said):
 
 def test_what_is_wrong_is_reported_at_once():
     with pytest.raises(InputError) as error:
-        required_pulley_speeds(service(), 0.0, 1)
-    assert len(error.value.problems) == 3
+        required_pulley_speeds(service(), 0.0)
+    assert len(error.value.problems) == 2

@@ -29,7 +29,7 @@ from beltid.identify.estimators.statistics import (
     median,
 )
 from beltid.identify.friction.kinds import SPANS, TWO_CELLS, RigKind, other
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunRejected
+from beltid.identify.friction.run import RunRecord, RunRejected
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,6 +39,8 @@ CLIPPED_FRACTION = 0.04
 """Share of the sliding samples at the same extreme value that indicates a saturated cell."""
 FEWEST_CLIPPED = 4
 """Fewest such samples: every channel has one at its extreme, and one or two may equal it."""
+SPIKE = 6.0
+"""Distance from the neighbours above which a sample is a spike, in standard deviations."""
 LARGEST_N = 1e12
 """Readings beyond this are invalid [N]: no cell reaches them, and their squares overflow."""
 LEAST_ANSWER = 0.02
@@ -83,7 +85,7 @@ class Channels:
         return np.all(np.isfinite(self.tensions), axis=1)
 
 
-def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
+def read_channels(record: RunRecord) -> Channels:
     """Check the channels of a run, remove spikes, count gaps and correct the cells.
 
     Raises
@@ -111,7 +113,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         values, is_spike = readings[timed], np.zeros(t.size, dtype=bool)
         last.append(values[np.isfinite(values) & (values != 0.0)][-MANY:])
         if span != record.kind.weight:
-            values, is_spike = _tension(values, f"tension_{span}_N", settings)
+            values, is_spike = _tension(values, f"tension_{span}_N")
         tensions.append(record.kind.cell(span).tension(values))
         spikes.append(is_spike)
     is_spike = np.column_stack(spikes)
@@ -120,7 +122,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
     temperature = np.full(n, np.nan)
     if record.temperature_degC is not None:
         temperature = record.temperature_degC
-    scales = [record.kind.cell(span).scale for span in SPANS]
+    gains = [record.kind.cell(span).gain for span in SPANS]
     return Channels(
         time_s=_untied(t),
         tensions=found,
@@ -128,7 +130,7 @@ def read_channels(record: RunRecord, settings: FrictionSettings) -> Channels:
         temperature=temperature[timed],
         n_spikes=int(np.count_nonzero(is_spike.any(axis=1))),
         n_missing=int(np.count_nonzero(lost)) + n - t.size + missing_rows(t),
-        steps=np.multiply(scales, adc_resolution(*last)),
+        steps=np.multiply(gains, adc_resolution(*last)),
         kind=record.kind,
     )
 
@@ -143,7 +145,7 @@ def _untied(t: Array) -> Array:
     return np.interp(np.arange(t.size), places, ticks)
 
 
-def _tension(values: Array, name: str, settings: FrictionSettings) -> tuple[Array, Mask]:
+def _tension(values: Array, name: str) -> tuple[Array, Mask]:
     """Return the tension with gaps and spikes as nan, and the mask of the spikes."""
     clean = np.where(np.abs(values) < LARGEST_N, values, np.nan)
     present = np.isfinite(clean)
@@ -168,7 +170,7 @@ def _tension(values: Array, name: str, settings: FrictionSettings) -> tuple[Arra
     present &= clean != 0.0
     clean[~present] = np.nan
     spikes = np.zeros(n, dtype=bool)
-    spikes[present] = _spikes(clean[present], settings.spike_threshold)
+    spikes[present] = _spikes(clean[present])
     clean[spikes] = np.nan
     return clean, spikes
 
@@ -227,10 +229,10 @@ def _clipped(rest: Array, slide: Array) -> str:
     return ""
 
 
-def _spikes(x: Array, threshold: float) -> Mask:
+def _spikes(x: Array) -> Mask:
     """Find spikes with `spike_mask`; in a long signal only in sections with a large range."""
     if x.size < MANY:
-        return spike_mask(x, threshold)
+        return spike_mask(x, SPIKE)
     starts = np.arange(0, x.size, SEARCHED)
     low, high = np.minimum.reduceat(x, starts), np.maximum.reduceat(x, starts)
     middle = np.append(0.5 * (low + high), 0.5 * (low[-1] + high[-1]))
@@ -238,16 +240,16 @@ def _spikes(x: Array, threshold: float) -> Mask:
     change = np.maximum(change, np.append(change[0], change[:-1]))
     noise = spike_sigma(x[-BLOCKS:])  # while the belt slides, if it does
     # the noise adds about a quarter to the range of a spike that just counts
-    suspicious = np.flatnonzero(high - low > 1.25 * threshold * noise + change)
+    suspicious = np.flatnonzero(high - low > 1.25 * SPIKE * noise + change)
     if suspicious.size > MOST_SUSPICIOUS * starts.size:
-        return spike_mask(x, threshold)
+        return spike_mask(x, SPIKE)
     spikes = np.zeros(x.size, dtype=bool)
     # all sections at once, each with its surroundings as a separate signal
     first = starts[suspicious][:, None]
     width = SEARCHED + 2 * AROUND
     samples = np.clip(first - AROUND, 0, x.size - width) + np.arange(width)
     in_section = (samples >= first) & (samples < first + SEARCHED)
-    spikes[samples[in_section]] = spike_mask(x[samples], threshold)[in_section]
+    spikes[samples[in_section]] = spike_mask(x[samples], SPIKE)[in_section]
     return spikes
 
 

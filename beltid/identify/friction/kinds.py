@@ -39,9 +39,8 @@ from beltid.laws.capstan import (
 Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-Course = Literal["", "falls", "rises"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0), "tilt_deg": (-60.0, 60.0)}
+CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0)}
 """Allowed ranges of the known errors of a cell."""
 TURNS = 0.03
 """Share of the largest speed above which the pulley counts as turning."""
@@ -59,38 +58,27 @@ class KnownCell:
     """Reading without load [N]."""
     gain: float = 1.0
     """Ratio of the true force to the reading less tare [-]."""
-    tilt_deg: float = 0.0
-    """Angle between the free span of the belt and the axis of the cell [deg]."""
-
-    @property
-    def scale(self) -> float:
-        """Ratio of the tension to the reading less tare [-]."""
-        return self.gain / float(np.cos(np.radians(self.tilt_deg)))
 
     @property
     def is_perfect(self) -> bool:
         """Whether there is nothing to correct."""
-        return self.tare_N == 0.0 and self.scale == 1.0
+        return self.tare_N == 0.0 and self.gain == 1.0
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Convert readings of the cell to the tension of its span.
-
-        The cell measures the component of the tension along its axis,
-        ``T = gain (reading - tare) / cos(tilt)``.
+        """Convert readings of the cell to the tension of its span, ``gain (reading - tare)``.
 
         Parameters
         ----------
         reading_N : array_like
             Readings [N].
         """
-        return self.scale * (np.asarray(reading_N, dtype=float) - self.tare_N)
+        return self.gain * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
     @property
     def corrections(self) -> str:
         """Description of the corrections; empty for a perfect cell."""
         errors = (("tare", self.tare_N, 0.0, " N"), ("gain", self.gain, 1.0, ""))
-        parts = (*errors, ("tilt", self.tilt_deg, 0.0, " deg"))
-        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in parts if x != none)
+        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in errors if x != none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +137,6 @@ class Treatment:
         Lowest and highest bearing drag subtracted from the torque [N m].
     other_span : bool
         Whether the tension measured with the torque is on another span than stated.
-    course : {"", "falls", "rises"}
-        Trend of the speed of the recording from which this bin was cut; empty for a run at a
-        steady speed.
     n_marks : int
         Overflow marks removed from the pulley speed.
     """
@@ -159,7 +144,6 @@ class Treatment:
     cells: KnownCells = KnownCells()
     drag_N_m: tuple[float, float] | None = None
     other_span: bool = False
-    course: Course = ""
     n_marks: int = 0
 
     @classmethod
@@ -222,7 +206,7 @@ class RigKind:
             if not low <= (value := getattr(self.cell(span), name)) <= high
         ]
         problems += [
-            f"friction.tension_{span}_tare_N, _gain, _tilt_deg: rig.kind: {self.measures} has no "
+            f"friction.tension_{span}_tare_N, _gain: rig.kind: {self.measures} has no "
             f"cell in the {span} span; errors of another channel are a calibration: "
             "units: {rig: {...: {factor: 1.0, offset: 0.0}}}"
             for span in without.get(self.measures, [])

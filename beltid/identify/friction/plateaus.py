@@ -1,29 +1,22 @@
-"""Reduce plateaus that have no rest or build-up: rows of a table, bins of a changing speed.
+"""Reduce plateaus that have no rest or build-up: rows of a table.
 
 Each gives one friction coefficient by Eq. (6). It shows neither the tail of a sticking peak nor the
-zero of a cell, so neither is corrected. For a single reading, the resolution r of the force
-replaces the scatter: a uniform distribution of this width has the standard deviation
-``r / sqrt(12)``.
+zero of a cell, so neither is corrected. The resolution r of the force replaces the scatter: a
+uniform distribution of this width has the standard deviation ``r / sqrt(12)``.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.signal import running_median
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time, median
 from beltid.identify.friction.kinds import (
-    SPANS,
     UNTREATED,
-    Course,
     Drag,
     RigKind,
     Treatment,
@@ -31,12 +24,11 @@ from beltid.identify.friction.kinds import (
 )
 from beltid.identify.friction.run import (
     CELLS,
+    MAX_MU,
     NAN,
     OPTIONAL,
     TEXT_COLUMNS,
     Conditions,
-    FrictionSettings,
-    RunRecord,
     RunReduction,
     arc_problem,
 )
@@ -46,10 +38,6 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
 Rows = dict[str, Array]
 
-BY_BINS = "a run whose speed falls or rises throughout is cut into bins by rig.speed_bins_rad_s"
-"""Hint for a run that cannot be used because its speed changes."""
-FALLS, RISES = 0.8, 1.25
-"""Ratios of the final to the initial speed of a run below and above which it falls or rises."""
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
 SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
@@ -59,7 +47,6 @@ NUMBERS = (*STATED, *SPEEDS, *OPTIONAL, "mu_se", "arc_deg")
 def reduce_plateaus(
     columns: Columns,
     R: float,
-    settings: FrictionSettings,
     kind: RigKind,
     resolution_N: float = NAN,
 ) -> tuple[RunReduction, ...]:
@@ -73,8 +60,6 @@ def reduce_plateaus(
         pulley_speed_rad_s or slip_speed_m_s. The torque of idle rows is subtracted from the others.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Largest credible mu.
     kind : RigKind
         What the rig measures.
     resolution_N : float
@@ -148,7 +133,7 @@ def reduce_plateaus(
             if np.isnan(run.mu_sliding_se):
                 run.mu_sliding_se = float(se[k])
             run.momentum_N = float(momentum[k])
-        run.status = _problem(run, settings, kind, "points") or "ok"
+        run.status = _problem(run, kind) or "ok"
         runs.append(run)
     return tuple(runs)
 
@@ -181,7 +166,7 @@ def _unique(labels: list[str]) -> list[str]:
     return unique
 
 
-def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind, table: str) -> str:
+def _problem(run: RunReduction, kind: RigKind) -> str:
     """Return why a plateau cannot be used; empty if it can."""
     tensions = (run.tension_tight_N, run.tension_slack_N)
     if np.isfinite(tensions).any() or not np.isfinite(run.mu_sliding):
@@ -194,99 +179,15 @@ def _problem(run: RunReduction, settings: FrictionSettings, kind: RigKind, table
                 "on the axis must be larger than |torque/R cos(arc/2)|, and at a whole turn it "
                 "does not depend on the sum of the tensions"
             )
-        if tensions[0] < tensions[1] and (why := kind.reversed(table)):
+        if tensions[0] < tensions[1] and (why := kind.reversed("points")):
             return why
         for name, tension in zip(("tight", "slack"), tensions, strict=True):
             if not tension > 0.0:
                 return f"tension_{name}_N = {tension:g}, must be > 0"
-    if not 0.0 < run.mu_sliding <= settings.max_mu:
-        return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {settings.max_mu:g}]"
+    if not 0.0 < run.mu_sliding <= MAX_MU:
+        return f"mu_sliding = {run.mu_sliding:.4g}, must be in (0, {MAX_MU:g}]"
     if not run.normal_force_N_m > 0.0:
         return f"normal_force_N_m = {run.normal_force_N_m:g}, must be > 0"
     if not run.slip_speed_m_s > 0.0:
         return f"slip_speed_m_s = {run.slip_speed_m_s:g}, must be > 0"
     return ""
-
-
-def course(record: RunRecord) -> Course:
-    """Classify the speed of a run: "falls", "rises", or "" if it is steady."""
-    speed = np.abs(record.pulley_speed_rad_s[np.isfinite(record.pulley_speed_rad_s)])
-    turning = speed[speed > 0.02 * float(np.max(speed, initial=0.0))]
-    if turning.size < 16:
-        return ""
-    quarter = turning.size // 4
-    change = median(turning[-quarter:]) / median(turning[:quarter])
-    return "falls" if change < FALLS else "rises" if change > RISES else ""
-
-
-def binned_plateaus(
-    record: RunRecord, R: float, settings: FrictionSettings
-) -> tuple[RunReduction, ...]:
-    """Cut a run whose speed falls or rises into plateaus, one per speed bin.
-
-    Eq. (6) uses the mean of each tension over a bin; the standard error follows from the scatter
-    about a straight line over the speed and its autocorrelation.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The samples.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Settings with the edges of the bins.
-    """
-    trend = course(record)
-    speed = np.abs(record.pulley_speed_rad_s)
-    readings = zip(SPANS, (record.tension_tight_N, record.tension_slack_N), strict=True)
-    tensions = np.array([record.kind.cell(span).tension(values) for span, values in readings])
-    usable = np.isfinite(speed) & np.all(tensions > 0.0, axis=0)
-    smooth = running_median(np.where(usable, speed, 0.0), 5)
-    fastest = int(np.argmax(smooth))
-    usable[: fastest if trend == "falls" else 0] = False
-    usable[fastest + 1 if trend == "rises" else speed.size :] = False
-    edges = np.sort(np.array(settings.speed_bins_rad_s))
-    runs = []
-    for low, high in itertools.pairwise(edges):
-        in_bin = usable & (speed >= low) & (speed < high)
-        n = np.count_nonzero(in_bin)
-        run = RunReduction.of(record)
-        run.run = f"{record.run}:{low:g}-{high:g}"
-        run.treatment = replace(record.treatment, course=trend)
-        run.mu_sticking_reason = ""
-        if record.kind.weight:
-            run.initial_tension_N = record.nominal_tension_N
-        if record.defect:
-            run.status = record.defect
-        elif n < settings.min_plateau_samples:
-            run.status = (
-                f"too short: {n} usable samples between {low:g} and {high:g} rad/s, "
-                f"must be >= {settings.min_plateau_samples}"
-            )
-        else:
-            _reduce_bin(run, record, tensions[:, in_bin], in_bin, R)
-            run.status = _problem(run, settings, record.kind, "rig") or "ok"
-        runs.append(run)
-    return tuple(runs)
-
-
-def _reduce_bin(
-    run: RunReduction, record: RunRecord, tensions: Array, in_bin: NDArray[np.bool_], R: float
-) -> None:
-    """Reduce the samples of one speed bin, with tensions of shape (2, n)."""
-    speed = np.abs(record.pulley_speed_rad_s[in_bin])
-    tight, slack = tensions.mean(axis=1)
-    run.set_plateau(tight, slack, R)
-    z = tensions[0] / tight - tensions[1] / slack
-    line = np.column_stack([np.ones(speed.size), speed])
-    residual = z - line @ np.linalg.lstsq(line, z, rcond=None)[0]
-    correlation_time = max(integrated_autocorrelation_time(residual), 1.0)
-    se = float(np.std(residual, ddof=2)) * np.sqrt(correlation_time / residual.size)
-    run.mu_sliding_se = se / float(np.radians(run.arc_deg))
-    omega = float(np.mean(speed))
-    run.pulley_speed_rad_s = omega + record.belt_speed_m_s / R
-    run.slip_speed_m_s = float(sliding_speed(omega, R))
-    if record.temperature_degC is not None and np.isfinite(record.temperature_degC[in_bin]).any():
-        run.temperature_degC = float(np.nanmean(record.temperature_degC[in_bin]))
-    run.n_samples = residual.size
-    run.plateau_start_s, run.plateau_end_s = record.time_s[in_bin][[0, -1]].tolist()

@@ -27,7 +27,7 @@ from beltid.identify.estimators.signal import (
     noise_before_rounding,
     strongest_line,
 )
-from beltid.identify.estimators.statistics import mad_sigma
+from beltid.identify.estimators.statistics import mad_sigma, median
 from beltid.identify.friction.channels import (
     Channels,
     Rotation,
@@ -40,9 +40,8 @@ from beltid.identify.friction.channels import (
     unswapped,
 )
 from beltid.identify.friction.kinds import SPANS, Span
-from beltid.identify.friction.plateaus import BY_BINS, binned_plateaus, course
 from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import FrictionSettings, RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
 
@@ -53,6 +52,14 @@ Mask = NDArray[np.bool_]
 SPEED_CHANGE_NOTED = 0.02
 SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
+FEWEST_SLIDING = 12
+"""Fewest usable samples of sliding."""
+RUNS_DOWN = 1.25
+"""Ratio of the speeds in the first and the last quarter of a run-down."""
+RUN_DOWN = (
+    "a run whose speed falls or rises throughout has to be cut into plateaus: give a table with a "
+    "row for each"
+)
 ROUNDING_NOTED = 1e-4
 """Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
 MAX_IMBALANCE = 0.2
@@ -67,13 +74,13 @@ ONSET = 200
 class PreparedRun:
     """A run prepared for its campaign."""
 
-    found: tuple[RunReduction, ...]
-    """What its own record gives; of a run at a changing speed, one for each bin."""
+    found: RunReduction
+    """What its own record gives."""
     sliding: SlidingRecord | None = None
     """Its sliding phase; None if the status of `found` is final."""
 
 
-def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> PreparedRun:
+def prepare_run(record: RunRecord, R: float) -> PreparedRun:
     """Condense one record to the data its campaign needs; its status states any defect.
 
     Parameters
@@ -82,27 +89,34 @@ def prepare_run(record: RunRecord, R: float, settings: FrictionSettings) -> Prep
         The samples.
     R : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings
-        Settings of the reduction.
     """
-    if settings.speed_bins_rad_s and course(record):
-        return PreparedRun(binned_plateaus(record, R, settings))
     run = RunReduction.of(record)
     try:
-        return PreparedRun((run,), _sliding(run, record, R, settings))
+        return PreparedRun(run, _sliding(run, record, R))
     except RunRejected as reason:
-        run.status = f"{reason}; {BY_BINS}" if course(record) else str(reason)
-    return PreparedRun((run,))
+        run.status = (
+            f"{reason}; {RUN_DOWN}" if _runs_down(record.pulley_speed_rad_s) else str(reason)
+        )
+    return PreparedRun(run)
 
 
-def _sliding(
-    run: RunReduction, record: RunRecord, R: float, settings: FrictionSettings
-) -> SlidingRecord:
+def _runs_down(speed: Array) -> bool:
+    """Return whether the pulley, while it turns, becomes slower or faster throughout."""
+    magnitude = np.abs(speed[np.isfinite(speed)])
+    turning = magnitude[magnitude > 0.02 * float(np.max(magnitude, initial=0.0))]
+    if turning.size < 16:
+        return False
+    quarter = turning.size // 4
+    change = median(turning[-quarter:]) / median(turning[:quarter])
+    return max(change, 1.0 / change) > RUNS_DOWN
+
+
+def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
     kind = record.kind
     if record.defect:
         raise RunRejected(record.defect)
-    channels = condensed(read_channels(record, settings))
+    channels = condensed(read_channels(record))
     run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
@@ -134,10 +148,8 @@ def _sliding(
     held = channels if kind.weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
     n = phase.time_s.size - phase.slide
-    if n < settings.min_plateau_samples:
-        raise RunRejected(
-            f"too short: {n} usable samples of sliding, must be >= {settings.min_plateau_samples}"
-        )
+    if n < FEWEST_SLIDING:
+        raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
     sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
     run.ripple_amplitude_N, run.ripple_period_s = sliding.ripple_N, sliding.ripple_s
     run.plateau_end_s = float(sliding.last_s[-1])

@@ -25,8 +25,8 @@ from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
 from beltid.identify.friction.rest import CellErrors, Rest, against_stated, cell_errors
 from beltid.identify.friction.run import (
+    MAX_MU,
     NAN,
-    FrictionSettings,
     RunRecord,
     RunReduction,
     RunRejected,
@@ -57,7 +57,6 @@ STANDS_OUT = 3.0
 
 
 __all__ = [
-    "FrictionSettings",
     "RunRecord",
     "RunReduction",
     "reduce_runs",
@@ -74,7 +73,6 @@ FEWEST_FOR_MISFIT = 5
 def reduce_runs(
     columns: Mapping[str, ArrayLike],
     pulley_radius_m: float,
-    settings: FrictionSettings | None = None,
     kind: RigKind = TWO_CELLS,
 ) -> tuple[RunReduction, ...]:
     """Reduce all runs of a recording of the friction rig.
@@ -88,8 +86,6 @@ def reduce_runs(
         (n,) each. Rows of a run need not be together.
     pulley_radius_m : float
         Radius of the belt's centreline on the pulley [m].
-    settings : FrictionSettings, optional
-        Settings of the reduction.
     kind : RigKind
         What the rig measures.
 
@@ -107,11 +103,11 @@ def reduce_runs(
     """
     _check_radius(pulley_radius_m)  # a torque is divided by it
     records = run_records(columns, pulley_radius_m, kind)
-    return reduce_stream(records, pulley_radius_m, settings or FrictionSettings())
+    return reduce_stream(records, pulley_radius_m)
 
 
 def reduce_stream(
-    records: Iterable[RunRecord], R: float, settings: FrictionSettings, mapper: Mapper = map
+    records: Iterable[RunRecord], R: float, mapper: Mapper = map
 ) -> tuple[RunReduction, ...]:
     """Reduce any number of runs of a bench, reading each recording only once.
 
@@ -121,15 +117,13 @@ def reduce_stream(
         The runs.
     R : float
         Radius of the belt's centreline on the pulley [m], > 0.
-    settings : FrictionSettings
-        Settings of the reduction.
     mapper : callable
         ``map``, or a version that distributes the work over processes.
 
     Returns
     -------
     tuple of RunReduction
-        One for every run, in their order; for a run at a changing speed, one for each bin.
+        One for every run, in their order.
 
     Raises
     ------
@@ -138,16 +132,20 @@ def reduce_stream(
         :func:`against_stated`.
     """
     _check_radius(R)
-    prepared = list(mapper(partial(prepare_run, R=R, settings=settings), records))
+    prepared = list(mapper(partial(prepare_run, R=R), records))
     sliding = [run for run in prepared if run.sliding is not None]
     if sliding:
-        _reduce_together(sliding, R, settings)
-    results = tuple(run for each in prepared for run in each.found)
-    if settings.check_initial_tension:
-        # include rejected runs: with an untared cell, those of low tension are rejected
-        tensions = [(run.initial_tension_N, run.nominal_tension_N) for run in results]
-        if problem := against_stated(*np.array(tensions, dtype=float).reshape(-1, 2).T):
-            raise InputError(problem)
+        _reduce_together(sliding, R)
+    results = tuple(run.found for run in prepared)
+    # include rejected runs: with an untared cell, those of low tension are rejected; not those of
+    # a running belt, whose tension may be stated with its momentum
+    tensions = [
+        (run.initial_tension_N, run.nominal_tension_N)
+        for run in results
+        if np.isnan(run.momentum_N)
+    ]
+    if problem := against_stated(*np.array(tensions, dtype=float).reshape(-1, 2).T):
+        raise InputError(problem)
     return results
 
 
@@ -156,9 +154,9 @@ def _check_radius(R: float) -> None:
         raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
 
 
-def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: FrictionSettings) -> None:
+def _reduce_together(prepared: Sequence[PreparedRun], R: float) -> None:
     """Reduce all sliding runs of a bench together."""
-    runs = [run.found[0] for run in prepared]
+    runs = [run.found for run in prepared]
     records = [run.sliding for run in prepared if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
@@ -168,7 +166,6 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: Fricti
         se=np.array([rest.imbalance_se_N for rest in rests]),
         tension=initial,
         sliding=np.array([record.tensions_N for record in records]),
-        mode=settings.correct_imbalance,
     )
     relaxed = 1.0 + _relaxation(rests)
     shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
@@ -182,12 +179,13 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float, settings: Fricti
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
+        run.held = float(cells.held[k])
         run.drift = level.drift / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
             mu = y / float(np.radians(run.arc_deg))
-            if not 0.0 < mu <= settings.max_mu:
-                raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {settings.max_mu:g}]")
+            if not 0.0 < mu <= MAX_MU:
+                raise RunRejected(f"mu_sliding = {mu:.4g}, must be in (0, {MAX_MU:g}]")
             _set_plateau(run, record, level, y, y_se, R)
             _check_fit(run, record, level, len(runs))
         except RunRejected as reason:

@@ -1,25 +1,25 @@
 """Evaluate the rest phase: tension, slopes, and errors of the cells.
 
-At rest both spans carry the same tension. The difference of the cells (tight less slack) is
+The difference of the cells at rest (tight less slack) is
 
-    D_r = zeta + gamma T_r + w_r + f_r T_r + noise.                                          (S4)
+    D_r = zeta + w_r + (gamma + f_r) T_r + noise.                                            (S4)
 
-The differences zeta of the zero points and gamma of the gains are common to all runs. The
-wandering of the zeros, w, and the residual friction from tightening, f, which sliding removes,
-vary from run to run. One run cannot separate these four; runs at several tensions can. Each has an
-unknown standard deviation, possibly zero; the errors of ln(T_tight/T_slack)
+The zero points differ by zeta in all runs and by w in each. Friction holds shares of the tension
+in a belt that stands on its pulley: gamma in all runs, f in each; sliding removes them. One run
+cannot separate these four; runs at several tensions can. Each has an unknown standard deviation,
+possibly zero; the errors of ln(T_tight/T_slack)
 
-    e_r = q_r (zeta + w_r) + gamma,   q_r = (1/T_tight + 1/T_slack)/2                         (S5)
+    e_r = q_r (zeta + w_r),   q_r = (1/T_tight + 1/T_slack)/2                                 (S5)
 
-are averaged over all of them. A common error of both zeros is never visible at rest; it has the
-prior of half their difference, independent of the measured difference.
+are averaged over all of them. A difference of the gains looks like gamma: rest does not tell it
+from friction, so that it is not corrected. A common error of both zeros is never visible at rest;
+it has the prior of half their difference, independent of the measured difference.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from beltid.identify.estimators.signal import (
 )
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
+    mad_sigma,
     median,
     outlier_mask,
 )
@@ -41,11 +42,10 @@ MIN_SAMPLES = 3
 """Fewest samples before the pulley turns."""
 NEAR = 1e-4 / 6.0
 """Smallest spread of the samples at rest, relative to their median, for the search for outliers."""
-CLEAR, LARGE = 5.0, 0.1
-"""Standard errors, and share of the lowest stated tension or of the factor 1, above which the
-readings contradict the stated tensions."""
-ROUGH = "If the stated tensions are only approximate: friction.check_initial_tension: false"
-Mode = Literal["auto"] | bool
+AGREE, LARGE = 0.7, 0.1
+"""Relative scatter of the levels of tension up to which they agree; share of the lowest stated
+tension, or of the factor 1, above which the readings contradict the stated tensions."""
+ROUGH = "If only the stated tensions are wrong, correct initial_tension_N"
 SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
 """Standard deviations allowed for zeta, gamma, w and f, in units of the median initial tension;
 zero has half the probability."""
@@ -161,8 +161,8 @@ def _slope(t: Array, x: Array) -> tuple[float, float, float]:
 def against_stated(measured_N: Array, stated_N: Array) -> str:
     """Compare the tensions at rest with the stated initial tensions and describe a mismatch.
 
-    The line ``measured = offset + factor stated`` passes through the medians of the lowest and of
-    the highest third of the runs (Tukey's resistant line), so a few wrongly set runs do not matter.
+    Each level of tension has an offset and a factor, medians over its runs. The median level
+    counts if the levels agree on it, so that a few wrongly set runs or levels do not matter.
 
     Parameters
     ----------
@@ -174,43 +174,41 @@ def against_stated(measured_N: Array, stated_N: Array) -> str:
     Returns
     -------
     str
-        Empty if they match, or if fewer than four runs or a single tension do not allow a check.
+        Empty if they match, if the levels do not agree on a mismatch, or if fewer than four runs
+        or a single tension do not allow a check.
     """
-    usable = np.isfinite(measured_N) & np.isfinite(stated_N)
+    usable = np.isfinite(measured_N) & (stated_N > 0.0)
     measured, stated = measured_N[usable], stated_N[usable]
-    if usable.sum() < 4:
+    levels = np.unique(stated)
+    if stated.size < 4 or np.ptp(levels) < 0.1 * levels[-1]:
         return ""
-    order = np.argsort(stated, kind="stable")
-    third = -(-order.size // 3)
-    (low, high), (at_low, at_high) = (
-        (np.median(x[order[:third]]), np.median(x[order[-third:]])) for x in (stated, measured)
-    )
-    if high - low < 0.1 * abs(high):
+    offset_N, offset_apart = _median_level(measured - stated, stated)
+    excess, excess_apart = _median_level(measured / stated - 1.0, stated)
+    if min(offset_apart, excess_apart) > AGREE:
         return ""
-    factor = float((at_high - at_low) / (high - low))
-    offset = float(np.median(measured - factor * stated))
-    residual = measured - offset - factor * stated
-    scatter = 1.4826 * float(np.median(np.abs(residual))) + 1e-3 * float(np.median(stated))
-    design = np.column_stack([np.ones_like(stated), stated])
-    # the line through medians is about 1.25 times as uncertain as that of least squares
-    errors = 1.25 * scatter * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    offset_se, factor_se = errors
-    lowest = float(np.min(stated))
-    if abs(offset) > max(CLEAR * offset_se, LARGE * lowest):
+    is_offset = offset_apart < excess_apart
+    if is_offset and abs(offset_N) > LARGE * levels[0]:
         return (
-            f"the tensions at rest are {offset:+.3g} N (standard error {offset_se:.2g} N) off the "
-            "stated initial tensions at every tension: were the load cells tared? State their "
-            "readings without load as friction.tension_tight_tare_N and "
-            f"friction.tension_slack_tare_N. {ROUGH}"
+            f"the tensions at rest are {offset_N:+.3g} N off the stated initial tensions at "
+            f"{levels.size} levels of tension: were the load cells tared? State their readings "
+            "without load as friction.tension_tight_tare_N and friction.tension_slack_tare_N. "
+            f"{ROUGH}"
         )
-    if abs(factor - 1.0) > max(CLEAR * factor_se, LARGE):
+    if not is_offset and abs(excess) > LARGE:
         return (
-            f"the tensions at rest are {factor:.4g} (standard error {factor_se:.2g}) times the "
-            "stated initial tensions: is the unit of the cells right (units.rig), is the force of "
-            "the whole hub stated? State a known error of the cells as friction.tension_tight_gain "
-            f"and friction.tension_slack_gain. {ROUGH}"
+            f"the tensions at rest are {1.0 + excess:.4g} times the stated initial tensions at "
+            f"{levels.size} levels of tension: is the unit of the cells right (units.rig), is the "
+            "force of the whole hub stated? State a known error of the cells as "
+            f"friction.tension_tight_gain and friction.tension_slack_gain. {ROUGH}"
         )
     return ""
+
+
+def _median_level(values: Array, stated: Array) -> tuple[float, float]:
+    """Return the median over the levels of tension, and their scatter relative to it."""
+    of_levels = np.array([median(values[stated == level]) for level in np.unique(stated)])
+    middle = median(of_levels)
+    return middle, mad_sigma(of_levels) / max(abs(middle), 1e-300)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,6 +227,8 @@ class CellErrors:
         Probabilities of the hypotheses about the sizes of the errors.
     away, spread : ndarray, shape (R, K)
         Difference from `mean` and standard deviation under each hypothesis.
+    held : ndarray
+        Difference at rest that zeros do not explain, as a share of the tension.
     notes : tuple of str
         Note to the user on each run; empty if there is none.
     """
@@ -239,13 +239,12 @@ class CellErrors:
     probability: Array
     away: Array
     spread: Array
+    held: Array
     notes: tuple[str, ...]
 
 
-def cell_errors(
-    difference: Array, se: Array, tension: Array, sliding: Array, mode: Mode
-) -> CellErrors:
-    """Estimate the errors of the cells for every run.
+def cell_errors(difference: Array, se: Array, tension: Array, sliding: Array) -> CellErrors:
+    """Average the errors (S5) over all combinations of standard deviations in (S4).
 
     Parameters
     ----------
@@ -255,39 +254,11 @@ def cell_errors(
         Tension at rest [N], shape (R,).
     sliding : ndarray
         Tight and slack tension while sliding [N], shape (R, 2).
-    mode : "auto", True or False
-        Evaluate all runs together; or treat the difference as a zero error of each run, half in
-        each cell; or correct nothing and increase the variance.
     """
     D, T = difference, tension
     inverse_tight, inverse_slack = 1.0 / sliding.T
+    # effects of the difference and of the sum of the zeros [1/N]
     q, q_common = 0.5 * (inverse_tight + inverse_slack), 0.5 * (inverse_slack - inverse_tight)
-    if mode != "auto":
-        clear = np.maximum(D**2 - se**2, 0.0)
-        variance = q**2 * (se**2 if mode else clear)
-        treatment = "corrected" if mode else "not corrected: the standard error allows for it"
-        notes = tuple(
-            f"{_differ(d, t)}, {treatment}" if abs(d) > max(NOTED * t, 5.0 * s) else ""
-            for d, s, t in zip(D, se, T, strict=True)
-        )
-        variance = variance + q_common**2 * clear
-        zeros = np.zeros(D.size)
-        single_hypothesis = np.ones(1), zeros[:, None], np.sqrt(variance)[:, None]
-        return CellErrors(q * D * bool(mode), variance, zeros, *single_hypothesis, notes)
-    return _errors_of_bench(D, se, T, q, q_common)
-
-
-def _differ(difference_N: float, tension_N: float) -> str:
-    relative = 100.0 * abs(difference_N) / tension_N
-    return f"the cells differ by {difference_N:+.3g} N at rest ({relative:.2g} %)"
-
-
-def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -> CellErrors:
-    """Average the errors (S5) over all combinations of standard deviations in (S4).
-
-    `q` and `q_common` are the effects on ln(T_tight/T_slack) of the difference and of the sum of
-    the zeros [1/N].
-    """
     unit = float(np.median(T))
     sizes = np.array(SIZES)
     noise = np.square(np.maximum(se, 1e-5 * T))
@@ -308,27 +279,27 @@ def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -
     weights = np.exp(log_p - np.max(log_p))
     weights /= weights.sum()
     n = sizes.size
-    # indexed by the sizes of constant and wandering zeros; summed over those of gains and friction
+    # indexed by the sizes of constant and wandering zeros; summed over those of the friction
     by_size = np.zeros((3, n, n, D.size))
-    independent, expected = np.zeros(D.size), np.zeros(3)
+    independent, expected = np.zeros(D.size), np.zeros(2)
     for k, p in enumerate(weights):
         wander_N = pairs[k, 0] * unit
         part = wander_N**2 / variance[k]
         zero = means[k, :, :1] + part * (D - means[k] @ X.T)
-        error = q * zero + means[k, :, 1:] / unit
-        slopes = np.column_stack([q * (1.0 - part), (1.0 - q * part * T) / unit])
+        error = q * zero
+        slopes = q[:, None] * np.column_stack([1.0 - part, -part * T / unit])
         # the common error of both zeros has the prior of their difference, not its posterior
         wandering = wander_N**2 * (q**2 * (1.0 - part) + q_common**2)
         common = np.einsum("rk,hkl,rl->hr", slopes, C[k], slopes) + q_common**2 * S[:, :1]
         moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
         by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
         independent += p.sum() * wandering
-        expected += [p @ means[k, :, 0], p @ means[k, :, 1] / unit, p.sum() * wander_N]
+        expected += [p @ means[k, :, 0], p.sum() * wander_N]
     probability, first, second = by_size.reshape(3, n * n, -1)
     mean = first.sum(axis=0)
     probability = np.maximum(probability, 1e-300)
     error = first / probability
-    zeta, gamma, wander = expected
+    zeros = mean / q
     shared = second.sum(axis=0) - mean**2 - independent
     return CellErrors(
         mean=mean,
@@ -337,27 +308,16 @@ def _errors_of_bench(D: Array, se: Array, T: Array, q: Array, q_common: Array) -
         probability=probability[:, 0],
         away=(error - mean).T,
         spread=np.sqrt(np.maximum(second / probability - error**2, 0.0)).T,
-        notes=tuple(
-            _note(e / half, gamma, d, t, zeta, wander)
-            for e, half, d, t in zip(mean, q, D, T, strict=True)
-        ),
+        held=(D - zeros) / T,
+        notes=tuple(_note(zero, t, *expected) for zero, t in zip(zeros, T, strict=True)),
     )
 
 
-def _note(
-    taken_N: float, gamma: float, difference_N: float, tension_N: float, zeta: float, wander: float
-) -> str:
-    """Describe the errors of the cells of a run; `taken_N` is its correction as a zero [N]."""
-    parts = []
-    if abs(zeta) + wander > NOTED * tension_N and abs(taken_N) > NOTED * tension_N:
-        wandering = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
-        parts.append(
-            f"the zero points of the cells differ by {zeta:+.3g} N over all runs{wandering}: "
-            "corrected"
-        )
-    if abs(gamma) > 0.001:
-        parts.append(f"the gains of the cells differ by {100 * gamma:+.3g} %: corrected")
-    left = difference_N - gamma * tension_N - (taken_N - gamma * tension_N if parts else taken_N)
-    if not parts and abs(left) > NOTED * tension_N:
-        parts.append(f"{_differ(difference_N, tension_N)}: the standard error allows for it")
-    return "; ".join(parts)
+def _note(zero_N: float, tension_N: float, zeta: float, wander: float) -> str:
+    """Describe the zeros of the cells if their difference in a run, `zero_N`, is large."""
+    if min(abs(zeta) + wander, abs(zero_N)) <= NOTED * tension_N:
+        return ""
+    wandering = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
+    return (
+        f"the zero points of the cells differ by {zeta:+.3g} N over all runs{wandering}: corrected"
+    )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 
 NAN = float("nan")
+MAX_MU = 3.0
+"""Largest credible friction coefficient [-]."""
 
 
 class RunRejected(Exception):
@@ -37,49 +39,6 @@ class RunRejected(Exception):
 
     It is caught within the reduction of the run: one bad run must not stop the others.
     """
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionSettings:
-    """Settings of the reduction. The defaults suit both bench and simulated recordings.
-
-    Raises
-    ------
-    InputError
-        If values are out of range; lists all of them.
-    """
-
-    min_plateau_samples: int = 12
-    """Fewest usable samples of sliding."""
-    spike_threshold: float = 6.0
-    """Distance from the neighbours above which a sample is a spike, in standard deviations."""
-    correct_imbalance: Literal["auto"] | bool = "auto"
-    """Whether to subtract the difference of the cells at rest. ``True``: in every run, half from
-    each cell, with the noise of the rest phase. ``False``: never; the standard error allows for a
-    clear difference. ``"auto"``: where it is clear, as the difference of zero points or of gains
-    that all runs of the bench show together; otherwise as with ``False``."""
-    check_initial_tension: bool = True
-    """Whether tensions at rest that do not match the stated ones are an error."""
-    max_mu: float = 3.0
-    """Largest credible friction coefficient [-]."""
-    speed_bins_rad_s: tuple[float, ...] = ()
-    """Edges of the speed bins into which a run at a changing speed is cut [rad/s]."""
-
-    def __post_init__(self) -> None:
-        problems = [
-            f"friction.{name} = {value!r}, must be in [{low:g}, {high:g}]"
-            for name, low, high in (
-                ("min_plateau_samples", 8, 1_000_000),
-                ("spike_threshold", 3.0, 100.0),
-                ("max_mu", 0.01, 100.0),
-            )
-            if not low <= (value := getattr(self, name)) <= high
-        ]
-        if self.correct_imbalance not in ("auto", True, False):
-            setting = f"friction.correct_imbalance = {self.correct_imbalance!r}"
-            problems.append(f"{setting}, must be auto, true or false")
-        if problems:
-            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +133,8 @@ class RunReduction(RunHeader):
     imbalance_N: float = NAN
     """Tight minus slack cell at rest, as recorded [N]."""
     imbalance_se_N: float = NAN
+    held: float = NAN
+    """Imbalance that zeros of the cells do not explain, over the initial tension [-]."""
     start_time_s: float = NAN
     """First sample at which the pulley turns [s]."""
     peak_time_s: float = NAN
@@ -198,7 +159,7 @@ class RunReduction(RunHeader):
     shared_drift: float = NAN
     """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
-    """The same for the zeros and gains of the cells [-]."""
+    """The same for the zeros of the cells [-]."""
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
     notes: tuple[str, ...] = ()

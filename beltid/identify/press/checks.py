@@ -263,9 +263,7 @@ def _loading_only(case: Case) -> Iterator[Finding]:
         "never unloaded: the law is that of the loading branch alone, which lies above the "
         "middle of the branches by 5 to 30 % of the force; included in the standard errors"
     )
-    if not case.settings.loading_only:
-        text += "; set press.loading_only: true if this is intended"
-    yield Finding("loading only", LOOPS[0], text, loops, alarming=not case.settings.loading_only)
+    yield Finding("loading only", LOOPS[0], text, loops, alarming=True)
 
 
 def _seating(case: Case) -> Iterator[Finding]:

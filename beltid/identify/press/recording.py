@@ -37,10 +37,7 @@ class StiffnessSettings:
     reference_temperature_degC: float = 22.0  # for the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
     """Deflection of the press itself per force, included in the crosshead travel."""
-    force_gain: float = 1.0  # true force over reading; the zero comes from before contact
-    displacement_gain: float = 1.0  # true travel over reading
     cycles: CycleChoice = "last"  # cycles of a test to use; the first is virgin rubber
-    loading_only: bool = False  # never unloaded on purpose; does not change the uncertainty
 
     def __post_init__(self) -> None:
         problems = [
@@ -48,8 +45,6 @@ class StiffnessSettings:
             for name, low, high, unit in (
                 ("segment_length_m", 1e-3, 1.0, " m"),
                 ("machine_compliance_m_N", 0.0, 1e-5, " m/N"),
-                ("force_gain", 0.1, 10.0, ""),
-                ("displacement_gain", 0.1, 10.0, ""),
             )
             if not low <= (value := getattr(self, name)) <= high
         ]
@@ -107,8 +102,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
     travel, no contact, or no loading.
     """
-    travel = settings.displacement_gain * part["displacement_mm"] * 1e-3
-    samples = np.array([part["time_s"], travel, settings.force_gain * part["force_N"]])
+    samples = np.array([part["time_s"], 1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples[1:]).all(axis=0)
     _, travel, force = samples = _without(samples, missing)
     spikes = _spikes(travel) | _spikes(force)
@@ -135,8 +129,6 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
         (clipped.any(), f"{clipped.sum()} samples left out: {clipping_text}"),
         (zero != 0.0, f"zero of the load cell {zero:.3g} N subtracted"),
-        (settings.force_gain != 1.0, f"force gain {settings.force_gain:g} applied"),
-        ((gain := settings.displacement_gain) != 1.0, f"displacement gain {gain:g} applied"),
     )
     temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(

@@ -24,6 +24,8 @@ SAME_SETTING = 0.02  # relative gap in speed or tension that separates two serie
 SMALLEST_SHARE = 0.01
 """Sliding speeds below this share of the largest need no separate runs: the law uses the nearest
 measured coefficient there."""
+PROPOSED = 5
+"""Number of pulley speeds to propose."""
 SPEED_TOLERANCE = 0.02
 """Relative deviation up to which a pulley speed still reaches the end of the range."""
 OK = "ok"
@@ -101,7 +103,7 @@ class RequiredSpeeds:
 
 
 def required_pulley_speeds(
-    slip: SlipResult, R: float, n: int = 5, configured: Sequence[float] | None = None
+    slip: SlipResult, R: float, configured: Sequence[float] | None = None
 ) -> RequiredSpeeds:
     """Find the pulley speeds ``omega = v / R`` of the friction rig that cover sliding in service.
 
@@ -111,19 +113,15 @@ def required_pulley_speeds(
         Sliding speeds in service.
     R : float
         Radius of the belt's centreline on the rig's pulley [m].
-    n : int
-        Number of speeds to propose, >= 2.
     configured : sequence of float, optional
         Pulley speeds set on the rig [rad/s].
 
     Raises
     ------
     InputError
-        If R or n is out of range, or no sliding speed differs significantly from zero.
+        If R is out of range, or no sliding speed differs significantly from zero.
     """
     problems = [] if R > 0.0 else [f"pulley_radius_m = {R!r}, must be > 0 m"]
-    if n < 2:
-        problems.append(f"number of pulley speeds = {n!r}, must be >= 2")
     speeds = [
         abs(p.slip_speed_m_s)
         for p in slip.points
@@ -147,7 +145,7 @@ def required_pulley_speeds(
         gaps = f"{' and '.join(missing)} not covered" if missing else "covered"
         statement += f"; the rig runs at {', '.join(f'{w:g}' for w in rig)} rad/s: {gaps}"
     return RequiredSpeeds(
-        proposed_rad_s=tuple(np.geomspace(low, high, n).tolist()) if low < high else (high,),
+        proposed_rad_s=tuple(np.geomspace(low, high, PROPOSED).tolist()) if low < high else (high,),
         covered=not missing if rig else None,
         statement=statement,
     )

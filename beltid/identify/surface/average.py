@@ -73,18 +73,13 @@ class SurfaceGrid:
         return FrictionSurface(self.normal_force_N_m, self.slip_speed_m_s, self.mu, self.mu_se)
 
 
-def average(
-    curves: CurveSet, force_nodes: int | None, errors_known: bool
-) -> tuple[SurfaceGrid, tuple[str, ...]]:
+def average(curves: CurveSet, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...]]:
     """Build the surface through the mean of all arcs of a set, or through its only arc.
 
     Parameters
     ----------
     curves : CurveSet
         Curves of one or several arcs.
-    force_nodes : int or None
-        Number of force nodes, evenly spaced in ln f. With None, there are as many as the largest
-        curve has points, placed where the points are.
     errors_known : bool
         Whether the standard errors of the points are known.
 
@@ -99,7 +94,7 @@ def average(
         If no speed has a range of forces.
     """
     curves, notes = with_common_range(curves)
-    nodes = _force_nodes(curves, force_nodes)
+    nodes = _force_nodes(curves)
     mu, se, filled = _on_nodes(curves, nodes)
     complete = np.all(np.isfinite(filled).any(axis=0), axis=1)
     nodes, mu = nodes[complete], mu[:, complete]
@@ -130,14 +125,12 @@ def average(
     return grid, tuple(notes)
 
 
-def _force_nodes(curves: CurveSet, count: int | None) -> Array:
-    """Place force nodes over the range that every speed covers [N/m]."""
+def _force_nodes(curves: CurveSet) -> Array:
+    """Place force nodes over the range that every speed covers, where the points are [N/m]."""
     common = common_range(curves)
     if common is None:
         return np.array([np.exp(np.mean([np.log(c.f[0]) for c in curves.curves]))])
     first, last = np.log(common)
-    if count is not None:
-        return np.geomspace(*common, count)
     count = max(c.f.size for c in curves.curves)
     pooled = np.sort(np.log(np.concatenate([c.f for c in curves.curves])))
     centres = np.array([group.mean() for group in np.array_split(pooled, count)])

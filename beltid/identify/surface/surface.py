@@ -78,7 +78,6 @@ def build_surface(
     slip_speed_m_s: ArrayLike,
     mu: ArrayLike,
     mu_se: ArrayLike | None = None,
-    force_nodes: int | None = None,
 ) -> SurfaceResult:
     """Build the friction surface of each arc and the averaged one.
 
@@ -93,29 +92,24 @@ def build_surface(
     mu, mu_se : array_like (n,)
         Sliding friction coefficient, Eq. (6), and its standard error [-]. The median of the others
         replaces an error that is nan.
-    force_nodes : int, optional
-        Number of common nodes of the normal force, evenly spaced in ln f, >= 2. By default there
-        are as many as the largest curve has points, placed where the points are.
 
     Raises
     ------
     InputError
         If arrays differ in length, or no surface can be built from the points.
     """
-    if force_nodes is not None and force_nodes < 2:
-        raise InputError(f"surface.force_nodes = {force_nodes}, must be >= 2")
     points, set_aside, notes, errors_known = _valid_points(
         arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
     )
     curves = build_curves(points)
     notes += curves.notes
-    grid, grid_notes = average(curves, force_nodes, errors_known)
+    grid, grid_notes = average(curves, errors_known)
     notes += grid_notes
     arcs = []
     for arc in () if curves.joined else curves.arcs_deg:
         of_arc = curves.with_curves(c for c in curves.curves if c.arc_deg == arc)
         try:
-            arc_grid, arc_notes = average(of_arc, force_nodes, errors_known)
+            arc_grid, arc_notes = average(of_arc, errors_known)
         except InputError as error:
             notes += [f"arc {arc:g}°: no surface of this arc alone, {p}" for p in error.problems]
             continue

@@ -54,7 +54,7 @@ def run(
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
     kind_keys = rig_kind_keys(config.config)
-    keys = ("surface", "rig.slide", "rig.pulley_radius_m", *kind_keys, SECTION)
+    keys = ("rig.slide", "rig.pulley_radius_m", *kind_keys, SECTION)
     build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
@@ -166,7 +166,6 @@ def _published(
             columns["slip_speed_m_s"][rows],
             columns["mu_sliding"][rows],
             None if se is None else se[rows],
-            config.surface.force_nodes,
         )
     except InputError as error:
         raise InputError(error.at(name)) from None
@@ -182,7 +181,7 @@ def _uncertainty(
     return SurfaceUncertainty(
         surface=result.surface,
         sources=sources,
-        changes=published_changes(measured, result.average, sources, config.surface.force_nodes),
+        changes=published_changes(measured, result.average, sources),
         scatter=scatter_factor(published_curves(measured), result.average),
         arcs_deg=measured.arcs_deg,
     )

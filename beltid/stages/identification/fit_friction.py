@@ -18,7 +18,6 @@ from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading_keys
 from beltid.stages.identification.reduction import (
-    BINNED,
     TOUCHING,
     FrictionTable,
     recording_in_memory,
@@ -45,6 +44,8 @@ DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
     "speed and arc explain"
 )
+HELD: Final = 0.005
+"""Difference of the spans at rest over the initial tension above which a warning names it [-]."""
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
 
@@ -77,7 +78,6 @@ def _keys(config: Config, role: str) -> tuple[str, ...]:
     return (
         "friction",
         *rig_kind_keys(config),
-        "rig.speed_bins_rad_s",
         "rig.force_resolution_N",
         "rig.pulley_radius_m",
         "conditions",
@@ -99,8 +99,7 @@ def fit_friction(
     frame : DataFrame, pyarrow Table or mapping
         The columns of rig.csv, with the channels of the kind of the rig.
     config : Config, dict, path or None
-        Kind of the rig, radius of the pulley, settings of the reduction, conditions; None is the
-        built-in 5PK rig.
+        Kind of the rig, radius of the pulley, conditions; None is the built-in 5PK rig.
     table : bool
         Whether the frame has a row per plateau instead of samples over time.
 
@@ -218,6 +217,15 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
                 "constant; if the slide of the pulley is held by the load cell of the hub force, "
                 "state rig.slide: held"
             )
+    shares = [abs(run.held) for run in good if abs(run.held) > HELD]
+    if shares:
+        yield (
+            f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
+            f"tension (median of {counted(len(shares), 'run')} of {len(good)}): "
+            "friction held in the belt, or gains of the cells that differ by as much; neither is "
+            "corrected. Turn the pulley back and forth before the rest, or add a few runs in the "
+            "other direction; state what the gains may be off as uncertainty.cell_gain_rel"
+        )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:
         yield f"{TOUCHING} ({listed(touching)})"
@@ -231,8 +239,6 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             "no standard error is known: state mu_se in the table, or the resolution of the forces "
             "as rig.force_resolution_N"
         )
-    if any(run.treatment.course for run in good):
-        yield f"runs without a steady speed were divided into speed bins: {BINNED}"
 
 
 def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:

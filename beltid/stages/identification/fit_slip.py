@@ -40,7 +40,6 @@ SHOWN: Final = (
     "status",
 )
 KEYS: Final = (
-    "slip",
     "rig.pulley_radius_m",
     "rig.pulley_speeds_rad_s",
     "drive.pulleys",
@@ -132,7 +131,7 @@ def _required(result: SlipResult, config: Config) -> tuple[RequiredSpeeds | None
     rig = config.rig
     speeds = rig.pulley_speeds_rad_s if _states_speeds(config) else None
     try:
-        required = required_pulley_speeds(result, rig.pulley_radius_m, config.slip.n_speeds, speeds)
+        required = required_pulley_speeds(result, rig.pulley_radius_m, speeds)
     except InputError as error:  # the sliding speeds were found; keep them
         return None, [f"no pulley speeds proposed: {line}" for line in error.problems]
     return required, []

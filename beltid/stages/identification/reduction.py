@@ -34,7 +34,6 @@ from beltid.identify.friction.kinds import (
 )
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
-    FrictionSettings,
     RunReduction,
     reduce_stream,
 )
@@ -53,9 +52,6 @@ NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 
 CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
 """Keys of a config for the known errors of the load cells."""
-BINNED: Final = (
-    "friction at falling speed differs from that at rising and from that at steady speed"
-)
 TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
@@ -66,15 +62,6 @@ BATCH_BYTES: Final = 32 << 20
 """Size at which a batch is closed even with fewer runs [bytes]."""
 BYTES_UNDER_WAY: Final = 96 << 20
 """Maximum size of the batches that wait for their workers, without the one being filled."""
-
-
-def friction_settings(config: Config) -> FrictionSettings:
-    """Return the settings of the reduction that a config states."""
-    names = {field.name for field in fields(FrictionSettings)}
-    section = config.friction.model_dump()
-    bins = config.rig.speed_bins_rad_s or ()
-    chosen = {name: value for name, value in section.items() if name in names}
-    return FrictionSettings(**chosen, speed_bins_rad_s=bins)
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -121,10 +108,7 @@ def stiffness_settings(press: PressSection) -> StiffnessSettings:
         segment_length_m=press.segment_length_cm / 100.0,
         reference_temperature_degC=press.reference_temperature_degC,
         machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-        force_gain=press.force_gain,
-        displacement_gain=press.displacement_gain,
         cycles=press.cycles,
-        loading_only=press.loading_only,
     )
 
 
@@ -138,16 +122,15 @@ def reduce_rig(
     rig : Recording or BigRecording
         The recording.
     config : Config
-        Kind of the rig, radius of the pulley, settings of the reduction.
+        Kind of the rig, radius of the pulley.
     workers : Workers, optional
         Reduce the runs of a big recording while the next ones are read.
     """
-    radius, settings = config.rig.pulley_radius_m, friction_settings(config)
-    records = records_of(rig, config)
+    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
     # a single worker reduces run by run without holding a batch
     if isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1:
-        return reduce_stream(records, radius, settings, partial(_parallel_map, workers))
-    return reduce_stream(records, radius, settings)
+        return reduce_stream(records, radius, partial(_parallel_map, workers))
+    return reduce_stream(records, radius)
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
@@ -207,7 +190,6 @@ def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[Ru
     return reduce_plateaus(
         columns,
         rig.pulley_radius_m,
-        friction_settings(config),
         rig_kind(config),
         _or_nan(resolution_N),
     )
@@ -371,9 +353,6 @@ def _notes(run: RunReduction) -> str | None:
     notes = list(taken_off(run.treatment))
     if run.treatment.other_span:
         notes.append("the tension measured with the torque is not that of the stated span")
-    if run.treatment.course:
-        course = f"the speed {run.treatment.course}: a plateau for each bin of the speed"
-        notes.append(f"{course}; {BINNED}")
     if run.arc_deg >= TOUCH_DEG:
         notes.append(TOUCHING)
     notes += run.notes

@@ -73,23 +73,16 @@ def rig_curves(
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)
         parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
-        # a run that was cut into bins of the speed is shown as a whole
-        labels = dict.fromkeys(run if run in parts else _whole_run(run) for run in samples)
-        missing = sorted(set(labels) - set(parts))
+        missing = sorted(set(samples) - set(parts))
         if missing:
             raise InputError(
                 f"{rig}: has no run {', '.join(missing[:MOST_NAMED])}; {friction} was made from "
                 "another recording"
             )
-        runs = [parts[run] for run in labels]
+        runs = [parts[run] for run in samples]
         columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
-        built = build.write(Outcome(RIG, columns, tuple(labels)))
+        built = build.write(Outcome(RIG, columns, tuple(samples)))
     return built
-
-
-def _whole_run(run: str) -> str:
-    """Return the label of the whole run from that of one of its speed bins."""
-    return run.rpartition(":")[0] or run
 
 
 def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -114,15 +107,14 @@ def _thinned_runs(
 
     A big recording is read one run at a time.
     """
-    sizes = {_whole_run(run): most for run, most in reversed(list(samples.items()))} | dict(samples)
     curves = {}
     for record in records_of(recording, config):
-        if record.run not in sizes:
+        if record.run not in samples:
             continue
         tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
         if not kind.is_derived:  # otherwise already corrected
             tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
-        kept = thinned(np.arange(tight.size), tight, sizes[record.run])
+        kept = thinned(np.arange(tight.size), tight, samples[record.run])
         curves[record.run] = {
             "run": np.full(kept.size, record.run, dtype=object),
             "time_s": record.time_s[kept],

@@ -45,7 +45,6 @@ RIG_KEYS: Final = (
 """Keys of the config that matter for every use of the simulated rig, with `rig_kind_keys`."""
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
-MOST_SAMPLES: Final = 10_000
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
 
 
@@ -257,12 +256,6 @@ def _one_recording(run: PlannedRun, result: RunResult, config: Config) -> dict[s
     }
 
 
-def sliding_samples(config: Config) -> int:
-    """Return the number of sliding samples for a run of which only the limit is known."""
-    wanted = max(SLIDING_SAMPLES, 2 * config.friction.min_plateau_samples)
-    return min(wanted, MOST_SAMPLES)
-
-
 def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
     """Return a recording with two levels, at rest and sliding, for a known sliding limit.
 
@@ -270,8 +263,7 @@ def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str,
     therefore no sticking peak.
     """
     omega = run.pulley_speed_rad_s
-    # enough samples for the reduction settings of the config
-    n = REST_SAMPLES + sliding_samples(config)
+    n = REST_SAMPLES + SLIDING_SAMPLES
     turning = np.arange(n) >= REST_SAMPLES
     T_0 = run.initial_tension_N
     return {

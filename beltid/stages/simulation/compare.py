@@ -26,7 +26,6 @@ from beltid.errors import (
     EXIT_DONE,
     EXIT_OUT_OF_TOLERANCE,
     ArtifactError,
-    ConfigError,
     InputError,
     counted,
 )
@@ -304,31 +303,10 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
 
 
 def _as_measured(friction: Artifact, config: Config) -> Config:
-    """Return the config with the radius and the reduction settings of the measured runs.
-
-    The load cells remain those of the config.
-    """
-    stored = friction.metadata.settings
-    radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
-    field_names = type(config.friction).model_fields
-    section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
-    bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
-    try:
-        measured = load_config({"friction": section, "rig": bins}) if section else config
-    except ConfigError as error:
-        lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
-        raise ArtifactError(lines) from None
-    cells = {
-        key: getattr(config.friction, key) for key in field_names if f"friction.{key}" in CELL_KEYS
-    }
-    speed_bins = measured.rig.speed_bins_rad_s
-    rig = {"pulley_radius_m": float(radius), "speed_bins_rad_s": speed_bins}
-    return config.model_copy(
-        update={
-            "friction": measured.friction.model_copy(update=cells),
-            "rig": config.rig.model_copy(update=rig),
-        }
-    )
+    """Return the config with the radius of the measured runs."""
+    radius = friction.metadata.settings.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
+    rig = config.rig.model_copy(update={"pulley_radius_m": float(radius)})
+    return config.model_copy(update={"rig": rig})
 
 
 def _outcome(

@@ -49,7 +49,6 @@ def refinement_keys(config: Config) -> tuple[str, ...]:
         *RIG_KEYS,
         *rig_kind_keys(config),
         "contact.points_per_element",
-        "surface",
         "friction.correct_temperature",
         "friction.reference_temperature_degC",
     )
@@ -77,7 +76,7 @@ def prepared_campaign(
     arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
     standard_errors = own_errors(columns)
     mu_se = None if standard_errors is None else standard_errors[good]
-    start = publish(arc_deg, f, v, mu, mu_se, config.surface.force_nodes).surface
+    start = publish(arc_deg, f, v, mu, mu_se).surface
     speeds = _speeds(start.slip_speed_m_s, np.abs(v))
     measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
     bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)

@@ -11,7 +11,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata, SurfaceMetadata
-from beltid.config import Config, ConfigSource
+from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
@@ -28,7 +28,6 @@ from beltid.stages.simulation.campaign import (
     recording_columns,
     simulate,
     simulation_settings,
-    sliding_samples,
 )
 from beltid.stages.simulation.planned_runs import (
     Picked,
@@ -123,7 +122,7 @@ def run(
     differing = differing_settings(model, measured)
     for line in differing:
         options.reporter.warn(line)
-    choices = _choices(model, settings, runs)
+    choices = _choices(settings, runs)
     keys = (*KEYS, *rig_kind_keys(model))
     build = Build(KIND, config, keys, inputs, out, options, choices)
     built = build.up_to_date()
@@ -146,17 +145,12 @@ def run(
     return summarise(built)
 
 
-def _choices(
-    config: Config, settings: SimulationSettings, runs: Sequence[PlannedRun]
-) -> dict[str, Any]:
+def _choices(settings: SimulationSettings, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     """Return the settings of a call and the measured runs that a recording depends on."""
-    choices: dict[str, Any] = {
+    return {
         "method": settings.method,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
     }
-    if settings.method == "steady":
-        choices["sliding_samples"] = sliding_samples(config)
-    return choices
 
 
 def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
