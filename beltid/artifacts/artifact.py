@@ -289,6 +289,11 @@ def _check_version(path: Path, record: _Record, table: schemas.Table) -> None:
             f"by beltid {record.software_version}), must be {table.version}; "
             f"write it again with `{table.command}`",
         )
+    if unknown := [name for name in record.units if name not in table.names]:
+        raise ArtifactError(
+            f"{path}: a {table.kind} artifact (written by beltid {record.software_version}) with "
+            f"columns that are gone: {', '.join(unknown)}; write it again with `{table.command}`"
+        )
 
 
 def _needed(kind: str | None) -> str:

@@ -73,7 +73,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
             f"{SEAL}",
         )
     if isinstance(values.get("friction"), dict):
-        values["friction"].pop("ensemble", None)  # version 0.x wrote it, nearly always null
+        values["friction"].pop("ensemble", None)  # of earlier files, nearly always null
     try:
         # strict and as JSON: text is not accepted as a number, a list is accepted as a tuple
         law = ContactLaw.model_validate_json(json.dumps(values), strict=True)

@@ -299,6 +299,15 @@ def test_another_schema_version_says_what_to_do():
     )
 
 
+def test_a_column_that_is_gone_is_no_damage():
+    data = artifact_bytes("slip", example("slip"), METADATA)
+    record = json.loads(pq.read_schema(pa.BufferReader(data)).metadata[b"beltid"])
+    record["units"] |= {"humidity_percent": "%"}
+    with pytest.raises(ArtifactError, match=r"humidity_percent.*`beltid fit-slip`") as caught:
+        artifact_from_bytes(rewritten(data, sealed(record)), Path("x"), "slip")
+    assert "damaged" not in str(caught.value)
+
+
 def test_another_kind_says_which_command_writes_the_right_one(tmp_path):
     path = tmp_path / "friction.parquet"
     write_artifact(path, "friction", example("friction"), METADATA)

@@ -88,6 +88,14 @@ def test_the_covariance_comes_back_to_the_bit(law: ContactLaw) -> None:
     assert float(again.mu_u(f, v)) == float(surface.mu_u(f, v))
 
 
+def test_the_ensemble_of_an_earlier_file_is_left_out(law: ContactLaw) -> None:
+    document = json.loads(law_text(law))
+    del document["content_sha256"]
+    for ensemble in (None, [document["friction"]["mu"]]):
+        document["friction"]["ensemble"] = ensemble
+        assert law_from_text(json.dumps(document), "law").surface == law.surface
+
+
 def test_the_file_keeps_to_the_schema_and_the_schema_to_its_own(law: ContactLaw) -> None:
     jsonschema.Draft202012Validator.check_schema(schema())
     document = json.loads(law_text(law))
