@@ -21,7 +21,7 @@ KEPT = Path(__file__).parent / "kept"
 RECORDING = os.environ.get("BELTID_GOLDEN") == "record"
 DIGITS = 8
 FACTOR_OF_AN_UNCERTAINTY = 2.0
-GROWTH_OF_AN_ERROR = 1.05
+GROWTH_OF_AN_ERROR = 1.05, 0.01  # in proportion; or by so many percent, or standard uncertainties
 
 # quantity -> relative and absolute tolerance; the first pattern that is found in the key counts
 TOLERANCES = (
@@ -101,7 +101,8 @@ def _agree(path: str, kept: Any, found: Any) -> bool:
     if not numbers:
         return type(kept) is type(found) and bool(kept == found)
     if path.startswith("at_most/"):
-        return bool(found <= GROWTH_OF_AN_ERROR * kept)
+        share, least = GROWTH_OF_AN_ERROR
+        return bool(found <= max(share * kept, kept + least))
     if isinstance(kept, int) and isinstance(found, int):
         return kept == found
     key = re.sub(r"(\[\d+\])+$", "", path).rpartition("/")[2]
