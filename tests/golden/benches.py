@@ -34,6 +34,7 @@ class Rig:
     radius_m: float = R
     mu: Callable[[float, float], float] = law
     noise_N: float = 0.3
+    held: float = 0.0  # friction that the belt holds at rest, as a share of T0
     rest_s: float = 1.0
     samples: int = 300
     seed: int = 7
@@ -88,9 +89,10 @@ class Rig:
             tensions = {}
             for span in ("tight", "slack"):
                 end = getattr(run, f"tension_{span}_N")
-                rise = (end - run.initial_tension_N) * (built + peak)
-                noise = random.normal(0, self.noise_N, time.size)
-                tensions[span] = run.initial_tension_N + rise + noise
+                half = 0.5 * self.held * (1 if span == "tight" else -1)
+                rest = run.initial_tension_N * (1 + half)
+                rise = (end - rest) * (built + peak)
+                tensions[span] = rest + rise + random.normal(0, self.noise_N, time.size)
             tight, slack = tensions["tight"], tensions["slack"]
             cosine = np.cos(np.radians(run.arc_deg))
             frame = {

@@ -201,8 +201,10 @@ def test_table_that_others_measured(tmp_path: Path) -> None:
     said = done(tmp_path, "fit-friction", "--table", table, "-o", "friction.parquet", "--json")
     assert said.json["origin"] == "measured"
     names = ["run", "arc_deg", "tension_slack_N", "mu_sliding", "mu_sliding_se", "status"]
-    names += ["normal_force_N_m"]
-    found = {"columns": columns(tmp_path / "friction.parquet", names), "facts": said.facts["runs"]}
+    found = {
+        "columns": columns(tmp_path / "friction.parquet", [*names, "normal_force_N_m"]),
+        "facts": said.facts["runs"],
+    }
     kept.check("friction/flat_belt", found)
 
 

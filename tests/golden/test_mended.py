@@ -1,0 +1,236 @@
+"""What the frozen tree did wrong in silence: every test here was red with it (synthetic data)."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import beltid as beltid_api
+from golden import benches, kept
+from golden.door import ROOT, beltid, configured, done, refused
+from golden.test_benches import CELL, errors, friction
+from golden.test_mechanics import LAW_5PK, drive, points, section_of
+
+CODE = 'coding=unicode_escape\nopen("P","w")#'
+"""In the first comment of a module, Python takes it for the encoding of the file."""
+
+
+@pytest.mark.parametrize("held", [0.0025, 0.02])
+def test_friction_held_at_rest_is_no_gain_of_the_cells(held: float, tmp_path: Path) -> None:
+    rig = benches.Rig(held=held, tensions_N=(100.0, 200.0, 411.0), speeds_rad_s=(0.05, 0.21, 0.84))
+    said = friction(tmp_path, rig.recording()[benches.CELLS])
+    assert said.status == 0, said.stderr
+    found = errors(pd.read_parquet(tmp_path / "friction.parquet"), rig.runs()["mu"].tolist())
+    kept.check(f"friction/held_{held:g}", {"at_most": found})
+    assert found["rms_percent"] < 0.15
+    told = [line for line in said.warnings if "%" in line and "back and forth" in line]
+    assert len(told) == (held > 0.005)
+
+
+def test_a_name_is_never_code(belt_5pk: Path, tmp_path: Path) -> None:
+    named = configured(tmp_path, {"belt": {"name": "5pk", "type": CODE}})
+    said = beltid(tmp_path, "export", "exudyn", belt_5pk, "-c", named, "-o", tmp_path / "out")
+    refused(said, "belt.type", "beltid.yaml:")
+    law = json.loads((Path(__file__).parent / "kept/export/5pk.beltlaw.json").read_text())
+    del law["content_sha256"]
+    law["belt"]["type"] = CODE + "#" * 60
+    (tmp_path / "5pk.beltlaw.json").write_text(json.dumps(law))
+    for target in ("python", "exudyn", "c"):
+        said = beltid(tmp_path, "export", target, "5pk.beltlaw.json", "-o", tmp_path / "out")
+        refused(said, "belt.type", "5pk.beltlaw.json")
+    assert not list(tmp_path.rglob("*.py"))
+
+
+def test_offsets_are_judged_per_level_of_tension(tmp_path: Path) -> None:
+    frame = pd.read_csv(ROOT / "rigdata/5pk/rig.csv")
+    frame = frame[(frame["arc_deg"] == 82) & frame["initial_tension_N"].isin([270, 411])]
+    frame.to_csv(tmp_path / "two.csv", index=False)
+    done(tmp_path, "fit-friction", "two.csv")
+    rig = benches.Rig()
+    tared = rig.recording()[benches.CELLS]
+    tared[[*CELL.values()]] += 20.0
+    refused(friction(tmp_path, tared), "20")
+
+
+def test_turns_per_minute_are_never_radians_per_second(tmp_path: Path) -> None:
+    frame = benches.Rig().recording()[benches.CELLS]
+    frame["pulley_speed_rad_s"] *= 30 / np.pi
+    for name in ("RPM", "Drehzahl", "U/min"):
+        renamed = frame.rename(columns={"pulley_speed_rad_s": name})
+        said = friction(tmp_path, renamed)
+        if said.status == 2:
+            refused(said, name, "rpm")
+        else:
+            speed = pd.read_parquet(tmp_path / "friction.parquet")["pulley_speed_rad_s"].abs()
+            assert sorted({round(x, 3) for x in speed}) == [0.05, 0.21, 0.84]
+        told = beltid(tmp_path, "inspect", "rig.csv")
+        assert f"{name}: rad/s" not in told.stdout
+        (tmp_path / "friction.parquet").unlink(missing_ok=True)
+
+
+def test_a_weight_in_kilograms_is_no_force(tmp_path: Path) -> None:
+    rig = benches.Rig(holds="weight_tight")
+    frame = rig.recording().drop(columns=["tension_tight_N", "torque_N_m", "hub_force_N"])
+    frame["weight_N"] /= 9.80665
+    config = {"rig": {"kind": "dead_weight", "weight_on": "tight"}}
+    refused(friction(tmp_path, frame, config), "weight_N", "kg")
+    said = friction(tmp_path, frame, config | {"units": {"rig": {"weight_N": "kg"}}})
+    assert said.status == 0, said.stderr
+    found = pd.read_parquet(tmp_path / "friction.parquet")
+    assert errors(found, rig.runs()["mu"].tolist())["rms_percent"] < 0.1
+
+
+def test_a_torque_must_give_the_radius(tmp_path: Path) -> None:
+    """Torque in lbf in beside two cells: T_tight - T_slack = M/R."""
+    frame = benches.Rig().recording().drop(columns=["hub_force_N", "weight_N"])
+    frame["torque_N_m"] /= 0.1129848
+    only = frame.drop(columns="tension_tight_N")
+    config = {"rig": {"kind": "torque", "torque_with": "slack"}}
+    refused(friction(tmp_path, only, config), "torque_N_m")
+
+
+def test_full_slip_is_called_so() -> None:
+    """A driven pulley at a small slack force, by rods."""
+    f, v = np.geomspace(100, 20000, 40), np.geomspace(1e-4, 1, 40)
+    surface = beltid_api.FrictionSurface(
+        normal_force_N_m=f,
+        slip_speed_m_s=v,
+        mu=0.7 * (f[:, None] / 5000) ** -0.15 * (v / 0.01) ** 0.05,
+    )
+    for torque in (36.0, 37.6):
+        section = section_of(method="rod", initial_tension_N=[310])
+        frame = drive({}, LAW_5PK, surface, **section, operating_points=points(62.8, torque))
+        driven = frame.set_index("pulley").loc["driven"]
+        assert driven["status"] in ("full slip", "gross slip"), torque
+
+
+def test_rods_are_the_default() -> None:
+    pulleys = section_of()["pulleys"]
+    section = {"pulleys": pulleys, "initial_tension_N": [310], "operating_points": points(62.8, 10)}
+    stated = drive({}, LAW_5PK, 0.8, **section, method="rod")
+    pd.testing.assert_frame_equal(drive({}, LAW_5PK, 0.8, **section), stated)
+
+
+def test_a_last_row_without_a_line_feed_counts(tmp_path: Path) -> None:
+    frame = benches.press()
+    text = frame.to_csv(index=False)
+    (tmp_path / "whole.csv").write_text(text)
+    (tmp_path / "cut.csv").write_text(text.rstrip("\n"))
+    whole = beltid_api.read_press(tmp_path / "whole.csv")
+    pd.testing.assert_frame_equal(beltid_api.read_press(tmp_path / "cut.csv"), whole)
+
+
+def test_a_file_without_names_loses_no_row(tmp_path: Path) -> None:
+    frame = benches.press()
+    frame.drop(columns="test").to_csv(tmp_path / "bare.csv", index=False, header=False)
+    configured(tmp_path, {})
+    refused(beltid(tmp_path, "fit-stiffness", "bare.csv"), "bare.csv", "names")
+    names = ["temperature_degC", "time_s", "displacement_mm", "force_N"]
+    configured(tmp_path, {"dialect": {"names": names}})
+    read = beltid_api.read_press(tmp_path / "bare.csv", tmp_path / "beltid.yaml")
+    assert len(read) == len(frame)
+    assert read["force_N"].tolist() == frame["force_N"].tolist()
+
+
+@pytest.fixture
+def other_stiffness(bench: Path) -> Path:
+    """The small bench, with the law of a segment of half the length in place of its own."""
+    config = json.loads((bench / "beltid.yaml").read_text()) | {"press": {"segment_length_cm": 2}}
+    configured(bench, config)
+    done(bench, "fit-stiffness", "press.csv", "--force")
+    return bench
+
+
+def test_a_surface_of_another_stiffness_is_refused(other_stiffness: Path) -> None:
+    folder = other_stiffness
+    names = ("surface_refined.parquet", "stiffness.parquet", "refine-surface")
+    for command in (
+        ("simulate-rig", "surface_refined.parquet", "stiffness.parquet", "-o", "new.parquet"),
+        ("export", "c", folder, "-o", folder / "law"),
+        ("report", folder),
+    ):
+        refused(beltid(folder, *command), *names)
+    assert not (folder / "law").exists()
+
+
+def test_a_simulation_of_another_stiffness_is_not_compared(bench: Path) -> None:
+    """The simulated runs of a belt that was reduced anew prove nothing about it."""
+    done(bench, "compare", "friction.parquet", "simulated.parquet")
+    frame = pd.read_csv(bench / "rig.csv")
+    frame["tension_tight_N"] *= 1.02
+    frame.to_csv(bench / "rig.csv", index=False)
+    done(bench, "fit-friction", "rig.csv", "--force")
+    said = beltid(bench, "compare", "friction.parquet", "simulated.parquet", "--force")
+    refused(said, "friction.parquet", "simulated.parquet", "simulate-rig")
+
+
+def test_every_key_of_the_rig_counts_for_the_comparison(bench: Path) -> None:
+    config = json.loads((bench / "beltid.yaml").read_text())
+    done(bench, "compare", "friction.parquet", "simulated.parquet")
+    configured(bench, config | {"rig": {"slide": "held"}})
+    said = done(bench, "compare", "friction.parquet", "simulated.parquet", "--json")
+    assert said.json["up_to_date"] is False
+
+
+def test_a_damaged_report_is_written_again(bench: Path) -> None:
+    done(bench, "report", ".")
+    page = (bench / "report.html").read_text()
+    (bench / "report.html").write_text(page.replace("synthetic", "measured"))
+    done(bench, "report", ".")
+    assert (bench / "report.html").read_text() == page
+
+
+def test_a_deleted_working_directory(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    program = f"import os, sys; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r});"
+    program += "from beltid.__main__ import main; sys.argv = ['beltid', 'fit-stiffness', 'p.csv'];"
+    program += "main()"
+    said = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert said.returncode == 2, said.stderr
+    assert "Traceback" not in said.stderr
+
+
+def test_a_plain_file_needs_no_temporary_folder(tmp_path: Path) -> None:
+    benches.press().to_csv(tmp_path / "press.csv", index=False)
+    program = "import tempfile, sys; tempfile._candidate_tempdir_list = lambda: ['/nowhere'];"
+    program += "from beltid.__main__ import main; sys.argv = ['beltid', 'fit-stiffness',"
+    program += "'press.csv', '-q']; main()"
+    said = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert said.returncode == 0, said.stderr
+
+
+@pytest.mark.skipif(shutil.which("gfortran") is None, reason="no Fortran compiler")
+def test_the_fortran_law_is_fortran_2003(belt_5pk: Path, tmp_path: Path) -> None:
+    done(tmp_path, "export", "fortran", belt_5pk, "-o", tmp_path)
+    (source,) = tmp_path.glob("*.f90")
+    command = ["gfortran", "-std=f2003", "-Wall", "-Werror", "-c", source.name]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+
+def test_the_range_called_measured_is_the_measured_one(belt_5pk: Path, tmp_path: Path) -> None:
+    done(tmp_path, "export", "exudyn", belt_5pk, "-o", tmp_path)
+    (module,) = tmp_path.glob("*.py")
+    line = next(line for line in module.read_text().splitlines() if line.startswith("FORCE_RANGE"))
+    low, high = eval(line.partition("=")[2])  # a tuple of two numbers
+    forces = pd.read_parquet(belt_5pk / "friction.parquet")["normal_force_N_m"]
+    assert (low, high) == pytest.approx((forces.min(), forces.max()), rel=1e-3)
