@@ -245,7 +245,11 @@ def _held_out(
     parts = zip(predicted_folds, np.split(relative, ends), np.split(force, ends), strict=True)
     groups = [Statistics.of(part.fold.name, *values).as_row() for part, *values in parts]
     statistics = [*outcome.extra["statistics"], *(groups if by == "speed" else [])]
-    return replace(outcome, extra={**outcome.extra, "statistics": statistics, "hold_out": by})
+    return replace(
+        outcome,
+        extra={**outcome.extra, "statistics": statistics, "hold_out": by},
+        warnings=(*outcome.warnings, *(line for p in predicted_folds for line in p.warnings)),
+    )
 
 
 def compare(

@@ -372,6 +372,7 @@ def _outcome(
             *guided_weight(config, [run.point for run in campaign.runs]),
             *formulas.notes,
         ),
+            *result.refined.convergence_warnings(),
         warnings=(
             *result.disagreement(),
             *_bending_warnings(result.bending, config),
