@@ -331,15 +331,19 @@ def _check_unchanged(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
     return value
 
 
-_KNOWN_SETTINGS = TypedDict(
-    "_KNOWN_SETTINGS",
-    {
-        "rig.pulley_radius_m": NotRequired[Positive | None],
-        "rig.pulley_speeds_rad_s": NotRequired[Listed[Number] | None],
-        "friction": NotRequired[dict[str, Any]],
-    },
-)
-Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_check_unchanged)]
+class _KnownRig(TypedDict):
+    pulley_radius_m: NotRequired[Positive]
+    pulley_speeds_rad_s: NotRequired[Listed[Number]]
+
+
+class _KnownSettings(TypedDict):
+    belt: NotRequired[dict[str, Any]]
+    rig: NotRequired[_KnownRig]
+    contact: NotRequired[dict[str, Any]]
+    friction: NotRequired[dict[str, Any]]
+
+
+Settings = Annotated[_KnownSettings, WrapValidator(_check_unchanged)]
 """Checked but stored unchanged: the freshness check compares them with the current settings."""
 
 

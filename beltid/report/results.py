@@ -71,7 +71,7 @@ class Sheet:
     @property
     def pulley_radius_m(self) -> float | None:
         """Pulley radius of the rig used for this artifact [m]; None if unknown."""
-        radius = self.metadata.settings.get("rig.pulley_radius_m")
+        radius = self.metadata.settings.get("rig", {}).get("pulley_radius_m")
         return float(radius) if radius else None
 
     @property

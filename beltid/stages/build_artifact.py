@@ -1,13 +1,13 @@
 """Build an artifact, unless the existing one was built from the same inputs.
 
-An artifact is up to date if the hashes of its inputs, the values of all settings that matter, the
-version of the software and the hash of its sources are unchanged. Only an artifact of the same kind
-is replaced without --force. Recordings, configs and all other files that are not Parquet are never
+An artifact is up to date if the hashes of its inputs, the config sections that matter, the version
+of the software and the hash of its sources are unchanged. Only an artifact of the same kind is
+replaced without --force. Recordings, configs and all other files that are not Parquet are never
 replaced.
 
 Typical use in a stage::
 
-    build = Build(KIND, source, KEYS, inputs, out, options)
+    build = Build(KIND, source, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(...)
@@ -66,11 +66,11 @@ OF_BENCH: Final = (
     "rig.span_length_m",
     "rig.supports",
 )
-"""Keys of the config that identify a belt and its friction rig, as artifacts store them."""
+"""Keys of the config that identify a belt and its friction rig."""
 
 
-def reading_keys(kind: str) -> tuple[str, ...]:
-    """Return the keys of the config that matter for how a recording of this kind is read."""
+def reading(kind: str) -> tuple[str, ...]:
+    """Return the parts of the config that matter for how a recording of this kind is read."""
     return (f"columns.{kind}", f"units.{kind}", f"runs.{kind}", "dialect")
 
 
@@ -116,8 +116,9 @@ class Build:
         Kind of the artifact.
     source : ConfigSource
         The config and its origin.
-    keys : tuple of str
-        Sections or ``section.key`` of the config that matter for it.
+    uses : tuple of str
+        Sections of the config that matter for it; of those with a part per kind of recording, the
+        part, such as ``columns.rig``.
     inputs : mapping of str to Path
         Files it is built from, by their role.
     out : Path
@@ -130,7 +131,7 @@ class Build:
 
     kind: str
     source: ConfigSource
-    keys: tuple[str, ...]
+    uses: tuple[str, ...]
     inputs: Mapping[str, Path]
     out: Path
     options: Options
@@ -199,11 +200,11 @@ class Build:
         """Every setting that matters, by its key, as plain JSON values."""
         values = self.source.config.model_dump(mode="json")
         recorded = any(role in RECORDINGS for role in self.inputs)
-        keys = (*self.keys, "data.origin") if recorded else self.keys
+        uses = (*self.uses, "data.origin") if recorded else self.uses
         stated: dict[str, Any] = {}
-        if UNCERTAINTY in keys:
+        if UNCERTAINTY in uses:
             stated["uncertainty_stated"] = sorted(self.source.config.uncertainty.model_fields_set)
-        return {**{key: _value(values, key) for key in keys}, **stated, **plain(self.choices)}
+        return {**{name: _value(values, name) for name in uses}, **stated, **plain(self.choices)}
 
     def _metadata(self, outcome: Outcome[Any]) -> Metadata:
         path = self.source.path
@@ -367,8 +368,9 @@ def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") 
     for key in OF_BENCH:
         name, _, field = key.partition(".")
         value = getattr(getattr(source.config, name), field)
-        if key in stored and stored[key] != value and section in ("", name):
-            differing.append(f"{key} = {stored[key]} (now {value})")
+        before = stored.get(name, {}).get(field, value)
+        if before != value and section in ("", name):
+            differing.append(f"{key} = {before} (now {value})")
     if not differing:
         return []
     return [

@@ -404,7 +404,7 @@ def test_an_error_that_is_not_known_is_no_number() -> None:
 def test_settings_that_differ_between_artifacts_are_all_reported() -> None:
     belt = results()
     friction = belt.get("friction")
-    other = stating(friction, settings={**friction.metadata.settings, "rig.pulley_radius_m": 0.03})
+    other = stating(friction, settings={"rig": {"pulley_radius_m": 0.03}})
     table = settings(replace(belt, sheets={"friction": other, "slip": belt.get("slip")}))
     told = {row[0]: row[1] for row in table.rows}
     assert told["rig.pulley_radius_m"] == "0.03 (friction); 0.05 (slip)"

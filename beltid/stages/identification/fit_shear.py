@@ -27,7 +27,7 @@ from beltid.identify.shear.stiffness import (
 )
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
     friction_settings,
     recording_in_memory,
@@ -41,17 +41,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.reduced import shear_budget
 
 KIND: Final = "shear"
-KEYS: Final = (
-    "friction",
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "press.segment_length_cm",
-    *reading_keys("rig"),
-    SECTION,
-)
+USES: Final = ("friction", "belt", "rig", "press", *reading("rig"), SECTION)
 STATED: Final = tuple(name for name in (*SHARED, "arc_setting") if name not in SPREADS)
 """Uncertainties of the bench that the config states."""
 SCATTER_REPORTED: Final = 2.0
@@ -63,7 +53,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
 
     If ``stiffness`` is among the inputs, the normal law of the ribs is that of the press.
     """
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    build = Build(KIND, config, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         model = config.config

@@ -51,8 +51,8 @@ from beltid.uncertainty.sources import StandardUncertainties
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 """Columns that depend on the calibration of the bench, so that the reduction does not fill them."""
 
-CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
-"""Keys of a config for the known errors of the load cells."""
+CELL_KEYS: Final = tuple(f"tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
+"""Keys of the section `friction` for the known errors of the load cells."""
 BINNED: Final = (
     "friction at falling speed differs from that at rising and from that at steady speed"
 )
@@ -92,22 +92,6 @@ def rig_kind(config: Config) -> RigKind:
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=KnownCells(*(_known_cell(config, span) for span in SPANS)),
         spans=spans if bent else STRAIGHT,
-    )
-
-
-def rig_kind_keys(config: Config) -> tuple[str, ...]:
-    """Return the keys of a config that `rig_kind` reads, without those of the load cells."""
-    of_kind = {
-        "running": ("belt.mass_per_length_kg_m",),
-        "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
-    }
-    return (
-        "rig.kind",
-        "rig.weight_on",
-        "rig.torque_with",
-        "rig.running_measures",
-        "rig.belt_speed_m_s",
-        *of_kind.get(config.rig.kind, ()),
     )
 
 

@@ -165,6 +165,8 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
+    if "rig" not in simulated.metadata.settings:  # made in Python: the bench is not known
+        return (), []
     arc_runs, problems = [], []
     try:
         bench = _bench(simulated.metadata.settings, stiffness, surface)
@@ -189,10 +191,6 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
 
 def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
     """Rebuild the simulated rig of a recording from the settings stored in it."""
-    sections: dict[str, dict[str, Any]] = {"belt": {}, "rig": {}}
-    for key, value in settings.items():
-        section, _, name = key.partition(".")
-        if section in sections:
-            sections[section][name] = value
-    config = load_config({**sections, "contact": settings.get("contact", {})})
+    sections = ("belt", "rig", "contact")
+    config = load_config({name: settings[name] for name in sections if name in settings})
     return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))

@@ -38,14 +38,13 @@ from beltid.identify.agreement.compare import (
 from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
     CELL_KEYS,
     recording_in_memory,
     reduce_rig,
     reduction_columns,
     rig_kind,
-    rig_kind_keys,
 )
 from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
@@ -57,7 +56,7 @@ from beltid.stages.simulation.hold_out import (
     predictions,
 )
 from beltid.stages.simulation.planned_runs import with_tensions
-from beltid.stages.simulation.refinement import refinement_keys
+from beltid.stages.simulation.refinement import USES as REFINEMENT_USES
 from beltid.stages.tables import press_law, table_columns
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
@@ -66,6 +65,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
+USES: Final = ("compare", "friction", "rig", "belt", *reading("rig"))
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -74,6 +74,8 @@ NEEDED: Final = (
     "normal_force_N_m",
     "mu_sliding",
 )
+OF_REDUCTION: Final = ("pulley_radius_m", "speed_bins_rad_s")
+"""Keys of the section `rig` that belong to the reduction of the measured runs."""
 ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
@@ -127,8 +129,7 @@ def run(
     if "stiffness" in inputs:
         by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
-    keys = ("compare", "belt.mass_per_length_kg_m", *rig_kind_keys(config.config), *CELL_KEYS)
-    build = Build(KIND, config, (*keys, *reading_keys("rig")), inputs, out, options)
+    build = Build(KIND, config, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -155,8 +156,8 @@ def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness``, and compare them with measured ones."""
-    keys = ("compare", *refinement_keys(config.config))
-    build = Build(KIND, config, keys, inputs, out, options, {"hold_out": by})
+    uses = ("compare", *REFINEMENT_USES)
+    build = Build(KIND, config, uses, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -314,20 +315,19 @@ def _as_measured(friction: Artifact, config: Config) -> Config:
     The load cells remain those of the config.
     """
     stored = friction.metadata.settings
-    radius = stored.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
-    field_names = type(config.friction).model_fields
-    section = {key: v for key, v in stored.get("friction", {}).items() if key in field_names}
-    bins = {"speed_bins_rad_s": stored.get("rig.speed_bins_rad_s")}
+    keys = {"friction": type(config.friction).model_fields, "rig": OF_REDUCTION}
+    sections = {
+        name: {key: value for key, value in stored[name].items() if key in known}
+        for name, known in keys.items()
+        if name in stored
+    }
     try:
-        measured = load_config({"friction": section, "rig": bins}) if section else config
+        measured = load_config(sections) if sections else config
     except ConfigError as error:
         lines = [f"{friction.path}: its settings: {line}" for line in error.problems]
         raise ArtifactError(lines) from None
-    cells = {
-        key: getattr(config.friction, key) for key in field_names if f"friction.{key}" in CELL_KEYS
-    }
-    speed_bins = measured.rig.speed_bins_rad_s
-    rig = {"pulley_radius_m": float(radius), "speed_bins_rad_s": speed_bins}
+    cells = {key: getattr(config.friction, key) for key in CELL_KEYS}
+    rig = {key: getattr(measured.rig, key) for key in OF_REDUCTION}
     return config.model_copy(
         update={
             "friction": measured.friction.model_copy(update=cells),

@@ -28,12 +28,12 @@ from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
     CHECKED,
     NEEDED,
+    USES,
     check_table,
     drawn,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
-    refinement_keys,
     shared_sources,
     speed_labels,
 )
@@ -267,8 +267,7 @@ def run(
     select the runs that are used.
     """
     choices = Choices(bootstrap, seed, bending, condition, side)
-    keys = refinement_keys(config.config)
-    build = Build(KIND, config, keys, inputs, out, options, choices.settings)
+    build = Build(KIND, config, USES, inputs, out, options, choices.settings)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")
@@ -372,8 +371,8 @@ def _outcome(
             *guided_weight(config, [run.point for run in campaign.runs]),
             *formulas.notes,
         ),
-            *result.refined.convergence_warnings(),
         warnings=(
+            *result.refined.convergence_warnings(),
             *result.disagreement(),
             *_bending_warnings(result.bending, config),
             *result.outliers(),

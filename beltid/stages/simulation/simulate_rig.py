@@ -11,24 +11,23 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import SimulatedMetadata, SurfaceMetadata
-from beltid.config import Config, ConfigSource
+from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import RunResult, SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
-    RIG_KEYS,
+    RIG_USES,
     Campaign,
     bench_of,
     guided_weight,
     recording_columns,
     simulate,
     simulation_settings,
-    sliding_samples,
 )
 from beltid.stages.simulation.planned_runs import (
     Picked,
@@ -63,15 +62,7 @@ SHOWN_OF_SOLVER: Final = (
     "slip_m",
     "cone",
 )
-KEYS: Final = (
-    *RIG_KEYS,
-    "belt.mass_per_length_kg_m",
-    "belt.damping_time_s",
-    "contact",
-    "simulation.steps_per_run",
-    "simulation.friction_solver",
-    "simulation.sticking_ratio",
-)
+USES: Final = (*RIG_USES, "friction")
 SHOWN_FAILURES: Final = 20
 PROFILES: Final = "profiles"
 """Kind of the table with the contact along the arc at chosen times."""
@@ -133,12 +124,11 @@ def run(
     differing = differing_settings(model, measured)
     for line in differing:
         options.reporter.warn(line)
-    choices = _choices(model, settings, runs)
-    keys = (*KEYS, *rig_kind_keys(model))
-    build = Build(KIND, config, keys, inputs, out, options, choices)
+    choices = _choices(settings, runs)
+    build = Build(KIND, config, USES, inputs, out, options, choices)
     profile_choices = {**choices, "profile_times_s": list(times)}
     profile_build = Build(
-        PROFILES, config, keys, inputs, _profiles_path(out), options, profile_choices
+        PROFILES, config, USES, inputs, _profiles_path(out), options, profile_choices
     )
     profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
@@ -164,18 +154,13 @@ def run(
     return summarise(built, profiles)
 
 
-def _choices(
-    config: Config, settings: SimulationSettings, runs: Sequence[PlannedRun]
-) -> dict[str, Any]:
+def _choices(settings: SimulationSettings, runs: Sequence[PlannedRun]) -> dict[str, Any]:
     """Return the settings of a call and the measured runs that a recording depends on."""
-    choices: dict[str, Any] = {
+    return {
         "method": settings.method,
         "elements": settings.elements,
         "runs": [[r.label, r.arc_deg, r.initial_tension_N, r.pulley_speed_rad_s] for r in runs],
     }
-    if settings.method == "steady":
-        choices["sliding_samples"] = sliding_samples(config)
-    return choices
 
 
 def _with_friction(inputs: Mapping[str, Path]) -> Mapping[str, Path]:
