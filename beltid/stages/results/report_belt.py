@@ -33,6 +33,9 @@ from beltid.stages.results.recorded_curves import PRESS, RIG, press_curves, rig_
 NAME: Final = "report.html"
 STAGE: Final = "report"
 SUFFIXES: Final = (".html", ".htm")
+SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
+"""Last line of a page."""
+EMPTY_SEAL: Final = SEAL.format("0" * 64)
 HEAD: Final = 4096
 """Bytes at the beginning of a page that hold its generator and the hash of its inputs."""
 MARK: Final = re.compile(
@@ -171,6 +174,7 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
     facts: dict[str, Any] = {}
     if page is not None:
         text = rendered(page)
+        text += SEAL.format(sha256(text.encode()))
         write_text(out, text)
         pictures = [picture for section in page.sections for picture in section.pictures]
         drawn = sum(picture.figure is not None for picture in pictures)
@@ -228,6 +232,13 @@ def mark_of(page: Path) -> str | None:
         match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
     return match and match[1]
 
+def is_intact(page: Path) -> bool:
+    """Return whether a report page is as it was written."""
+    data = read_bytes(page, ArtifactError)
+    seal = SEAL.format(sha256(data[: -len(EMPTY_SEAL)]))
+    return data.endswith(seal.encode())
+
+
 
 def up_to_date(out: Path, made_from: str, options: Options) -> bool:
     """Return whether the page at `out` is up to date.
@@ -248,4 +259,4 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
         how = ", or replace it with --force" if is_page else ""
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
         raise InputError(text, code="not-replaced")
-    return mark == made_from and not options.force
+    return mark == made_from and not options.force and is_intact(out)
