@@ -356,6 +356,9 @@ class Metadata(BaseModel):
         Hash of the config that was used.
     inputs : dict
         Name of every input -> SHA-256 of its bytes.
+    ancestors : dict
+        Name of every input and of all that it was made from -> SHA-256; see
+        :mod:`beltid.artifacts.together`.
     validity : dict
         Range in which the result is valid.
     set_aside : tuple of dict
@@ -387,6 +390,7 @@ class Metadata(BaseModel):
     notes: Listed[str] = ()
     warnings: Listed[str] = ()
     budget: Listed[BudgetRow] = ()
+    ancestors: dict[str, str] = {}
 
     @model_validator(mode="before")
     @classmethod

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import read_recording
 from beltid.config import Config, ConfigSource, load_config
@@ -129,11 +129,14 @@ def run(
     if "stiffness" in inputs:
         by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
-    build = Build(KIND, config, USES, inputs, out, options)
+    path = inputs["simulated"]
+    role = "simulated" if may_be_artifact(path) else "recording"
+    given = {"friction": inputs["friction"], role: path}
+    build = Build(KIND, config, USES, given, out, options)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
-        recording = read_recording(inputs["simulated"], "rig", config.config)
+        recording = read_recording(path, "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         reduced = reduce_rig(recording, _as_measured(friction, config.config))
         notes: tuple[str, ...] = ()

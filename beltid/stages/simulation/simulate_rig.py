@@ -124,16 +124,16 @@ def run(
     differing = differing_settings(model, measured)
     for line in differing:
         options.reporter.warn(line)
-    choices = _choices(settings, runs)
-    build = Build(KIND, config, USES, inputs, out, options, choices)
+    choices, guests = _choices(settings, runs), ("friction",)
+    build = Build(KIND, config, USES, inputs, out, options, choices, guests)
     profile_choices = {**choices, "profile_times_s": list(times)}
     profile_build = Build(
-        PROFILES, config, USES, inputs, _profiles_path(out), options, profile_choices
+        PROFILES, config, USES, inputs, _profiles_path(out), options, profile_choices, guests
     )
     profiles = profile_build.up_to_date() if times else None
     built = build.up_to_date()
     if built is None or (times and profiles is None):
-        surface = build.read("surface")
+        surface = (build if built is None else profile_build).read("surface")
         press = press_law(inputs["stiffness"], model)
         stated = differing or measured is None or not measured.size
         settings_source = "as the config states" if stated else "at the settings measured"
