@@ -4,6 +4,7 @@
 Module              Responsibility
 =================== ===============================================================
 ``artifact``        read and write an artifact: kind, columns, metadata, checksums
+``together``        refuse artifacts that were made from different things
 ``metadata_models`` typed metadata models, one per kind
 ``parquet_table``   open Parquet files safely, including foreign ones; check and hash
                     columns, convert them to Arrow and back

@@ -313,15 +313,19 @@ def _check_unchanged(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
     return value
 
 
-_KNOWN_SETTINGS = TypedDict(
-    "_KNOWN_SETTINGS",
-    {
-        "rig.pulley_radius_m": NotRequired[Positive | None],
-        "rig.pulley_speeds_rad_s": NotRequired[Listed[Number] | None],
-        "friction": NotRequired[dict[str, Any]],
-    },
-)
-Settings = Annotated[_KNOWN_SETTINGS, WrapValidator(_check_unchanged)]
+class _KnownRig(TypedDict):
+    pulley_radius_m: NotRequired[Positive]
+    pulley_speeds_rad_s: NotRequired[Listed[Number]]
+
+
+class _KnownSettings(TypedDict):
+    belt: NotRequired[dict[str, Any]]
+    rig: NotRequired[_KnownRig]
+    contact: NotRequired[dict[str, Any]]
+    friction: NotRequired[dict[str, Any]]
+
+
+Settings = Annotated[_KnownSettings, WrapValidator(_check_unchanged)]
 """Checked but stored unchanged: the freshness check compares them with the current settings."""
 
 
@@ -334,6 +338,9 @@ class Metadata(BaseModel):
         Hash of the config that was used.
     inputs : dict
         Name of every input -> SHA-256 of its bytes.
+    ancestors : dict
+        Name of every input and of all that it was made from -> SHA-256; see
+        :mod:`beltid.artifacts.together`.
     validity : dict
         Range in which the result is valid.
     set_aside : tuple of dict
@@ -365,6 +372,7 @@ class Metadata(BaseModel):
     notes: Listed[str] = ()
     warnings: Listed[str] = ()
     budget: Listed[BudgetRow] = ()
+    ancestors: dict[str, str] = {}
 
     @model_validator(mode="before")
     @classmethod

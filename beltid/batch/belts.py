@@ -69,6 +69,15 @@ class BeltRun:
         self.troubles[name] = (error.exit_status, error.problems)
 
     @property
+    def failures(self) -> tuple[str, ...]:
+        """The stages that failed, each with its exit status and its first problem."""
+        return tuple(
+            f"{name} failed (exit status {self.troubles[name][0]}): {self.troubles[name][1][0]}"
+            for name, state in self.states.items()
+            if state == FAILED
+        )
+
+    @property
     def problems(self) -> list[str]:
         """Problems of all stages, in the order of the chain."""
         return [

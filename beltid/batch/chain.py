@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -81,10 +82,16 @@ compared with the bench; prediction of left-out runs by a surface refined from t
 drive of the speed-loss recording, if the config states one."""
 
 
-def _page(source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
+def _page(
+    source: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    failures: tuple[str, ...] = (),
+) -> Summary:
     from beltid.stages.results import report_belt  # plotting is slow to import
 
-    return report_belt.of_chain(source, inputs, out, options)
+    return report_belt.of_chain(source, inputs, out, options, failures)
 
 
 REPORT: Final = Step("report", "report", {}, _page, page=True)
@@ -170,10 +177,11 @@ def write_reports(
         Workers that draw the pages of several belts.
     """
     from beltid.stages.results import report_belt
+    from beltid.stages.results.belt_results import config_of, gather
 
     wanted = [chain for chain in chains if chain.run.summaries]
     for chain in wanted:
-        chain.waiting = [REPORT]
+        chain.waiting = [replace(REPORT, run=partial(_page, failures=chain.run.failures))]
     # a single page is drawn here: a worker would first have to import the plotting libraries,
     # which are not safe for several threads of one process
     in_workers = len(wanted) > 1 and workers.share_files
@@ -181,13 +189,21 @@ def write_reports(
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported:
         return
-    belts = [chain.folder for chain in reported]
+    belts = {
+        chain.folder: gather(chain.folder, config_of(chain.folder), chain.files, chain.run.failures)
+        for chain in reported
+    }
     in_batch = {chain.folder for chain in chains}
-    belts += [path for path in report_belt.reported_in(folder) if path not in in_batch]
+    for path in report_belt.reported_in(folder):
+        if path not in in_batch:
+            try:
+                belts[path] = gather(path, config_of(path))
+            except BeltidError as error:
+                options.reporter.warn(f"{path}: not compared: {error.problems[0]}")
     if len(belts) > 1:
         page = folder / report_belt.NAME
         try:
-            report_belt.of_belts(sorted(belts), page, options)
+            report_belt.of_belts(dict(sorted(belts.items())), page, options)
         except BeltidError as error:
             for line in error.problems:
                 options.reporter.error(f"{REPORT.name}: {line}")

@@ -53,8 +53,11 @@ class Step:
         return all(name in files for name in self.needs.values())
 
     def call(self, source: ConfigSource, files: Mapping[str, Path], folder: Path) -> Call:
-        """Return the arguments of the stage for a belt with this results folder."""
-        inputs = {role: files[name] for role, name in self.needs.items()}
+        """Return the arguments of the stage for a belt with this results folder.
+
+        The inputs of a page are all files.
+        """
+        inputs = files if self.page else {role: files[name] for role, name in self.needs.items()}
         return source, inputs, self.place(folder)
 
     def place(self, folder: Path) -> Path:

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.errors import BeltidError, ConvergenceError, InputError
+from beltid.errors import BeltidError, ConvergenceError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.curves import Curves
 from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
@@ -60,6 +60,9 @@ by 0.007 %. A larger value would shift weight from quiet runs to noisy ones, and
 scale would come out too small."""
 MOST_ITERATIONS = 40
 TOLERANCE = 1.0e-5  # change of ln mu at which the iteration ends
+NEARLY = (
+    1.0e-4  # change of ln mu up to which a result that is still changing is used, with a warning
+)
 LARGEST_CHANGE = 0.5  # largest change of ln mu of a run in one iteration
 CHOICES = 6  # number of iterations that choose weights and smoothness again
 DECREASE = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
@@ -86,6 +89,8 @@ class RefinedSurface:
         Number of parameters that the data determine.
     iterations : int
         Gauss–Newton iterations.
+    still_changing : float
+        Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0.
     misfit_before, misfit_after : ndarray, shape (n,)
         Simulated over measured coefficient minus one, with the initial and with the refined
         surface.
@@ -124,6 +129,7 @@ class RefinedSurface:
     smoothness: Smoothness
     effective_parameters: float
     iterations: int
+    still_changing: float
     misfit_before: Array
     misfit_after: Array
     weight: Array
@@ -137,6 +143,15 @@ class RefinedSurface:
     effects_covariance: Array
     stated: Array
     model: LinearModel
+
+    def convergence_warnings(self) -> tuple[str, ...]:
+        """Return a sentence if the iteration did not converge."""
+        if not self.still_changing:
+            return ()
+        return (
+            f"no convergence in {self.iterations} iterations: last change of mu "
+            f"{percent(100 * self.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
+        )
 
     def effect(self, key: str) -> EstimatedEffect | None:
         """Look up an effect by its key; None if the runs cannot show it."""
@@ -230,6 +245,7 @@ def refine_surface(
         smoothness=fit.smoothness,
         effective_parameters=fit.model.effective_parameters(fit.smoothness),
         iterations=fit.iterations,
+        still_changing=fit.still_changing,
         misfit_before=np.expm1(fit.log_mu_before - measured),
         misfit_after=np.expm1(last.log_mu - measured),
         weight=fit.weight,
@@ -305,6 +321,7 @@ class _Fit:
     weight: Array
     log_mu_before: Array
     iterations: int
+    still_changing: float = 0.0
 
 
 def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
@@ -351,6 +368,8 @@ def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
             iterations=iteration,
             residual=change,
         ) from error
+    if change <= NEARLY:
+        return _Fit(parameters, model, chosen, weight, log_mu_before, iteration, change)
     raise ConvergenceError(
         f"refined surface: no convergence in {iteration} iterations (last change of mu "
         f"{100 * change:.2g} %)",

@@ -185,5 +185,5 @@ def _provenance(results: BeltResults) -> Section:
         "Provenance",
         "The same inputs, settings and sources give the same files, byte for byte.",
         tables=[tables.provenance(results), tables.settings(results)],
-        notes=[f"Missing or damaged: {line}" for line in results.problems],
+        notes=[f"Missing, damaged or not shown: {line}" for line in results.problems],
     )

@@ -44,7 +44,7 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
                 "simulated with them and the bench.",
                 [figures.agreement(belts)],
                 [tables.view("Results", rows, tuple(rows[0]))],
-                notes=[f"{b.belt}: {line}" for b in belts for line in b.problems],
+                notes=[f"{b.belt}: {line}" for b in belts for line in (*b.failures, *b.problems)],
                 links=[(href, f"Report of {b.belt}") for b, href in zip(belts, links, strict=True)],
             ),
             Section("laws", "Normal contact", pictures=[figures.laws(belts)]),

@@ -71,7 +71,7 @@ class Sheet:
     @property
     def pulley_radius_m(self) -> float | None:
         """Pulley radius of the rig used for this artifact [m]; None if unknown."""
-        radius = self.metadata.settings.get("rig.pulley_radius_m")
+        radius = self.metadata.settings.get("rig", {}).get("pulley_radius_m")
         return float(radius) if radius else None
 
     @property
@@ -197,7 +197,9 @@ class BeltResults:
     profiles : tuple of ArcProfile
         Simulated contact along the arc, for a typical run of each arc.
     problems : tuple of str
-        Missing or damaged artifacts, a line each.
+        Missing or damaged artifacts and those that are not shown, a line each.
+    failures : tuple of str
+        Stages of the last `run` that failed, a line each.
     belt_facts : tuple of str
         Type and ribs of the belt, if its config was found.
     dates : mapping of str to str
@@ -208,6 +210,7 @@ class BeltResults:
     sheets: Mapping[str, Sheet]
     profiles: tuple[ArcProfile, ...] = ()
     problems: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
     belt_facts: tuple[str, ...] = ()
     dates: Mapping[str, str] = field(default_factory=dict)
 

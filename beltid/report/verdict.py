@@ -62,6 +62,8 @@ class Verdict:
 def verdict_of(results: BeltResults) -> Verdict:
     """Judge the results of a belt."""
     headline, state = _headline(results)
+    if results.failures:
+        headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
     cards = [
         card
         for card in (

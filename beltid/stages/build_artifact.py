@@ -1,13 +1,13 @@
 """Build an artifact, unless the existing one was built from the same inputs.
 
-An artifact is up to date if the hashes of its inputs, the values of all settings that matter, the
-version of the software and the hash of its sources are unchanged. Only an artifact of the same kind
-is replaced without --force. Recordings, configs and all other files that are not Parquet are never
+An artifact is up to date if the hashes of its inputs, the config sections that matter, the version
+of the software and the hash of its sources are unchanged. Only an artifact of the same kind is
+replaced without --force. Recordings, configs and all other files that are not Parquet are never
 replaced.
 
 Typical use in a stage::
 
-    build = Build(KIND, source, KEYS, inputs, out, options)
+    build = Build(KIND, source, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(...)
@@ -17,7 +17,6 @@ Typical use in a stage::
 
 from __future__ import annotations
 
-import contextlib
 import os
 import threading
 from collections.abc import Mapping
@@ -37,6 +36,7 @@ from beltid.artifacts.artifact import (
 )
 from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import Metadata, Origin, plain
+from beltid.artifacts.together import ancestors_of, refuse_misfits
 from beltid.bench.files.sources import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.report.summary import Summary, combined_origin
@@ -53,8 +53,6 @@ OTHER_FORMATS: Final = frozenset({".csv", ".txt", ".tsv", ".xlsx", ".json", ".ya
 """File endings that do not fit a result, which is always Parquet."""
 UNCERTAINTY: Final = "uncertainty"
 """Section of the config where it also matters which values are stated and which are defaults."""
-RECORDED: Final = "simulated"
-"""Kind of artifact for which a recording may be given instead."""
 LARGE: Final = 64 << 20
 """Size of inputs from which hashing takes longer than starting a thread [bytes]."""
 FOREIGN: Final = "a file that beltid did not write"
@@ -66,11 +64,11 @@ OF_BENCH: Final = (
     "rig.span_length_m",
     "rig.supports",
 )
-"""Keys of the config that identify a belt and its friction rig, as artifacts store them."""
+"""Keys of the config that identify a belt and its friction rig."""
 
 
-def reading_keys(kind: str) -> tuple[str, ...]:
-    """Return the keys of the config that matter for how a recording of this kind is read."""
+def reading(kind: str) -> tuple[str, ...]:
+    """Return the parts of the config that matter for how a recording of this kind is read."""
     return (f"columns.{kind}", f"units.{kind}", f"runs.{kind}", "dialect")
 
 
@@ -116,8 +114,9 @@ class Build:
         Kind of the artifact.
     source : ConfigSource
         The config and its origin.
-    keys : tuple of str
-        Sections or ``section.key`` of the config that matter for it.
+    uses : tuple of str
+        Sections of the config that matter for it; of those with a part per kind of recording, the
+        part, such as ``columns.rig``.
     inputs : mapping of str to Path
         Files it is built from, by their role.
     out : Path
@@ -126,17 +125,21 @@ class Build:
         Force, reporter, whether only to check.
     choices : dict
         Settings of this call that are not in the config.
+    guests : tuple of str
+        Roles of inputs that may be of another bench.
     """
 
     kind: str
     source: ConfigSource
-    keys: tuple[str, ...]
+    uses: tuple[str, ...]
     inputs: Mapping[str, Path]
     out: Path
     options: Options
     choices: dict[str, Any] = field(default_factory=dict)
+    guests: tuple[str, ...] = ()
     _seen: dict[str, Signature] = field(init=False)
     _contents: Future[dict[str, Content]] = field(init=False)
+    _artifacts: dict[str, Artifact] = field(init=False)
 
     def up_to_date(self) -> Built | None:
         """Return the existing artifact if it is up to date, or None if it has to be built.
@@ -146,7 +149,7 @@ class Build:
         InputError
             If an input is missing, or `out` is an input or a file that must not be replaced.
         ArtifactError
-            If `out` cannot be written.
+            If `out` cannot be written, or the inputs do not fit together.
         Stale
             If it has to be built but `options.peek` is set.
         """
@@ -161,6 +164,7 @@ class Build:
         if not rebuild:
             reporter = self.options.reporter
             reporter.detail(f"{self.out}: inputs or settings have changed, built again")
+        self._read_artifacts()
         return None
 
     def write(self, outcome: Outcome[Any]) -> Built:
@@ -189,7 +193,7 @@ class Build:
         section : str
             As in `of_other_bench`.
         """
-        artifact = read_artifact(self.inputs[role], role)
+        artifact = self._artifacts[role]
         for line in of_other_bench(artifact, self.source, section):
             self.options.reporter.warn(line)
         return artifact
@@ -199,17 +203,18 @@ class Build:
         """Every setting that matters, by its key, as plain JSON values."""
         values = self.source.config.model_dump(mode="json")
         recorded = any(role in RECORDINGS for role in self.inputs)
-        keys = (*self.keys, "data.origin") if recorded else self.keys
+        uses = (*self.uses, "data.origin") if recorded else self.uses
         stated: dict[str, Any] = {}
-        if UNCERTAINTY in keys:
+        if UNCERTAINTY in uses:
             stated["uncertainty_stated"] = sorted(self.source.config.uncertainty.model_fields_set)
-        return {**{key: _value(values, key) for key in keys}, **stated, **plain(self.choices)}
+        return {**{name: _value(values, name) for name in uses}, **stated, **plain(self.choices)}
 
     def _metadata(self, outcome: Outcome[Any]) -> Metadata:
         path = self.source.path
         return outcome.metadata(
             config_sha256=self.source.config.sha256,
             inputs=self._hashes(),
+            ancestors=ancestors_of(self._artifacts.values()),
             settings=self.settings,
             # name without folder, so that the same input gives the same bytes anywhere
             config=BUILT_IN if path is None else path.name,
@@ -264,7 +269,7 @@ class Build:
             f"{path}: is a folder, a {role} artifact is needed, "
             f"a file such as {path / role}{SUFFIX}"
             for role, path in self.inputs.items()
-            if role in ARTIFACTS and role != RECORDED and path.is_dir()
+            if role in ARTIFACTS and path.is_dir()
         ]
         if folders:
             raise ArtifactError(folders)
@@ -274,22 +279,26 @@ class Build:
             for role, path in self._files().items()
         }
 
+    def _read_artifacts(self) -> None:
+        """Read the inputs that are artifacts; refuse those that do not fit together."""
+        paths = {role: path for role, path in self.inputs.items() if role in ARTIFACTS}
+        self._artifacts = {role: read_artifact(path, role) for role, path in paths.items()}
+        hosts = dict(self._artifacts)
+        guests = [hosts.pop(role) for role in self.guests if role in hosts]
+        refuse_misfits(hosts.values(), guests)
+
     def _origin(self) -> Origin | None:
         """Return the combined origin of the inputs' data."""
         return combined_origin([self._origin_of(role, path) for role, path in self.inputs.items()])
 
     def _origin_of(self, role: str, path: Path) -> Origin | None:
         """Return the origin of one input: from the config for a recording, else its own."""
-        artifact = None
-        if self._contents.result()[role].is_parquet and may_be_artifact(path):
-            with contextlib.suppress(ArtifactError):
-                artifact = read_artifact(path)
-        if artifact is None:  # a recording as the bench wrote it
-            # a simulation given as a plain table does not change the origin of the bench data
-            return self.source.config.data.origin if role in RECORDINGS else "measured"
-        if role in RECORDINGS:
-            return "synthetic"  # a simulated recording used in place of a measured one
-        return artifact.metadata.origin
+        if role in self._artifacts:
+            return self._artifacts[role].metadata.origin
+        if role not in RECORDINGS:  # of another bench: it does not change the origin of this one
+            return "measured"
+        is_simulated = self._contents.result()[role].is_parquet and may_be_artifact(path)
+        return "synthetic" if is_simulated else self.source.config.data.origin
 
     def _refuse_changed(self) -> None:
         """Raise an error if an input has changed since its hash was taken."""
@@ -366,8 +375,9 @@ def of_other_bench(artifact: Artifact, source: ConfigSource, section: str = "") 
     for key in OF_BENCH:
         name, _, field = key.partition(".")
         value = getattr(getattr(source.config, name), field)
-        if key in stored and stored[key] != value and section in ("", name):
-            differing.append(f"{key} = {stored[key]} (now {value})")
+        before = stored.get(name, {}).get(field, value)
+        if before != value and section in ("", name):
+            differing.append(f"{key} = {before} (now {value})")
     if not differing:
         return []
     return [

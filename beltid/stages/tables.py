@@ -11,6 +11,7 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind
 from beltid.artifacts.file_bytes import read_bytes
+from beltid.artifacts.together import refuse_misfits
 from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.frames import arrow_of
 from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
@@ -105,12 +106,26 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
     )
 
 
-def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
-    """Return the friction artifact that the surface was made from, if it is still in the folder."""
+def friction_in(folder: Path) -> Artifact | None:
+    """Return the friction artifact in a folder; None if there is none that can be read."""
     try:
-        friction = read_artifact(folder / "friction.parquet", "friction")
+        return read_artifact(folder / "friction.parquet", "friction")
     except ArtifactError:
         return None
+
+
+def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
+    """Return the friction artifact that the surface was made from, if it is still in the folder.
+
+    Raises
+    ------
+    ArtifactError
+        If the same recording was reduced again since.
+    """
+    friction = friction_in(folder)
+    if friction is None:
+        return None
+    refuse_misfits([surface], [friction])
     return friction if friction.sha256 == surface.metadata.inputs.get("friction") else None
 
 

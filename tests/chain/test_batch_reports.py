@@ -62,6 +62,7 @@ def ended(by_one: Path, recordings: Path, tmp_path: Path) -> Callable[[str, Repo
             folder.mkdir(parents=True)
             shutil.copy(by_one / belt / "stiffness.parquet", folder)
             chain = Chain(source, folder, (), reporter)
+            chain.files["stiffness"] = folder / "stiffness.parquet"
             chain.run.summaries["fit-stiffness"] = Summary(
                 stage="fit-stiffness", title="", out=folder
             )
@@ -157,7 +158,9 @@ def test_threads_of_one_process_draw_no_pages(
 ) -> None:
     drawn_by = []
 
-    def of_chain(source: ConfigSource, inputs: Any, out: Path, options: Options) -> Summary:
+    def of_chain(
+        source: ConfigSource, inputs: Any, out: Path, options: Options, failures: Any
+    ) -> Summary:
         drawn_by.append(threading.current_thread())
         return Summary(stage="report", title="", out=out)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -52,3 +53,22 @@ def test_python_gives_what_the_command_gives(ran: Path) -> None:
     written = package.load_surface(ran / "runs" / "5pk" / "surface_refined.parquet")
     np.testing.assert_array_equal(outcome.result.surface.mu_nodes, written.mu_nodes)
     assert outcome.result.surface.mu_se_nodes.min() > 0
+
+
+def test_a_result_that_hardly_changes_any_more_is_written_with_a_warning(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("beltid.refine.inverse.TOLERANCE", 1e-14)
+    monkeypatch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
+    far = beltid(*CALL)
+    assert far.exit_code == 3
+    assert not (bench / "surface_refined.parquet").exists()
+    monkeypatch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 4)
+    near = beltid(*CALL, "--json")
+    assert near.exit_code == 0, near.stderr
+    (line,) = (w for w in json.loads(near.stdout)["warnings"] if "no convergence in 4" in w)
+    changes = [
+        float(re.search(r"last change of mu ([0-9.e-]+) %", text)[1]) for text in (far.stderr, line)
+    ]
+    assert changes[0] > 0.01 > changes[1] > 0.0
+    assert (bench / "surface_refined.parquet").exists()

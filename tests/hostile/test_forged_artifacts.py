@@ -119,7 +119,7 @@ def test_what_is_let_in_ends_no_command_with_a_traceback(folder, kind):
             [0.1],
             "extra.uncertainty.scatter has the shape (1,), must have",
         ),
-        ("friction", ("settings", "rig.pulley_radius_m"), -1, "must be a number > 0"),
+        ("friction", ("settings", "rig"), {"pulley_radius_m": -1}, "must be a number > 0"),
         ("friction", ("extra", "notes"), [None], "extra.notes[0] = None, must be a text"),
         ("compare", ("extra", "passed"), "yes", "extra.passed = 'yes', must be true or false"),
         ("compare", ("extra", "statistics", 0), 1e400, "must be a section"),

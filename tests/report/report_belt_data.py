@@ -227,7 +227,7 @@ def budget() -> list[dict[str, Any]]:
 
 def sheets() -> dict[str, Sheet]:
     """Every artifact of the belt."""
-    rig = {"rig.pulley_radius_m": RADIUS, "rig.pulley_speeds_rad_s": list(SPEEDS)}
+    rig = {"rig": {"pulley_radius_m": RADIUS, "pulley_speeds_rad_s": list(SPEEDS)}}
     recording = {
         "run": np.array(["S00"], dtype=object),
         "time_s": np.zeros(1),

@@ -390,7 +390,7 @@ def test_an_error_that_is_not_known_is_no_number() -> None:
 def test_settings_that_differ_between_artifacts_are_all_reported() -> None:
     belt = results()
     friction = belt.get("friction")
-    other = stating(friction, settings={**friction.metadata.settings, "rig.pulley_radius_m": 0.03})
+    other = stating(friction, settings={"rig": {"pulley_radius_m": 0.03}})
     table = settings(replace(belt, sheets={"friction": other, "slip": belt.get("slip")}))
     told = {row[0]: row[1] for row in table.rows}
     assert told["rig.pulley_radius_m"] == "0.03 (friction); 0.05 (slip)"
@@ -406,6 +406,11 @@ def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> Non
     before = out.stat().st_mtime_ns
     assert report_belt.run([folder], None, Options()).up_to_date
     assert out.stat().st_mtime_ns == before
+    text = out.read_text()
+    for other in (text.replace("Not proven", "Proven"), text[: len(text) // 2], f"{text}\n"):
+        out.write_text(other)
+        assert not report_belt.run([folder], None, Options()).up_to_date
+        assert out.read_text() == text
     write(folder, "friction")
     assert not report_belt.run([folder], None, Options()).up_to_date
     assert "never turned" in out.read_text()

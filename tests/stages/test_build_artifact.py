@@ -52,9 +52,9 @@ Recipe = Callable[[Path, Options], Build]
 
 
 def recipe(source: Path, config: Config | None = None, **choices: Any) -> Recipe:
-    chosen, keys = ConfigSource(config or Config(), "test"), ("compare", "rig.span_length_m")
+    chosen, uses = ConfigSource(config or Config(), "test"), ("compare", "rig")
     return lambda out, options: Build(
-        "compare", chosen, keys, {"in": source}, out, options, choices
+        "compare", chosen, uses, {"in": source}, out, options, choices
     )
 
 
@@ -80,10 +80,10 @@ def test_it_is_made_once_and_kept(source: Path, tmp_path: Path) -> None:
     [
         lambda source: (source.write_text("1,2,4\n"), recipe(source))[1],
         lambda source: recipe(source, load_config({"compare": {"max_relative_error": 0.1}})),
-        lambda source: recipe(source, load_config({"rig": {"span_length_m": 0.2}})),
+        lambda source: recipe(source, load_config({"rig": {"slide": "held"}})),
         lambda source: recipe(source, method="steady"),
     ],
-    ids=["input", "section", "key", "choice"],
+    ids=["input", "section", "other section", "choice"],
 )
 def test_what_matters_makes_it_again(
     source: Path, tmp_path: Path, change: Callable[[Path], Recipe]
@@ -97,7 +97,7 @@ def test_what_matters_makes_it_again(
 @pytest.mark.parametrize(
     "config",
     [
-        {"rig": {"pulley_radius_m": 0.06}},
+        {"press": {"segment_length_cm": 2.0}},
         {"belt": {"name": "other"}},
         {"data": {"rig": "elsewhere.csv"}},
     ],
@@ -215,7 +215,7 @@ def test_metadata_tells_where_it_came_from(source: Path, tmp_path: Path) -> None
     metadata = read_artifact(out, "compare").metadata
     assert metadata.inputs == {"in": hashlib.sha256(b"1,2,3\n").hexdigest()}
     assert metadata.config_sha256 == config.sha256
-    assert metadata.settings["rig.span_length_m"] == 0.10
+    assert metadata.settings["rig"]["span_length_m"] == 0.10
     assert metadata.settings["method"] == "steady"
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
 
 import pytest
-from pydantic import BaseModel
 
-from beltid.config import Config, find_config, load_config
-from beltid.identify.friction.kinds import RigKind
+from beltid.config import find_config
 from beltid.stages.identification import fit_friction
-from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare
 
@@ -92,35 +87,3 @@ def test_another_mass_of_a_running_belt_is_another_comparison(
     other = compare.run(find_config(recording), inputs, out, Options())
     assert not other.up_to_date
     assert other.facts["groups"][0]["rms_percent"] > 1.0
-
-
-def other_values(section: BaseModel) -> Iterator[tuple[str, object]]:
-    """Every number and choice of a section with another allowed value."""
-    for name, stated in type(section).model_fields.items():
-        value = getattr(section, name)
-        options = [get_args(part) or (part,) for part in get_args(stated.annotation)]
-        words = [word for part in options for word in part if isinstance(word, str)]
-        if words:
-            yield from ((name, word) for word in words if word != value)
-        elif value is None or isinstance(value, float):
-            yield name, 1.1 if value is None else 1.1 * value
-
-
-def what_counts(config: Config) -> RigKind:
-    """The kind of a rig; the mass of its belt counts only if the belt runs."""
-    kind = rig_kind(config)
-    return kind if kind.running else replace(kind, mass_per_length_kg_m=0.0)
-
-
-@pytest.mark.parametrize("kind", ["two_cells", "dead_weight", "torque", "torque_hub", "running"])
-def test_what_the_kind_of_a_rig_depends_on_is_among_its_keys(kind: str) -> None:
-    config = load_config({"rig": {"kind": kind}})
-    seen = set()
-    for section in ("belt", "rig"):
-        values = getattr(config, section)
-        for name, other in other_values(values):
-            changed = config.model_copy(update={section: values.model_copy(update={name: other})})
-            if what_counts(changed) != what_counts(config):
-                seen.add(f"{section}.{name}")
-    assert seen
-    assert seen <= set(rig_kind_keys(config))

@@ -43,7 +43,7 @@ def against_torque(slip: Sheet) -> Picture:
                 + ("unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"),
             )
         radius = slip.pulley_radius_m
-        speeds = slip.metadata.settings.get("rig.pulley_speeds_rad_s") or ()
+        speeds = slip.metadata.settings.get("rig", {}).get("pulley_speeds_rad_s", ())
         lines = [MILLI * radius * omega for omega in speeds] if radius else []
         top = axes.get_ylim()[1]
         for k, v in enumerate(v for v in lines if v <= 2.0 * top):

@@ -22,7 +22,7 @@ from beltid.stages.outcome import Outcome, finite_or_none, span
 from beltid.stages.reporter import Options
 
 KIND: Final = "compare_drive"
-KEYS: Final = ("compare_drive",)
+USES: Final = ("compare_drive",)
 NOT_PREDICTED: Final = "no steady state"
 OF_PREDICTION: Final = {
     "loss_predicted_rad_s": "speed_loss_rad_s",
@@ -47,7 +47,7 @@ SHOWN: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Compare ``slip`` with ``drive``, write the points, summarise them."""
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    build = Build(KIND, config, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         slip, drive = read_artifact(inputs["slip"], "slip"), read_artifact(inputs["drive"], "drive")

@@ -50,16 +50,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source, drive_sources, slower_source
 
 KIND: Final = "drive"
-KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "belt.mass_per_length_kg_m",
-    "belt.shear_stiffness_N_m2",
-    "drive",
-    "rig.pulley_radius_m",
-    "press.segment_length_cm",
-    SECTION,
-)
+USES: Final = ("belt", "drive", "rig", "press", SECTION)
 SHOWN: Final = (
     "run",
     "pulley",
@@ -106,7 +97,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """
     model = config.config
 
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    build = Build(KIND, config, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         surface = surface_of(build.read("surface", "belt"))

@@ -22,7 +22,7 @@ from beltid.stages.identification.alternatives import (
     friction_law_rows,
 )
 from beltid.stages.identification.conditions import rows_of_one, stated_of
-from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, in_percent, ok_rows, span
 from beltid.stages.reporter import Options
 from beltid.stages.tables import surface_of, table_columns
@@ -34,6 +34,7 @@ from beltid.uncertainty.sources import StandardUncertainties, reduction_sources,
 
 KIND: Final = "surface"
 METHOD: Final = "published"
+USES: Final = ("friction", "rig", "belt", SECTION)
 NO_ARC_DEG: Final = 90.0
 """Arc assigned to coefficients that a table states without one: they form a single group and do not
 depend on the calibration of a rig."""
@@ -53,9 +54,7 @@ def run(
     `condition` and `side` select the runs that are used.
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
-    kind_keys = rig_kind_keys(config.config)
-    keys = ("rig.slide", "rig.pulley_radius_m", *kind_keys, SECTION)
-    build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
+    build = Build(KIND, config, USES, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")

@@ -16,7 +16,7 @@ from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
     TOUCHING,
     FrictionTable,
@@ -24,7 +24,6 @@ from beltid.stages.identification.reduction import (
     reduce_points,
     reduce_rig,
     rig_kind,
-    rig_kind_keys,
     taken_off,
     with_conditions,
 )
@@ -39,6 +38,7 @@ from beltid.stages.uncertainties import (
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
+USES: Final = ("friction", "rig", "belt", "conditions", SECTION)
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 DRIFT: Final = (
     "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
@@ -54,7 +54,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write, summarise."""
     model = config.config
     (role, path), *_ = inputs.items()
-    build = Build(KIND, config, _keys(model, role), inputs, out, options)
+    build = Build(KIND, config, (*USES, *reading(role)), inputs, out, options)
     built = build.up_to_date()
     if built is None:
         if role == "points":
@@ -71,19 +71,6 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
         options.reporter.report(f"{path}: {n_samples} {'rows' if role == 'points' else 'samples'}")
         built = build.write(_outcome(runs, model, str(path), notes))
     return summarise(built)
-
-
-def _keys(config: Config, role: str) -> tuple[str, ...]:
-    """Return the config keys that matter for a recording or for a table of plateaus."""
-    return (
-        "friction",
-        *rig_kind_keys(config),
-        "rig.force_resolution_N",
-        "rig.pulley_radius_m",
-        "conditions",
-        *reading_keys(role),
-        SECTION,
-    )
 
 
 def fit_friction(

@@ -24,7 +24,7 @@ from beltid.identify.slip.points import (
 from beltid.identify.slip.slip import fit_slip as identify
 from beltid.report.conditions import UNKNOWN_TENSION, series_of
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.outcome import Outcome, table_columns_of
 from beltid.stages.reporter import Options
 
@@ -39,19 +39,13 @@ SHOWN: Final = (
     "slip_speed_se_m_s",
     "status",
 )
-KEYS: Final = (
-    "rig.pulley_radius_m",
-    "rig.pulley_speeds_rad_s",
-    "drive.pulleys",
-    "drive.driver",
-    *reading_keys("speedloss"),
-)
+USES: Final = ("rig", "drive", *reading("speedloss"))
 
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a recording of the ``speedloss`` bench, find the speeds, write and summarise them."""
     stated = {"rig_speeds_stated": _states_speeds(config.config)}
-    build = Build(KIND, config, KEYS, inputs, out, options, stated)
+    build = Build(KIND, config, USES, inputs, out, options, stated)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["speedloss"], "speedloss", config.config)

@@ -15,7 +15,7 @@ from beltid.config import Config, ConfigSource, load_config
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.alternatives import normal_law_rows, normal_laws
 from beltid.stages.identification.reduction import stiffness_settings
 from beltid.stages.outcome import Outcome
@@ -24,7 +24,7 @@ from beltid.stages.uncertainties import SECTION, budget_details, standard_uncert
 from beltid.uncertainty.reduced import stiffness_uncertainty
 
 KIND: Final = "stiffness"
-KEYS: Final = ("press", *reading_keys("press"), SECTION)
+USES: Final = ("press", *reading("press"), SECTION)
 POOLED: Final = "pooled"
 COEFFICIENTS: Final = (
     "k_linear_N_m2",
@@ -39,7 +39,7 @@ COEFFICIENTS: Final = (
 
 def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options) -> Summary:
     """Read a press recording (input ``press``), identify the law, write it, summarise it."""
-    build = Build(KIND, config, KEYS, inputs, out, options)
+    build = Build(KIND, config, USES, inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(inputs["press"], "press", config.config)

@@ -82,22 +82,6 @@ def rig_kind(config: Config) -> RigKind:
     )
 
 
-def rig_kind_keys(config: Config) -> tuple[str, ...]:
-    """Return the keys of a config that `rig_kind` reads, without those of the load cells."""
-    of_kind = {
-        "running": ("belt.mass_per_length_kg_m",),
-        "torque_hub": ("belt.bending_stiffness_N_m2", "rig.span_length_m", "rig.supports"),
-    }
-    return (
-        "rig.kind",
-        "rig.weight_on",
-        "rig.torque_with",
-        "rig.running_measures",
-        "rig.belt_speed_m_s",
-        *of_kind.get(config.rig.kind, ()),
-    )
-
-
 def _known_cell(config: Config, span: Span) -> KnownCell:
     return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
 

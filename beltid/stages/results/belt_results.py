@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.together import made_from, misfits, refuse_misfits
 from beltid.bench.recorded_date import recorded_on
 from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
@@ -38,8 +41,8 @@ ARTIFACTS: Final = {
     RIG: RIG,
 }
 """Artifacts that a report shows: file name -> kind."""
-MADE_FROM: Final = {PRESS: ("stiffness", "press"), RIG: ("friction", "rig")}
-"""Curves -> result, role: both must come from the same recording."""
+RECORDED: Final = ("press", "rig", "speedloss")
+"""Recordings that a config can name."""
 
 
 def sheet_of(artifact: Artifact) -> Sheet:
@@ -74,22 +77,32 @@ def check_folder(folder: Path) -> None:
         raise ArtifactError(f"{folder}: there is no such folder")
 
 
-def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
-    """Read the results in the folder of a belt; report missing or damaged ones as problems.
+def gather(
+    folder: Path,
+    config: Config | None,
+    made: Collection[str] | None = None,
+    failures: tuple[str, ...] = (),
+) -> BeltResults:
+    """Read the results in the folder of a belt; report those that are not shown as problems.
 
     Parameters
     ----------
     folder : Path
         The folder.
-    with_profiles : bool
-        Whether to simulate the contact along the arc of typical runs.
+    config : Config or None
+        Its config, if known; results of recordings that it does not name are not shown.
+    made : collection of str, optional
+        Names of the results that `run` has made or found up to date; others are not shown.
+    failures : tuple of str
+        Stages that failed, each with its exit status and its message.
 
     Raises
     ------
     ArtifactError
-        If there is no such folder, or it holds no results.
+        If there is no such folder, it holds no results, or they do not fit together.
     """
     check_folder(folder)
+    artifacts: dict[str, Artifact] = {}
     sheets: dict[str, Sheet] = {}
     problems: list[str] = []
     for name, kind in ARTIFACTS.items():
@@ -97,21 +110,58 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
         if not path.exists():
             continue
         try:
-            sheets[name] = sheet_of(read_artifact(path, kind))
+            artifacts[name] = read_artifact(path, kind)
+            sheets[name] = sheet_of(artifacts[name])
         except ArtifactError as error:
             problems += error.problems
-    if not sheets:
+    shown = {name: artifact for name, artifact in artifacts.items() if name in sheets}
+    problems += _left_out(shown, config, made)
+    curves = [shown.pop(name) for name in (PRESS, RIG) if name in shown]
+    refuse_misfits(shown.values())
+    for artifact in curves:
+        lines = misfits([*shown.values(), artifact])
+        problems += lines
+        if not lines:
+            shown[artifact.kind] = artifact
+    if not shown:
         raise ArtifactError(
             problems
             or [f"{folder}: contains no results of a belt; `beltid run CONFIG` creates them"]
         )
-    problems += _drop_mismatched_curves(sheets)
-    belt = folder.resolve().name
-    profiles, profile_problems = arc_profiles(sheets) if with_profiles else ((), [])
-    config = config_of(folder)
-    dates = test_dates(config) if with_profiles and config is not None else {}
-    all_problems = (*problems, *profile_problems)
-    return BeltResults(belt, sheets, profiles, all_problems, belt_facts(config), dates)
+    return BeltResults(
+        belt=folder.resolve().name,
+        sheets={name: sheets[name] for name in ARTIFACTS if name in shown},
+        problems=tuple(problems),
+        failures=failures,
+        belt_facts=belt_facts(config),
+    )
+
+
+def _left_out(
+    artifacts: dict[str, Artifact], config: Config | None, made: Collection[str] | None
+) -> list[str]:
+    """Drop artifacts that are not of the config's recordings, or not of the run; say which."""
+    named = {} if config is None else config.data.files
+    dropped: dict[str, list[str]] = {}
+    for name, artifact in artifacts.items():
+        unnamed = [kind for kind in made_from(artifact) if kind in RECORDED and kind not in named]
+        if named and unnamed:
+            dropped.setdefault(f"the config names no {unnamed[0]} recording", []).append(name)
+        elif made is not None and name not in (*made, PRESS, RIG):
+            dropped.setdefault("left from an earlier run", []).append(name)
+    for name in itertools.chain.from_iterable(dropped.values()):
+        del artifacts[name]
+    return [
+        f"{', '.join(f'{name}.parquet' for name in names)}: not shown, {why}"
+        for why, names in dropped.items()
+    ]
+
+
+def completed(results: BeltResults, config: Config | None) -> BeltResults:
+    """Add the simulated contact along the arc of typical runs, and the dates of the recordings."""
+    profiles, problems = arc_profiles(results.sheets)
+    dates = {} if config is None else test_dates(config)
+    return replace(results, profiles=profiles, problems=(*results.problems, *problems), dates=dates)
 
 
 def config_of(folder: Path) -> Config | None:
@@ -144,26 +194,14 @@ def test_dates(config: Config) -> dict[str, str]:
     return {kind: day for kind, day in days.items() if day is not None}
 
 
-def _drop_mismatched_curves(sheets: dict[str, Sheet]) -> list[str]:
-    """Drop curves whose recording differs from the one that the result was made from."""
-    problems = []
-    for name, (result, role) in MADE_FROM.items():
-        if name not in sheets or result not in sheets:
-            continue
-        if len({sheets[key].metadata.inputs.get(role) for key in (name, result)}) > 1:
-            del sheets[name]
-            problems.append(
-                f"{name}.parquet comes from a different recording than {result}.parquet"
-            )
-    return problems
-
-
 def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:
     """Simulate the sliding contact of a typical run of each arc; return profiles and problems."""
     surface = sheets.get("surface_refined") or sheets.get("surface")
     simulated = sheets.get("simulated_refined") or sheets.get("simulated")
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
+        return (), []
+    if "rig" not in simulated.metadata.settings:  # made in Python: the bench is not known
         return (), []
     arc_runs, problems = [], []
     try:
@@ -189,10 +227,6 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
 
 def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
     """Rebuild the simulated rig of a recording from the settings stored in it."""
-    sections: dict[str, dict[str, Any]] = {"belt": {}, "rig": {}}
-    for key, value in settings.items():
-        section, _, name = key.partition(".")
-        if section in sections:
-            sections[section][name] = value
-    config = load_config({**sections, "contact": settings.get("contact", {})})
+    sections = ("belt", "rig", "contact")
+    config = load_config({name: settings[name] for name in sections if name in settings})
     return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))

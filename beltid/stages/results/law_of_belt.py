@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from beltid._version import __version__
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import Metadata
+from beltid.artifacts.together import refuse_misfits
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
 from beltid.export.law import (
@@ -27,7 +28,7 @@ from beltid.export.law import (
 from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.report.summary import combined_origin
 from beltid.stages.reporter import Reporter
-from beltid.stages.tables import friction_of, law_of, surface_of
+from beltid.stages.tables import friction_in, friction_of, law_of, surface_of
 
 STIFFNESS: Final = "stiffness.parquet"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}
@@ -58,7 +59,9 @@ def law_of_folder(
     Raises
     ------
     InputError
-        If there is no such folder, or an artifact is missing or damaged.
+        If there is no such folder.
+    ArtifactError
+        If an artifact is missing or damaged, or the artifacts do not fit together.
     """
     if not folder.is_dir():
         raise InputError(
@@ -67,6 +70,7 @@ def law_of_folder(
         )
     stiffness = read_artifact(folder / STIFFNESS, "stiffness")
     surface = _surface_artifact(folder, wanted, reporter)
+    refuse_misfits(a for a in (stiffness, surface, friction_in(folder)) if a is not None)
     friction = friction_of(surface, folder)
     source = find_config(None, named) if named else config_of_results(folder, surface.metadata)
     if source is None:

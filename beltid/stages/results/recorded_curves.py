@@ -20,11 +20,9 @@ from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
-    CELL_KEYS,
     records_of,
-    rig_kind_keys,
     stiffness_settings,
 )
 from beltid.stages.outcome import Outcome
@@ -32,7 +30,8 @@ from beltid.stages.reporter import Options
 
 PRESS: Final = "press_curves"
 RIG: Final = "rig_curves"
-PRESS_KEYS: Final = ("press", *reading_keys("press"))
+PRESS_USES: Final = ("press", *reading("press"))
+RIG_USES: Final = ("friction", "rig", "belt", *reading("rig"))
 MOST_ARCS: Final = 4
 MOST_BRANCH_POINTS: Final = 120
 MOST_SET_ASIDE: Final = 12
@@ -47,7 +46,7 @@ MOST_SAMPLES: Final = 1200
 
 def press_curves(source: ConfigSource, press: Path, out: Path, options: Options) -> Built:
     """Store the branches of the press cycles that the stiffness was fitted to."""
-    build = Build(PRESS, source, PRESS_KEYS, {"press": press}, out, options)
+    build = Build(PRESS, source, PRESS_USES, {"press": press}, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(press, "press", source.config)
@@ -66,9 +65,7 @@ def rig_curves(
     InputError
         If the recording lacks one of these runs, so that it does not belong to the friction table.
     """
-    # the known errors of the load cells are corrected here as in the reduction
-    keys = (*reading_keys("rig"), *rig_kind_keys(source.config), *CELL_KEYS)
-    build = Build(RIG, source, keys, {"rig": rig, "friction": friction}, out, options)
+    build = Build(RIG, source, RIG_USES, {"rig": rig, "friction": friction}, out, options)
     built = build.up_to_date()
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)

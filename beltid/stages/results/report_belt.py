@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -22,13 +22,7 @@ from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
 from beltid.stages.build_artifact import FOREIGN, Stale
 from beltid.stages.reporter import Options
-from beltid.stages.results.belt_results import (
-    ARTIFACTS,
-    belt_facts,
-    check_folder,
-    config_of,
-    gather,
-)
+from beltid.stages.results.belt_results import check_folder, completed, config_of, gather
 from beltid.stages.results.recorded_curves import PRESS, RIG, press_curves, rig_curves
 
 NAME: Final = "report.html"
@@ -40,6 +34,9 @@ MARK: Final = re.compile(
     rf'<meta name="generator" content="{GENERATOR}">\s*'
     r'<meta name="made-from" content="([0-9a-f]{64})">'
 )
+SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
+"""Last line of a page."""
+EMPTY_SEAL: Final = SEAL.format("0" * 64)
 
 
 def run(
@@ -79,7 +76,8 @@ def run(
     if len(folders) == 1:
         return of_belt(folders[0], out or folders[0] / NAME, options)
     single = [of_belt(folder, folder / NAME, options) for folder in folders]
-    comparison = of_belts(folders, out or _parent_folder(folders) / NAME, options)
+    belts = {folder: gather(folder, config_of(folder)) for folder in folders}
+    comparison = of_belts(belts, out or _parent_folder(folders) / NAME, options)
     if comparison.up_to_date and not all(summary.up_to_date for summary in single):
         options.reporter.report(f"{comparison.out} is up to date")
     return comparison
@@ -118,14 +116,20 @@ def reported_in(folder: Path) -> list[Path]:
     return [
         page.parent
         for page in sorted(folder.glob(f"*/{NAME}"))
-        if not page.parent.is_symlink() and mark_of(page) and _files(page.parent)
+        if not page.parent.is_symlink() and mark_of(page)
     ]
 
 
 def of_chain(
-    source: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options
+    source: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    options: Options,
+    failures: tuple[str, ...] = (),
 ) -> Summary:
     """Write the report of a belt after its chain of stages, from the folder of `out`.
+
+    Of the results, only those among the inputs are shown; `failures` stand on top.
 
     Raises
     ------
@@ -133,39 +137,38 @@ def of_chain(
         If it has to be drawn but `options.peek` is set.
     """
     keep_curves(source, out.parent, options)
-    return of_belt(out.parent, out, options)
+    return of_belt(out.parent, out, options, inputs, failures)
 
 
-def of_belt(folder: Path, out: Path, options: Options) -> Summary:
-    """Write the report of one belt, unless it is up to date."""
+def of_belt(
+    folder: Path,
+    out: Path,
+    options: Options,
+    made: Collection[str] | None = None,
+    failures: tuple[str, ...] = (),
+) -> Summary:
+    """Write the report of one belt, unless it is up to date; see `gather`."""
     config = config_of(folder)
-    facts = (*belt_facts(config), (config and config.data.date) or "")
-    made_from = hash_of(_files(folder), folder.resolve().name, *facts)
+    results = gather(folder, config, made, failures)
+    made_from = hash_of([results], (config and config.data.date) or "")
     if up_to_date(out, made_from, options):
-        return _finish([gather(folder, with_profiles=False)], out)
+        return _finish([results], out)
     if options.peek:
         raise Stale
-    results = gather(folder)
+    results = completed(results, config)
     return _finish([results], out, belt_page(results, made_from))
 
 
-def of_belts(folders: Sequence[Path], out: Path, options: Options) -> Summary:
-    """Write the page that compares several belts, unless it is up to date."""
+def of_belts(belts: Mapping[Path, BeltResults], out: Path, options: Options) -> Summary:
+    """Write the page that compares belts, by the folders of their pages, if not up to date."""
     links = [
         quote(Path(os.path.relpath(folder / NAME, out.absolute().parent)).as_posix())
-        for folder in folders
+        for folder in belts
     ]
-    files = [pair for folder in folders for pair in _files(folder)]
-    made_from = hash_of(files, *links)
+    results = list(belts.values())
+    made_from = hash_of(results, *links)
     is_current = up_to_date(out, made_from, options)
-    results = [gather(folder, with_profiles=False) for folder in folders]
     return _finish(results, out, None if is_current else belts_page(results, links, made_from))
-
-
-def _files(folder: Path) -> list[tuple[str, Path]]:
-    """Return the names and paths of the artifacts in the folder of a belt."""
-    paths = [(name, folder / f"{name}.parquet") for name in ARTIFACTS]
-    return [(f"{folder.resolve().name}/{name}", path) for name, path in paths if path.is_file()]
 
 
 def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None) -> Summary:
@@ -173,6 +176,7 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
     facts: dict[str, Any] = {}
     if page is not None:
         text = rendered(page)
+        text += SEAL.format(sha256(text.encode()))
         write_text(out, text)
         pictures = [picture for section in page.sections for picture in section.pictures]
         drawn = sum(picture.figure is not None for picture in pictures)
@@ -209,17 +213,16 @@ def _row(results: BeltResults) -> dict[str, Any]:
     return row
 
 
-def hash_of(files: Sequence[tuple[str, Path]], *words: str) -> str:
-    """Return the hash of everything that a page is made from.
-
-    Parameters
-    ----------
-    files : sequence of (str, Path)
-        Name of each file within the page, and its path.
-    *words : str
-        Further text on the page.
-    """
-    contents = [(name, sha256(read_bytes(path, ArtifactError))) for name, path in files]
+def hash_of(belts: Sequence[BeltResults], *words: str) -> str:
+    """Return the hash of everything that a page is made from: results, and further text on it."""
+    contents = [
+        (
+            belt.belt,
+            [(name, sheet.sha256) for name, sheet in belt.sheets.items()],
+            (belt.problems, belt.failures, belt.belt_facts),
+        )
+        for belt in belts
+    ]
     record = [__version__, page_source_sha256(), list(words), contents]
     return sha256(json.dumps(record).encode())
 
@@ -229,6 +232,13 @@ def mark_of(page: Path) -> str | None:
     with page.open("rb") as file:
         match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
     return match and match[1]
+
+
+def is_intact(page: Path) -> bool:
+    """Return whether a report page is as it was written."""
+    data = read_bytes(page, ArtifactError)
+    seal = SEAL.format(sha256(data[: -len(EMPTY_SEAL)]))
+    return data.endswith(seal.encode())
 
 
 def up_to_date(out: Path, made_from: str, options: Options) -> bool:
@@ -248,4 +258,4 @@ def up_to_date(out: Path, made_from: str, options: Options) -> bool:
         how = ", or replace it with --force" if is_page else ""
         text = f"{out}: is {FOREIGN}, not replaced; name another --out{how}"
         raise InputError(text)
-    return mark == made_from and not options.force
+    return mark == made_from and not options.force and is_intact(out)

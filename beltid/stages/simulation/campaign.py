@@ -32,17 +32,8 @@ from beltid.tables import schemas
 if TYPE_CHECKING:
     from beltid.config import Config
 
-RIG_KEYS: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.slide",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-    "press.segment_length_cm",
-    SECTION,
-)
-"""Keys of the config that matter for every use of the simulated rig, with `rig_kind_keys`."""
+RIG_USES: Final = ("belt", "rig", "press", "contact", "simulation", SECTION)
+"""Sections of the config that matter for every use of the simulated rig."""
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import Artifact, may_be_artifact, read_artifact
 from beltid.artifacts.metadata_models import CompareMetadata
 from beltid.bench.recording import read_recording
 from beltid.config import Config, ConfigSource, load_config
@@ -37,14 +37,12 @@ from beltid.identify.agreement.compare import (
 from beltid.identify.agreement.hold_out import FEWEST, HoldOut
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary, rows_of
-from beltid.stages.build_artifact import Build, Built, reading_keys
+from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
-    CELL_KEYS,
     recording_in_memory,
     reduce_rig,
     reduction_columns,
     rig_kind,
-    rig_kind_keys,
 )
 from beltid.stages.outcome import Outcome, span
 from beltid.stages.reporter import Options
@@ -56,7 +54,7 @@ from beltid.stages.simulation.hold_out import (
     predictions,
 )
 from beltid.stages.simulation.planned_runs import with_tensions
-from beltid.stages.simulation.refinement import refinement_keys
+from beltid.stages.simulation.refinement import USES as REFINEMENT_USES
 from beltid.stages.tables import press_law, table_columns
 from beltid.stages.uncertainties import budget_details
 from beltid.stages.workers import Workers
@@ -65,6 +63,7 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
 
 KIND: Final = "compare"
+USES: Final = ("compare", "friction", "rig", "belt", *reading("rig"))
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -125,12 +124,14 @@ def run(
     if "stiffness" in inputs:
         by = _checked_hold_out(hold_out or config.config.compare.hold_out)
         return _run_held_out(config, inputs, out, options, by)
-    keys = ("compare", "belt.mass_per_length_kg_m", *rig_kind_keys(config.config), *CELL_KEYS)
-    build = Build(KIND, config, (*keys, *reading_keys("rig")), inputs, out, options)
+    path = inputs["simulated"]
+    role = "simulated" if may_be_artifact(path) else "recording"
+    given = {"friction": inputs["friction"], role: path}
+    build = Build(KIND, config, USES, given, out, options)
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
-        recording = read_recording(inputs["simulated"], "rig", config.config)
+        recording = read_recording(path, "rig", config.config)
         options.reporter.report(f"{recording.path}: {recording.n_samples} samples")
         reduced = reduce_rig(recording, _as_measured(friction, config.config))
         notes: tuple[str, ...] = ()
@@ -153,8 +154,8 @@ def _run_held_out(
     config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Options, by: HoldOut
 ) -> Summary:
     """Predict the runs of ``friction`` with ``stiffness``, and compare them with measured ones."""
-    keys = ("compare", *refinement_keys(config.config))
-    build = Build(KIND, config, keys, inputs, out, options, {"hold_out": by})
+    uses = ("compare", *REFINEMENT_USES)
+    build = Build(KIND, config, uses, inputs, out, options, {"hold_out": by})
     built = build.up_to_date()
     if built is None:
         friction = read_artifact(inputs["friction"], "friction")
@@ -243,7 +244,11 @@ def _held_out(
     parts = zip(predicted_folds, np.split(relative, ends), np.split(force, ends), strict=True)
     groups = [Statistics.of(part.fold.name, *values).as_row() for part, *values in parts]
     statistics = [*outcome.extra["statistics"], *(groups if by == "speed" else [])]
-    return replace(outcome, extra={**outcome.extra, "statistics": statistics, "hold_out": by})
+    return replace(
+        outcome,
+        extra={**outcome.extra, "statistics": statistics, "hold_out": by},
+        warnings=(*outcome.warnings, *(line for p in predicted_folds for line in p.warnings)),
+    )
 
 
 def compare(
@@ -304,7 +309,7 @@ def _simulated_columns(simulated: Any, config: Config) -> dict[str, np.ndarray]:
 
 def _as_measured(friction: Artifact, config: Config) -> Config:
     """Return the config with the radius of the measured runs."""
-    radius = friction.metadata.settings.get("rig.pulley_radius_m") or config.rig.pulley_radius_m
+    radius = friction.metadata.settings["rig"]["pulley_radius_m"]
     rig = config.rig.model_copy(update={"pulley_radius_m": float(radius)})
     return config.model_copy(update={"rig": rig})
 

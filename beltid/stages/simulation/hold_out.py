@@ -59,12 +59,15 @@ class Predicted:
         The sources.
     force_range : tuple of float
         Lowest and highest mean force of the runs that were not left out [N/m].
+    warnings : tuple of str
+        What the user should know about the surface of these runs.
     """
 
     fold: Fold
     part: SimulatedUncertainty
     sources: tuple[Source, ...]
     force_range: tuple[float, float]
+    warnings: tuple[str, ...] = ()
 
 
 def predictions(
@@ -141,7 +144,10 @@ def predict(
         )
         sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force = campaign.measured.normal_force
-    return Predicted(fold, part, sources, (float(force.min()), float(force.max())))
+    warnings = tuple(
+        f"without {fold.name}: {line}" for line in solution.refined.convergence_warnings()
+    )
+    return Predicted(fold, part, sources, (float(force.min()), float(force.max())), warnings)
 
 
 def as_simulated(

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from beltid.artifacts.artifact import Artifact, read_artifact
+from beltid.artifacts.artifact import read_artifact
 from beltid.artifacts.file_bytes import write_bytes
+from beltid.artifacts.together import refuse_misfits
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
@@ -137,6 +138,9 @@ def run(
     wanted, model, figure = Wanted(runs, goal_u), config.config, out.with_suffix(FIGURE)
     _check_files(out, figure, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
+    hosts = dict(artifacts)
+    guests = [hosts.pop("friction")] if "friction" in hosts else []
+    refuse_misfits(hosts.values(), guests)
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
     other_bench = [line for a in artifacts.values() for line in of_other_bench(a, config)]
     press = known = surface_runs = None
@@ -171,7 +175,7 @@ def run(
             "if it were known twice as well": statement_rows(planned.plan),
         },
         notes=(*notes, *planned.notes),
-        warnings=(*other_bench, *_provenance_warnings(artifacts)),
+        warnings=tuple(other_bench),
         verdict=verdict(planned.plan, goal_u),
         origin=origin,
     )
@@ -244,20 +248,6 @@ def plan_runs(
     present = present_knowledge(known, press, columns, settings, model)
     planned = _planned(present, settings, model, wanted, based_on)
     return replace(planned, notes=(*notes, *planned.notes))
-
-
-def _provenance_warnings(artifacts: Mapping[str, Artifact]) -> tuple[str, ...]:
-    """Warn of each artifact that is not the one the surface was made from."""
-    surface = artifacts.get("surface")
-    if surface is None:
-        return ()
-    surface_inputs = surface.metadata.inputs
-    return tuple(
-        f"{artifact.path}: not the {role} artifact that {surface.path} was made from; the plan "
-        "assumes that it is of the same belt and bench"
-        for role, artifact in artifacts.items()
-        if role in surface_inputs and surface_inputs[role] != artifact.sha256
-    )
 
 
 def _planned(

@@ -26,10 +26,10 @@ from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import guided_weight
 from beltid.stages.simulation.refinement import (
     NEEDED,
+    USES,
     prepared_campaign,
     reference_temperature,
     refined_uncertainty,
-    refinement_keys,
     shared_sources,
     speed_labels,
 )
@@ -191,8 +191,7 @@ def run(
     `condition` and `side` select the runs that are used.
     """
     chosen = {name: word for name, word in (("condition", condition), ("side", side)) if word}
-    keys = refinement_keys(config.config)
-    build = Build(KIND, config, keys, inputs, out, options, choices=chosen)
+    build = Build(KIND, config, USES, inputs, out, options, choices=chosen)
     built = build.up_to_date()
     if built is None:
         friction = build.read("friction")
@@ -283,6 +282,7 @@ def _outcome(
             *formulas.notes,
         ),
         warnings=(
+            *result.refined.convergence_warnings(),
             *result.disagreement(),
             *result.outliers(),
         ),

@@ -17,8 +17,8 @@ from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
 from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
-from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
-from beltid.stages.simulation.campaign import RIG_KEYS
+from beltid.stages.identification.reduction import rig_kind
+from beltid.stages.simulation.campaign import RIG_USES
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
@@ -27,6 +27,8 @@ from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import Refined, changes_and_scatter
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
+USES: Final = (*RIG_USES, "friction")
+"""Sections of the config that a refined surface depends on."""
 NEEDED: Final = (
     "run",
     "arc_deg",
@@ -41,17 +43,6 @@ PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding
 REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
 SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
 SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
-
-
-def refinement_keys(config: Config) -> tuple[str, ...]:
-    """Return the keys of a config that a refined surface depends on."""
-    return (
-        *RIG_KEYS,
-        *rig_kind_keys(config),
-        "contact.points_per_element",
-        "friction.correct_temperature",
-        "friction.reference_temperature_degC",
-    )
 
 
 def prepared_campaign(

@@ -17,11 +17,11 @@ from beltid.report.summary import Summary
 from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
 from beltid.rigsim.rig import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
-from beltid.stages.identification.reduction import rig_kind, rig_kind_keys
+from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_per_setting, span
 from beltid.stages.reporter import Options
 from beltid.stages.simulation.campaign import (
-    RIG_KEYS,
+    RIG_USES,
     Campaign,
     bench_of,
     guided_weight,
@@ -61,15 +61,7 @@ SHOWN_OF_SOLVER: Final = (
     "slip_m",
     "cone",
 )
-KEYS: Final = (
-    *RIG_KEYS,
-    "belt.mass_per_length_kg_m",
-    "belt.damping_time_s",
-    "contact",
-    "simulation.elements",
-    "simulation.friction_solver",
-    "simulation.sticking_ratio",
-)
+USES: Final = (*RIG_USES, "friction")
 SHOWN_FAILURES: Final = 20
 PER_CALL: Final = 24
 """Number of runs whose uncertainty a worker computes in one call."""
@@ -122,9 +114,8 @@ def run(
     differing = differing_settings(model, measured)
     for line in differing:
         options.reporter.warn(line)
-    choices = _choices(settings, runs)
-    keys = (*KEYS, *rig_kind_keys(model))
-    build = Build(KIND, config, keys, inputs, out, options, choices)
+    choices, guests = _choices(settings, runs), ("friction",)
+    build = Build(KIND, config, USES, inputs, out, options, choices, guests)
     built = build.up_to_date()
     if built is None:
         surface = build.read("surface")

@@ -1,0 +1,156 @@
+"""Results that do not belong together are refused by every command that would use them as one."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltid.artifacts.artifact import read_artifact
+
+BELT = Path("runs/5pk")
+STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
+SURFACE, REFINED = BELT / "surface.parquet", BELT / "surface_refined.parquet"
+QUICK = ("--method", "steady", "--arc", "82", "--tension", "411", "-o", "x.parquet")
+
+
+@pytest.fixture
+def others(ran: Path, beltid: Any) -> Path:
+    """Configs of another press segment and of another pulley, beside results of the first."""
+    config = (ran / "beltid.yaml").read_text()
+    (ran / "segment.yaml").write_text(f"{config}press: {{segment_length_cm: 2}}\n")
+    (ran / "pulley.yaml").write_text(config.replace("rig:", "rig:\n  pulley_radius_m: 0.052", 1))
+    return ran
+
+
+def refused(done: Any, *named: object) -> None:
+    """The command says no, and names files, remedies and whatever else."""
+    assert done.exit_code == 2, done.stdout
+    text = " ".join(done.stderr.split())
+    for name in named:
+        assert str(name) in text, text
+
+
+def test_a_surface_solved_with_another_stiffness_is_refused_by_all(
+    others: Path, beltid: Any
+) -> None:
+    made = beltid("fit-stiffness", "press.csv", "-c", "segment.yaml", "-o", STIFFNESS)
+    assert made.exit_code == 0, made.stderr
+    named = (REFINED, STIFFNESS, "beltid refine-surface")
+    slip = BELT / "slip.parquet"
+    for call in (
+        ("report", BELT),
+        ("export", "c", BELT),
+        ("simulate-rig", REFINED, STIFFNESS, *QUICK),
+        ("simulate-drive", REFINED, STIFFNESS, "--from", slip, "-o", "x.parquet"),
+        ("plan", REFINED, STIFFNESS, "-o", "x.csv"),
+    ):
+        refused(beltid(*call), *named)
+    assert not list(others.glob("x.*"))
+    assert not (BELT / "export").exists()
+    # the published surface was made without any stiffness
+    assert beltid("export", "c", BELT, "--surface", "published").exit_code == 0
+    assert beltid("simulate-rig", SURFACE, STIFFNESS, *QUICK).exit_code == 0
+
+
+def test_a_friction_table_reduced_again_does_not_fit_what_was_made_before(
+    others: Path, beltid: Any
+) -> None:
+    simulated = BELT / "simulated.parquet"
+    shutil.copy(FRICTION, "before.parquet")
+    made = beltid("fit-friction", "rig.csv", "-c", "pulley.yaml", "-o", FRICTION)
+    assert made.exit_code == 0, made.stderr
+    refused(beltid("compare", FRICTION, simulated, "-o", "x.parquet"), simulated, "simulate-rig")
+    refused(beltid("simulate-rig", SURFACE, STIFFNESS, *QUICK), SURFACE, "build-surface")
+    given = ("--from", FRICTION)
+    refused(beltid("simulate-rig", SURFACE, STIFFNESS, *given, *QUICK), SURFACE, FRICTION)
+    refused(beltid("plan", REFINED, STIFFNESS, *given, "-o", "x.csv"), REFINED, FRICTION)
+    refused(beltid("report", BELT), SURFACE, FRICTION)
+    refused(beltid("export", "c", BELT), REFINED, FRICTION, "refine-surface")
+    # under any name: what counts is the content
+    shutil.move("before.parquet", FRICTION)
+    shutil.move(simulated, "moved.parquet")
+    assert beltid("compare", FRICTION, "moved.parquet", "-o", "x.parquet").exit_code == 0
+    done = beltid("report", BELT)
+    assert done.exit_code == 0, done.stderr
+
+
+def test_another_bench_is_simulated_with_the_law_of_the_first(others: Path, beltid: Any) -> None:
+    lines = Path("rig.csv").read_text().splitlines(keepends=True)
+    kept = [line for line in lines if line.split(",")[6] != "40"]
+    Path("other.csv").write_text("".join(kept))
+    assert beltid("fit-friction", "other.csv", "-o", "other.parquet").exit_code == 0
+    refused(beltid("compare", "other.parquet", BELT / "simulated.parquet", "-o", "x.parquet"))
+    made = beltid("simulate-rig", SURFACE, STIFFNESS, "--from", "other.parquet", "-o", "s.parquet")
+    assert made.exit_code == 0, made.stderr
+    assert beltid("compare", "other.parquet", "s.parquet", "-o", "x.parquet").exit_code == 0
+    # a recording of another bench or program is no artifact and fits
+    done = beltid("compare", FRICTION, "rig.csv", "-o", BELT / "compare.parquet", "--force")
+    assert done.exit_code == 0, done.stderr
+    assert beltid("report", BELT).exit_code == 0
+
+
+def test_a_prediction_of_another_recording_is_not_compared(others: Path, beltid: Any) -> None:
+    slip, drive = Path("slip.parquet"), Path("drive.parquet")
+    made = beltid("fit-slip", "speedloss.csv", "-c", "pulley.yaml", "-o", slip)
+    assert made.exit_code == 0, made.stderr
+    refused(beltid("compare-drive", slip, drive, "-o", "x.parquet"), slip, drive, "simulate-drive")
+
+
+def test_all_that_an_artifact_was_made_from_is_stated(ran: Path) -> None:
+    found = {kind: read_artifact(BELT / f"{kind}.parquet") for kind in ("compare", "simulated")}
+    stated = found["compare"].metadata.ancestors
+    assert stated["stiffness"] == read_artifact(STIFFNESS).sha256
+    assert stated["surface"] == read_artifact(SURFACE).sha256
+    assert stated["press"] == read_artifact(STIFFNESS).metadata.inputs["press"]
+    assert found["simulated"].metadata.ancestors["rig"] == stated["rig"]
+
+
+# --- the report of a run in which something failed, or is not wanted any more -------------------
+
+
+def verdict(folder: Path) -> str:
+    text = (folder / "report.html").read_text()
+    found = re.search(r'id="verdict">([^<]*)<', text)
+    assert found
+    return found[1]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, beltid: Any) -> None:
+    config = (ran / "beltid.yaml").read_text()
+    (ran / "beltid.yaml").write_text(f"{config}surface: {{force_nodes: 2}}\n")
+    before = (BELT / "compare_refined.parquet").read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
+        done = beltid("run", "beltid.yaml", "-j", "1", "--json")
+    assert done.exit_code == 3, done.stderr
+    text = verdict(BELT)
+    assert text.startswith("Incomplete: refine-surface failed (exit status 3): ")
+    assert "no convergence" in text
+    assert "proven" not in text.replace("not proven", "")
+    page = (BELT / "report.html").read_text()
+    assert "Agreement, refined surface" not in page
+    assert "compare_refined.parquet, compare_hold_out.parquet: not shown" in page
+    assert (BELT / "compare_refined.parquet").read_bytes() == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_results_of_a_recording_that_is_not_named_any_more_are_not_shown(
+    ran: Path, beltid: Any
+) -> None:
+    assert beltid("report", BELT).exit_code == 0
+    assert 'id="figure-slip"' in (BELT / "report.html").read_text()
+    config = (ran / "beltid.yaml").read_text()
+    (ran / "beltid.yaml").write_text(config.replace(", speedloss: speedloss.csv", ""))
+    for call in (("report", BELT, "--json"), ("run", "beltid.yaml", "-j", "1", "--json")):
+        done = beltid(*call)
+        assert done.exit_code == 0, done.stderr
+        page = (BELT / "report.html").read_text()
+        assert "slip.parquet: not shown, the config names no speedloss recording" in page
+        assert "No figure: " in page.split('id="figure-slip"')[1][:200]
+    assert json.loads(beltid("report", BELT, "--json").stdout)["up_to_date"]
