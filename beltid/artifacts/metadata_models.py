@@ -226,17 +226,6 @@ class BendingFigures(TypedDict):
     stated_u_N_m2: Number
 
 
-class DriftRow(TypedDict):
-    """Change of the friction of the runs with one cause, in percent of mu."""
-
-    cause: str
-    per: str
-    change_percent: Number | None
-    standard_error_percent: Number | None
-    clear: bool
-    explained_percent: NotRequired[Number]
-
-
 class MonteCarlo(TypedDict):
     """Check of the linear uncertainty by replicates."""
 
@@ -420,12 +409,6 @@ class SlipMetadata(Metadata):
     rig_speeds: RigSpeeds | None = None
 
 
-class FrictionMetadata(Metadata):
-    """Metadata of the reduced runs of a friction rig."""
-
-    drift: Listed[DriftRow] = ()
-
-
 class ShearMetadata(Metadata):
     """Metadata of the ribs' shear stiffness; no upper bound (`high`) if rigid ribs fit the data."""
 
@@ -601,7 +584,7 @@ class CompareMetadata(Metadata):
 METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
-    "friction": FrictionMetadata,
+    "friction": Metadata,
     "shear": ShearMetadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,

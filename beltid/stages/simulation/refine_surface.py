@@ -13,10 +13,9 @@ import numpy as np
 from beltid.artifacts.metadata_models import BendingFigures, SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.drift_check import CLEAR
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
+from beltid.refine.effects import ARC, CLEAR, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import RefinedSurface
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
@@ -365,8 +364,7 @@ def _outcome(
             "that of the forces within their contact, including peaks",
             *([check.note()] if check else []),
             *confounded_note(
-                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
-                "force and speed",
+                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
             ),
             *_unclear_effects(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
