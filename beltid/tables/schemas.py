@@ -183,7 +183,6 @@ _STIFFNESS = Table(
             uncertainty("k_quadratic_u_N_m3", "N/m³"),
             count("n_cycles", "load cycles used"),
             count("n_set_aside", "samples set aside"),
-            text("tests", "labels of the tests used", nullable=True),
             _NOTES,
         ),
     ),
