@@ -336,7 +336,6 @@ _COMPARE = Table(
             nonnegative("u_numerical", "1", "of mu_simulated, from its mesh", nullable=True),
             nonnegative("u_validation", "1", "standard uncertainty of difference", nullable=True),
             real("e_over_u", "1", "difference over u_validation"),
-            text("force_band", "low, middle or high normal force", nullable=True),
             text("status", "ok, or why the point is not compared"),
         ),
     ),
