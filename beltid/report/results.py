@@ -200,8 +200,6 @@ class BeltResults:
         Missing or damaged artifacts, a line each.
     belt_facts : tuple of str
         Type and ribs of the belt, if its config was found.
-    dates : mapping of str to str
-        Kind of recording -> day of recording, if known.
     """
 
     belt: str
@@ -209,7 +207,6 @@ class BeltResults:
     profiles: tuple[ArcProfile, ...] = ()
     problems: tuple[str, ...] = ()
     belt_facts: tuple[str, ...] = ()
-    dates: Mapping[str, str] = field(default_factory=dict)
 
     def get(self, name: str) -> Sheet | None:
         """Return an artifact by its name; None if missing."""

@@ -106,9 +106,6 @@ def test_conditions_of_the_test_stand_on_top(page: str) -> None:
     assert told["Sliding speeds v"] == "2.5, 10.5 mm/s"
     assert told["Pulley radius"] == "50 mm"
     assert told["Press temperatures"] == "22, 60 °C"
-    assert told["Press test date"] == told["Rig test date"] == "unknown"
-    dated = dict(conditions(replace(results(), dates={"rig": "2024-05-17"})))
-    assert (dated["Rig test date"], dated["Press test date"]) == ("2024-05-17", "unknown")
     assert page.index("Contact arcs") < page.index('id="verdict"')
     sheet = results().get("friction")
     columns = {

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
-from beltid.bench.recorded_date import recorded_on
 from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
@@ -108,10 +107,8 @@ def gather(folder: Path, *, with_profiles: bool = True) -> BeltResults:
     problems += _drop_mismatched_curves(sheets)
     belt = folder.resolve().name
     profiles, profile_problems = arc_profiles(sheets) if with_profiles else ((), [])
-    config = config_of(folder)
-    dates = test_dates(config) if with_profiles and config is not None else {}
     all_problems = (*problems, *profile_problems)
-    return BeltResults(belt, sheets, profiles, all_problems, belt_facts(config), dates)
+    return BeltResults(belt, sheets, profiles, all_problems, belt_facts(config_of(folder)))
 
 
 def config_of(folder: Path) -> Config | None:
@@ -133,15 +130,6 @@ def belt_facts(config: Config | None) -> tuple[str, ...]:
         return ()
     belt = config.belt
     return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
-
-
-def test_dates(config: Config) -> dict[str, str]:
-    """Return the dates of a config's recordings, from the files or else from the config."""
-    days = {
-        kind: recorded_on(file, config, kind) or config.data.date
-        for kind, file in config.data.files.items()
-    }
-    return {kind: day for kind, day in days.items() if day is not None}
 
 
 def _drop_mismatched_curves(sheets: dict[str, Sheet]) -> list[str]:

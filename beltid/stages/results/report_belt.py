@@ -138,8 +138,7 @@ def of_chain(
 
 def of_belt(folder: Path, out: Path, options: Options) -> Summary:
     """Write the report of one belt, unless it is up to date."""
-    config = config_of(folder)
-    facts = (*belt_facts(config), (config and config.data.date) or "")
+    facts = belt_facts(config_of(folder))
     made_from = hash_of(_files(folder), folder.resolve().name, *facts)
     if up_to_date(out, made_from, options):
         return _finish([gather(folder, with_profiles=False)], out)
