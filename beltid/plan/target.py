@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.profile import arc_profiles
-from beltid.drive.results import DriveResult
-from beltid.errors import InputError
 from beltid.plan.design import Knowledge
 from beltid.plan.prior import SAME_SPEED
 from beltid.refine.curves import Curves
@@ -84,39 +81,6 @@ def surface_target(
     weight = np.repeat(share / share.sum() / PLACES, PLACES)
     places = np.tile(f, v.size), np.repeat(v, PLACES)
     return Target(*places, weight, _rows(curves, *places))
-
-
-def drive_target(curves: Curves, results: Sequence[DriveResult]) -> Target:
-    """Weigh every point of the sliding arcs of a drive by its friction force.
-
-    The weight of a point is mu f_N R dphi, its share of the force that the arc transmits. All
-    operating points have the same weight. Forces and speeds outside the curves are replaced by the
-    nearest ones.
-
-    Raises
-    ------
-    InputError
-        If no pulley slides at any of the points.
-    """
-    parts = [part for result in results for part in _sliding_places(result)]
-    if not parts:
-        raise InputError("drive: no ribs slide at its operating points, so no friction acts")
-    f, v, weight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return Target(f, v, weight / weight.sum(), _rows(curves, f, v))
-
-
-def _sliding_places(result: DriveResult) -> list[tuple[Array, Array, Array]]:
-    """Return line force, sliding speed and friction share on the sliding arcs of one point."""
-    places = []
-    for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True):
-        if profile is None or not pulley.ribs or profile.angle.size < 2:
-            continue
-        slides = (profile.slip_speed != 0.0) & (np.gradient(profile.angle) > 0.0)
-        f, v = profile.normal_force[slides], np.abs(profile.slip_speed[slides])
-        steps = np.gradient(profile.angle)[slides]
-        places.append((f, v, result.drive.surface.mu(f, v) * f * pulley.R * steps))
-    total = sum(float(friction.sum()) for *_, friction in places)
-    return [(f, v, friction / total) for f, v, friction in places if total > 0.0]
 
 
 def _rows(curves: Curves, f: Array, v: Array) -> Array:

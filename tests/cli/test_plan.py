@@ -44,17 +44,16 @@ def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> No
     assert {row["arc_deg"] for row in written} == {"40", "82"}
     assert max(int(row["repeats"]) for row in written) >= 2
     assert facts["uncertainty_after_percent"] < facts["uncertainty_before_percent"] < 30.0
-    assert (ran / "plan.png").read_bytes().startswith(b"\x89PNG")
     slow, *_, fast = product["details"]["standard uncertainty by region, in percent of mu"]
     assert slow["after_percent"] < 0.5 * slow["before_percent"]
     assert fast["before_percent"] < 1.5
     # the same call the same bytes, and nothing is replaced unasked
-    first = (ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()
+    first = (ran / "plan.csv").read_bytes()
     again = beltid(*call)
     assert again.exit_code == 2
     assert "use --force to overwrite" in again.stderr
     assert beltid(*call, "--force").exit_code == 0
-    assert ((ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()) == first
+    assert (ran / "plan.csv").read_bytes() == first
 
 
 def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, beltid: Any) -> None:
@@ -67,21 +66,6 @@ def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, belti
     assert any("no data" in note for note in product["notes"])
     assert "goal 3 % reached" in product["verdict"]
     assert (bench / "plan.csv").read_text().count("usual values") == product["facts"]["runs"]
-
-
-def test_the_drive_as_target_asks_for_runs_where_it_rubs(bench: Path, beltid: Any) -> None:
-    config = (bench / "beltid.yaml").read_text()
-    drive = "drive: {initial_tension_N: [310], operating_points: {torque_N_m: {driven: [8, 14]}}}\n"
-    speeds = "plan: {speed_rad_s: [0.10, 0.21, 0.84]}\n"
-    (bench / "beltid.yaml").write_text(config + drive + speeds)
-    call = ("plan", "-c", "beltid.yaml", "--goal-u", "0.0", "--runs", "6", "--json")
-    result = beltid(*call, "--target", "drive")
-    assert result.exit_code == 0, result.stderr
-    product = json.loads(result.stdout)
-    rows = product["table"]
-    assert [row["pulley_speed_rad_s"] for row in rows].count(0.84) <= 1
-    # half of it rubs more slowly than any candidate
-    assert any("below the slowest candidate" in line for line in product["warnings"])
 
 
 def test_every_statement_has_its_size_or_says_that_it_is_by_the_data(
@@ -103,7 +87,7 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
     ran: Path, results: Any, beltid: Any
 ) -> None:
     config = (ran / "beltid.yaml").read_text()
-    (ran / "other.yaml").write_text(f"{config}\nfriction: {{min_plateau_samples: 21}}\n")
+    (ran / "other.yaml").write_text(f"{config}\nfriction: {{tension_tight_gain: 1.01}}\n")
     (recording,) = ran.glob("**/rig.csv")
     made = beltid("fit-friction", recording, "-c", "other.yaml", "-o", "other.parquet")
     assert made.exit_code == 0, made.stderr
@@ -120,16 +104,10 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
     [
         (("surface.parquet",), "SURFACE and STIFFNESS go together"),
         (("--from", "friction.parquet"), "--from goes with them"),
-        (("--target", "belt"), "must be one of surface, drive"),
         (("--goal-u", "2"), "must be in [0, 1)"),
-        (("--target", "drive"), "--target drive: drive.initial_tension_N: must be stated"),
         (("-c", "light.yaml"), "a setting of plan: (without it of rig:) cannot be simulated"),
         (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
-        (
-            ("-o", "runs.png"),
-            "runs.png: the table of a plan ends in .csv; its figure is written as",
-        ),
-        (("-o", "-"), "stdout: the table of a plan ends in .csv; its figure is written as"),
+        (("-o", "runs.png"), "runs.png: the table of a plan ends in .csv"),
     ],
 )
 def test_a_wrong_call_is_refused(

@@ -28,15 +28,6 @@ def plan(
     runs: Annotated[
         int, typer.Option("--runs", min=1, metavar="N", help="Runs to plan at most. Default: 12.")
     ] = 12,
-    target: Annotated[
-        str,
-        typer.Option(
-            "--target",
-            metavar="surface|drive",
-            help="Where friction must be known: at all forces and speeds of the candidates, or "
-            "where the drive of the config slides. Default: surface.",
-        ),
-    ] = "surface",
     goal_u: Annotated[
         float,
         typer.Option(
@@ -60,12 +51,12 @@ def plan(
     """Plan the next runs of the friction rig, or report that no more are needed.
 
     Selects, from the settings under plan: in the config, the runs that minimise the uncertainty
-    of the refined surface, averaged over the target. Errors that all runs share (load cells, arcs,
-    radius, bending stiffness) are taken from uncertainty: in the config. Prints the uncertainty of
-    each region before and after. Prints stop if the goal is reached or further runs do not help;
-    then it names the shared error whose reduction would help most. Without SURFACE and STIFFNESS
-    it starts from values typical of such a belt. Writes plan.csv, one row per run in the order of
-    the session, and plan.png.
+    of the refined surface, averaged over all their forces and speeds. Errors that all runs share
+    (load cells, arcs, radius, bending stiffness) are taken from uncertainty: in the config. Prints
+    the uncertainty of each region before and after. Prints stop if the goal is reached or further
+    runs do not help; then it names the shared error whose reduction would help most. Without
+    SURFACE and STIFFNESS it starts from values typical of such a belt. Writes plan.csv, one row per
+    run in the order of the session.
 
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """
@@ -74,5 +65,5 @@ def plan(
     if (surface is None) != (stiffness is None) or (surface is None and friction is not None):
         raise typer.BadParameter("SURFACE and STIFFNESS go together, --from goes with them")
     inputs = {"surface": surface, "stiffness": stiffness, "friction": friction}
-    run = partial(stage.run, runs=runs, target=target, goal_u=goal_u)
+    run = partial(stage.run, runs=runs, goal_u=goal_u)
     execute(run, inputs, "plan.csv", common)

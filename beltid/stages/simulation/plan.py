@@ -10,21 +10,17 @@ from typing import TYPE_CHECKING, Any, Final
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.config import Config, ConfigSource, load_config
-from beltid.drive.results import Simulator
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import Candidates, Settings, simulate_candidates
-from beltid.plan.prior import knowledge_at, usual_surface
+from beltid.plan.prior import knowledge_at
 from beltid.plan.session import schedule
-from beltid.plan.target import Target, drive_target, surface_target
-from beltid.report.drawing import saved
-from beltid.report.figures.plan import runs_and_uncertainty
+from beltid.plan.target import Target, surface_target
 from beltid.report.summary import Summary, combined_origin
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, of_other_bench
-from beltid.stages.drive.drive_of_config import drive_of, points_of_config
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
@@ -53,11 +49,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLE: Final = ".csv"
-FIGURE: Final = ".png"
-TARGETS: Final = ("surface", "drive")
 CANDIDATES: Final = "{} candidates, simulated with the present surface"
-MOST_BELOW: Final = 0.3
-"""Share of a drive's friction below the speeds of all candidates above which there is a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +60,17 @@ class Wanted:
     ----------
     runs : int
         Maximum number of runs to plan.
-    target : {"surface", "drive"}
-        Where the surface has to be known.
     goal_u : float
         Sufficient relative standard uncertainty of mu [-].
     """
 
     runs: int
-    target: str
     goal_u: float
 
     def __post_init__(self) -> None:
         problems = []
         if self.runs < 1:
             problems.append(f"--runs = {self.runs}, must be >= 1")
-        if self.target not in TARGETS:
-            problems.append(f"--target = {self.target}, must be one of {', '.join(TARGETS)}")
         if not 0.0 <= self.goal_u < 1.0:
             problems.append(f"--goal-u = {self.goal_u:g}, must be in [0, 1)")
         if problems:
@@ -104,8 +91,8 @@ class PlannedRuns:
         The settings that the runs were chosen from.
     rows : list of dict
         A row per run: settings, repetition, minutes, gain.
-    notes, warnings : tuple of str
-        Assumptions, and what the user should look into.
+    notes : tuple of str
+        Assumptions.
     """
 
     plan: Plan
@@ -113,7 +100,6 @@ class PlannedRuns:
     candidates: Candidates
     rows: list[dict[str, Any]]
     notes: tuple[str, ...]
-    warnings: tuple[str, ...]
 
     def to_frame(self) -> pd.DataFrame:
         """Return the runs as a table with the columns of plan.csv, a row per run."""
@@ -129,10 +115,9 @@ def run(
     options: Options,
     *,
     runs: int = 12,
-    target: str = "surface",
     goal_u: float = 0.01,
 ) -> Summary:
-    """Plan the next runs, write table and figure, summarise.
+    """Plan the next runs, write their table, summarise.
 
     The plan starts from ``surface`` and ``stiffness`` if they are among the inputs, and takes the
     noise from ``friction``; without inputs it starts from usual values for such a belt.
@@ -143,13 +128,11 @@ def run(
         As for every stage.
     runs : int
         Maximum number of runs to plan.
-    target : {"surface", "drive"}
-        Where the surface has to be known.
     goal_u : float
         Sufficient relative standard uncertainty of mu [-].
     """
-    wanted, model, figure = Wanted(runs, target, goal_u), config.config, out.with_suffix(FIGURE)
-    _check_files(out, figure, force=options.force)
+    wanted, model = Wanted(runs, goal_u), config.config
+    _check_out(out, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     origin = combined_origin([artifact.metadata.origin for artifact in artifacts.values()])
     other_bench = [line for a in artifacts.values() for line in of_other_bench(a, config)]
@@ -169,15 +152,11 @@ def run(
     options.reporter.report(CANDIDATES.format(len(settings.points())))
     planned = _planned(present, settings, model, wanted, based_on)
     write_bytes(out, csv_bytes(planned.rows))
-    picture = runs_and_uncertainty(
-        planned.candidates.measured, planned.target, planned.plan, origin == "synthetic"
-    )
-    write_bytes(figure, saved(picture, "png"))
     return Summary(
         stage="plan",
         title="the next runs of the friction rig",
         out=out,
-        facts={**_facts(planned, wanted, model), "figure": str(figure)},
+        facts=_facts(planned, wanted, model),
         table=planned.rows,
         shown=SHOWN,
         extra_tables={
@@ -185,7 +164,7 @@ def run(
             "if it were known twice as well": statement_rows(planned.plan),
         },
         notes=(*notes, *planned.notes),
-        warnings=(*other_bench, *_provenance_warnings(artifacts), *planned.warnings),
+        warnings=(*other_bench, *_provenance_warnings(artifacts)),
         verdict=verdict(planned.plan, goal_u),
         origin=origin,
     )
@@ -197,7 +176,6 @@ def _facts(planned: PlannedRuns, wanted: Wanted, config: Config) -> dict[str, An
     minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
     return {
         "candidates": planned.candidates.measured.mu.size,
-        "target": wanted.target,
         "runs": len(rows),
         "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
         "session_minutes": minutes,
@@ -216,7 +194,6 @@ def plan_runs(
     *,
     friction: Any = None,
     runs: int = 12,
-    target: str = "surface",
     goal_u: float = 0.01,
 ) -> PlannedRuns:
     """Plan the next runs of the friction rig.
@@ -233,8 +210,6 @@ def plan_runs(
         Reduced runs, whose noise the planned runs are assumed to have.
     runs : int
         Maximum number of runs to plan; fewer if they reach the goal, none if they do not help.
-    target : {"surface", "drive"}
-        Where the surface has to be known.
     goal_u : float
         Sufficient relative standard uncertainty of mu [-].
 
@@ -249,7 +224,7 @@ def plan_runs(
     InputError
         If an argument is out of range, or the surface has no covariance.
     """
-    wanted, model = Wanted(runs, target, goal_u), load_config(config)
+    wanted, model = Wanted(runs, goal_u), load_config(config)
     known = press = columns = None
     if surface is not None:
         known = known_of_result(surface)
@@ -295,7 +270,11 @@ def _planned(
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    target, warnings = _target(config, candidates, present, wanted.target)
+    ranges = [
+        (float(x.min()), float(x.max()))
+        for x in (candidates.measured.normal_force, candidates.measured.slip_speed)
+    ]
+    target = surface_target(candidates.curves, ranges[0], ranges[1])
     lines = candidates.rows(present.sources, present.noise, present.columns)
     before = knowledge_at(candidates.curves, present.surface, len(present.sources))
     plan = choose_plan(before, lines, target, present.sources, wanted.runs, wanted.goal_u)
@@ -306,54 +285,22 @@ def _planned(
         config.plan.minutes_per_arc_change,
     )
     rows = session_rows(session, plan, points, candidates.measured, based_on)
-    return PlannedRuns(plan, target, candidates, rows, present.notes, warnings)
+    return PlannedRuns(plan, target, candidates, rows, present.notes)
 
 
-def _check_files(out: Path, figure: Path, *, force: bool) -> None:
-    """Refuse an output name that is not a table, and existing files without --force."""
+def _check_out(out: Path, *, force: bool) -> None:
+    """Refuse an output name that is not a table, and an existing file without --force."""
     if out.suffix.lower() != TABLE:
-        text = f"{out}: the table of a plan ends in {TABLE}; its figure is written as {FIGURE}"
-        raise InputError(f"{text}; name such a file with --out")
+        raise InputError(f"{out}: the table of a plan ends in {TABLE}; name such a file with --out")
     if out.exists() and not is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
-        raise InputError(text, code="not-replaced")
-    existing = [path for path in (out, figure) if path.exists()]
-    if existing and not force:
-        raise InputError([already_exists(path) for path in existing])
+        raise InputError(text)
+    if out.exists() and not force:
+        raise InputError(already_exists(out))
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:
     belt, rig, contact = config.belt_params(), config.rig_params(), config.contact_params()
     return Bench(belt, rig, contact, law, FrictionSurface.constant(1.0))
-
-
-def _target(
-    config: Config, candidates: Candidates, present: Present, name: str
-) -> tuple[Target, tuple[str, ...]]:
-    """Return where the surface has to be known, with warnings for the user."""
-    curves, runs = candidates.curves, candidates.measured
-    force, speed = runs.normal_force, runs.slip_speed
-    if name == "surface":
-        ranges = [(float(x.min()), float(x.max())) for x in (force, speed)]
-        return surface_target(curves, ranges[0], ranges[1]), ()
-    surface = (
-        usual_surface(curves.log_force, curves.log_speed)
-        if present.surface is None
-        else present.surface.surface
-    )
-    try:
-        simulator = Simulator(drive_of(config, surface, present.press.law))
-        results = [simulator.solve(labelled.point) for labelled in points_of_config(config)]
-        target = drive_target(curves, results)
-    except InputError as error:
-        raise InputError(error.at("--target drive")) from error
-    below = float(target.weight[target.slip_speed < speed.min() * (1.0 - 1e-9)].sum())
-    if below <= MOST_BELOW:
-        return target, ()
-    return target, (
-        f"{100.0 * below:.0f} % of the friction of the drive acts at speeds below the slowest "
-        f"candidate, {speed.min():.3g} m/s, and is counted there: add slower speeds to "
-        "plan.speed_rad_s",
-    )
