@@ -217,17 +217,6 @@ class EffectRow(TypedDict):
     explained_percent: NotRequired[Number | None]
 
 
-class DriftRow(TypedDict):
-    """Change of the friction of the runs with one cause, in percent of mu."""
-
-    cause: str
-    per: str
-    change_percent: Number | None
-    standard_error_percent: Number | None
-    clear: bool
-    explained_percent: NotRequired[Number]
-
-
 class SolverRecord(TypedDict):
     """Solver statistics of a run."""
 
@@ -410,12 +399,6 @@ class SlipMetadata(Metadata):
     rig_speeds: RigSpeeds | None = None
 
 
-class FrictionMetadata(Metadata):
-    """Metadata of the reduced runs of a friction rig."""
-
-    drift: Listed[DriftRow] = ()
-
-
 class SurfaceMetadata(Metadata):
     """Metadata of a friction surface, published or refined; arc spreads are relative to mu.
 
@@ -570,7 +553,7 @@ class CompareMetadata(Metadata):
 METADATA: Final[dict[str, type[Metadata]]] = {
     "stiffness": StiffnessMetadata,
     "slip": SlipMetadata,
-    "friction": FrictionMetadata,
+    "friction": Metadata,
     "surface": SurfaceMetadata,
     "simulated": SimulatedMetadata,
     "compare": CompareMetadata,

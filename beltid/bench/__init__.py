@@ -12,7 +12,6 @@ Module            Responsibility
 ``runs``          samples -> checked runs with label and settings
 ``big_recording`` recordings of any size, read run by run
 ``recording``     all recordings: open files, read and join channels, check; detect big ones
-``recorded_date`` the day on which a recording was made, from its files
 ``inspection``    what files contain: formats, channels, runs, gaps
 ================= ======================================================================
 """

@@ -292,15 +292,13 @@ class DataSection(Section):
     """Paths of the recordings, and whether they are from a real bench.
 
     A relative path starts at the folder of the config. Results from synthetic recordings say so;
-    an origin that is not stated stays unknown. `date` is the recording date of files that do not
-    state it.
+    an origin that is not stated stays unknown.
     """
 
     origin: Literal["measured", "synthetic"] | None = None
     press: Recorded = None
     rig: Recorded = None
     speedloss: Recorded = None
-    date: Annotated[str, Text(40)] | None = None
 
     @property
     def files(self) -> dict[str, Path]:

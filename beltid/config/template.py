@@ -97,7 +97,6 @@ MEANINGS: Final = {
     "data.press": "recording of the press",
     "data.rig": "recording of the friction rig",
     "data.speedloss": "recording of the two-pulley drive; optional",
-    "data.date": "recording date, such as 2024-05-17, if the files do not state it",
     "compare.max_rms_relative_error": "root mean square over all runs, share of mu",
     "compare.max_mean_relative_error": "mean magnitude, share of mu",
     "compare.max_relative_error": "largest, share of mu",

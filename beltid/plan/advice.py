@@ -71,8 +71,6 @@ class Plan:
         Number of a candidate that the plan must contain -> reason: its arc, its repetition.
     before, after : float
         Root of the mean variance of ln mu over the target [-].
-    before_at, after_at : ndarray, shape (q,)
-        Standard uncertainty of ln mu at the points of the target.
     regions : tuple of Region
         Uncertainty before and after, per region.
     shared : float
@@ -88,8 +86,6 @@ class Plan:
     needed: dict[int, Need]
     before: float
     after: float
-    before_at: np.ndarray
-    after_at: np.ndarray
     regions: tuple[Region, ...]
     shared: float
     statements: tuple[Statement, ...]
@@ -146,7 +142,6 @@ def choose_plan(
     shared = float(np.sum(after.changes * (W @ after.changes)))
     if stop == "runs do not help" and shared > MOSTLY * then:
         stop = "shared errors remain"
-    variances = target.variances(before), target.variances(after)
     without = _variances_without_each(before, runs, W, chosen)
     return Plan(
         chosen=tuple(chosen),
@@ -154,9 +149,7 @@ def choose_plan(
         needed=needed_for(runs, chosen, len(chosen)),
         before=float(np.sqrt(now)),
         after=float(np.sqrt(then)),
-        before_at=np.sqrt(variances[0]),
-        after_at=np.sqrt(variances[1]),
-        regions=_regions(target, *variances),
+        regions=_regions(target, target.variances(before), target.variances(after)),
         shared=shared / then,
         statements=_statements(after, W, sources),
         stop=stop,

@@ -40,6 +40,8 @@ BEFORE_IF_CORRECTED = {ORDER: (float(np.log(1.0e-3)), 1.5), COURSE: (float(np.lo
 WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
 STEP_OF_TEMPERATURE = 10.0  # K
+CLEAR = 3.0  # standard errors beyond which an effect is significant
+CONFOUNDED = 0.9  # share of an effect explained by force and speed: variance inflated tenfold
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ def _friction(results: BeltResults) -> Section:
         "Each run of the rig gives one coefficient by Eq. (6), at its sliding speed and at the "
         "mean normal force of Eq. (8).",
         [*runs.pictures(results), *friction.measured(results), *arc.pictures(results)],
-        [table for table in (tables.runs(sheet), tables.drift(sheet)) if table] if sheet else (),
+        [tables.runs(sheet)] if sheet else (),
         _notes(sheet),
         tiles=gallery.tiles(results),
     )

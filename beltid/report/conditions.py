@@ -16,16 +16,15 @@ SAME = 0.03
 MOST = 12
 """Largest number of settings that are listed; for more, the range is given."""
 
-UNKNOWN: Final = "unknown"
 UNKNOWN_TENSION: Final = -1.0
 """Placeholder for an unknown tension [N]."""
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
-    """List belt, rig, settings, temperatures, dates and config, each with its value.
+    """List belt, rig, settings, temperatures and config, each with its value.
 
-    Unknown values are left out, except the dates of the tests. The settings are those of the
-    measured runs, not those planned in a config.
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
     """
     friction, stiffness = results.get("friction"), results.get("stiffness")
     lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
@@ -38,7 +37,6 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
             *_stated(friction),
             ("Rig temperature", _range(friction["temperature_degC"], " °C")),
-            ("Rig test date", results.dates.get("rig", UNKNOWN)),
         ]
     if stiffness is not None:
         press: Any = stiffness.metadata.settings.get("press") or {}
@@ -48,7 +46,6 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
         lines += [
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
             ("Press temperatures", _listed(degrees, " °C")),
-            ("Press test date", results.dates.get("press", UNKNOWN)),
         ]
     configs = {sheet.metadata.config or "" for sheet in results.sheets.values()}
     lines.append(("Config", ", ".join(sorted(filter(None, configs)))))

@@ -202,8 +202,6 @@ class BeltResults:
         Stages of the last `run` that failed, a line each.
     belt_facts : tuple of str
         Type and ribs of the belt, if its config was found.
-    dates : mapping of str to str
-        Kind of recording -> day of recording, if known.
     """
 
     belt: str
@@ -212,7 +210,6 @@ class BeltResults:
     problems: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
     belt_facts: tuple[str, ...] = ()
-    dates: Mapping[str, str] = field(default_factory=dict)
 
     def get(self, name: str) -> Sheet | None:
         """Return an artifact by its name; None if missing."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.metadata_models import AgreementRow, DriftRow, EffectRow
+from beltid.artifacts.metadata_models import AgreementRow, EffectRow
 from beltid.report.cells import MISSING, are_numbers, cell, heading, no_formula
 from beltid.report.results import BeltResults, Sheet
 from beltid.report.summary import rows_of
@@ -198,13 +198,6 @@ def budget(results: BeltResults) -> View | None:
         for row in sheet.metadata.budget
     ]
     return view("Budget of the uncertainties", rows, BUDGET_COLUMNS, folded=True) if rows else None
-
-
-def drift(friction: Sheet) -> View | None:
-    """Tabulate the drift of friction over the campaign; None if it was not checked."""
-    rows = friction.stated("drift") or ()
-    title = "Drift over the campaign, in percent of µ; share that force, speed and arc explain"
-    return view(title, rows, tuple(DriftRow.__annotations__)) if rows else None
 
 
 def effects(sheet: Sheet) -> View | None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from beltid.config import Config
 from beltid.config.model import UncertaintySection
 from beltid.errors import percent
-from beltid.identify.friction.drift_check import CONFOUNDED
+from beltid.refine.effects import CONFOUNDED
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
@@ -69,17 +69,18 @@ def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str
     }
 
 
-def confounded_note(shares: Mapping[str, float], by: str) -> tuple[str, ...]:
-    """Return a note on causes that the runs cannot separate from `by`; empty if there are none.
+def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a note on causes that the runs cannot separate from force and speed, with the shares.
 
-    `shares` maps the name of each cause to the share of it that `by` explains.
+    It is empty if there are none.
     """
     if not shares:
         return ()
     listed = ", ".join(f"{cause} ({percent(100 * share)})" for cause, share in shares.items())
     return (
-        f"{by} of the runs explain {listed}: above {100 * CONFOUNDED:g} % a drift with it cannot "
-        "be separated from them; a random run order with some repeats at the end would separate it",
+        f"force and speed of the runs explain {listed}: above {100 * CONFOUNDED:g} % a drift with "
+        "it cannot be separated from them; a random run order with some repeats at the end would "
+        "separate it",
     )
 
 

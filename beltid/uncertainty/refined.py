@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.friction.drift_check import CLEAR, CONFOUNDED
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
+from beltid.refine.effects import ARC, CLEAR, CONFOUNDED, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import MODEL_ERROR, RefinedSurface, refine_surface
 from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
 from beltid.uncertainty.campaign import Campaign

@@ -44,17 +44,16 @@ def test_a_plan_goes_on_from_results(ran: Path, results: Any, beltid: Any) -> No
     assert {row["arc_deg"] for row in written} == {"40", "82"}
     assert max(int(row["repeats"]) for row in written) >= 2
     assert facts["uncertainty_after_percent"] < facts["uncertainty_before_percent"] < 30.0
-    assert (ran / "plan.png").read_bytes().startswith(b"\x89PNG")
     slow, *_, fast = product["details"]["standard uncertainty by region, in percent of mu"]
     assert slow["after_percent"] < 0.5 * slow["before_percent"]
     assert fast["before_percent"] < 1.5
     # the same call the same bytes, and nothing is replaced unasked
-    first = (ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()
+    first = (ran / "plan.csv").read_bytes()
     again = beltid(*call)
     assert again.exit_code == 2
     assert "use --force to overwrite" in again.stderr
     assert beltid(*call, "--force").exit_code == 0
-    assert ((ran / "plan.csv").read_bytes(), (ran / "plan.png").read_bytes()) == first
+    assert (ran / "plan.csv").read_bytes() == first
 
 
 def test_without_data_it_plans_from_what_is_usual_and_says_so(bench: Path, beltid: Any) -> None:
@@ -108,10 +107,7 @@ def test_runs_that_the_surface_was_not_made_from_are_named(
         (("--goal-u", "2"), "must be in [0, 1)"),
         (("-c", "light.yaml"), "a setting of plan: (without it of rig:) cannot be simulated"),
         (("stiffness.parquet", "surface.parquet"), "is a stiffness artifact"),
-        (
-            ("-o", "runs.png"),
-            "runs.png: the table of a plan ends in .csv; its figure is written as",
-        ),
+        (("-o", "runs.png"), "runs.png: the table of a plan ends in .csv"),
     ],
 )
 def test_a_wrong_call_is_refused(

@@ -51,8 +51,6 @@ def test_difference_is_simulated_less_measured_over_measured() -> None:
     assert result.not_compared == {}
     assert result.passed  # without tolerances nothing is judged
     assert result.within_tolerance.all()
-    order = np.argsort(measured["normal_force_N_m"], kind="stable")
-    assert list(result.force_band[order]) == ["low"] * 12 + ["middle"] * 12 + ["high"] * 12
     backward = {**measured, "pulley_speed_rad_s": -1.01 * measured["pulley_speed_rad_s"]}
     assert np.array_equal(compare_points(backward, simulated).mu_simulated, simulated["mu_sliding"])
 

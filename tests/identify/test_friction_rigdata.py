@@ -108,19 +108,6 @@ def test_known_faults_of_the_recording_are_counted() -> None:
     assert found == dict(zip(names.tolist(), counts.tolist(), strict=True))
 
 
-@pytest.mark.parametrize("belt", QUICK_AND_LONG)
-def test_ripple_is_found_once_per_fortieth_of_a_turn(belt: str) -> None:
-    period = column(belt, "ripple_period_s") * truth(belt)["omega"] * 40.0 / (2.0 * np.pi)
-    strong = truth(belt)["Td"] > 300.0  # 0.4 % of that is twice the noise
-    found = strong & np.isfinite(period)  # among noise of the same size a few stay hidden
-    assert np.count_nonzero(found) > 0.9 * np.count_nonzero(strong)
-    assert np.all(np.abs(period[found] - 1.0) < 0.05)
-    amplitude = column(belt, "ripple_amplitude_N")[found] / truth(belt)["Td"][found]
-    # the ripple is a fixed part of the tension: the same for all runs of a belt
-    assert 0.0025 < np.mean(amplitude) < 0.0055
-    assert np.std(amplitude) < 0.0003
-
-
 def test_plateau_starts_behind_the_peak_and_rotation_starts_at_one_second() -> None:
     for run in reduced("5pk"):
         assert abs(run.start_time_s - 1.0) <= 0.021

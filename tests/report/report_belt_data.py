@@ -37,7 +37,6 @@ def stiffness() -> dict[str, Any]:
         "max_penetration_m": np.full(3, 1e-4),
         "max_force_N_m": np.full(3, 9500.0),
         "n_samples": np.array([100, 100, 200]),
-        "tests": np.array(["P22", "P60", "P22, P60"], dtype=object),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from beltid.report.drawing import figure, group, inline_svg, legend_below, saved
 from beltid.report.figures import arc, belts, budget, press, proof, runs, single, slip
 from beltid.report.figures import friction as friction_figures
 from beltid.report.figures import surface as surface_figures
-from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.html import Page
 from beltid.report.picture import Picture
 
@@ -411,26 +409,3 @@ def test_the_map_hatches_where_the_friction_falls_with_the_speed() -> None:
     assert falling.all()
     assert "falls with the speed" in surface_figures.as_map(wet, None).caption
     assert "does not fall with the speed anywhere" in surface_figures.as_map(sheet, None).caption
-
-
-def test_the_next_runs_are_drawn_on_one_scale_of_uncertainty() -> None:
-    candidates = SimpleNamespace(
-        normal_force=np.array([2e3, 8e3]),
-        slip_speed=np.array([0.003, 0.03]),
-        arc=np.array([0, 1]),
-        beta=np.radians([50.0, 90.0]),
-    )
-    target = SimpleNamespace(normal_force=np.array([3e3, 6e3]), slip_speed=np.array([0.004, 0.02]))
-    plan = SimpleNamespace(
-        chosen=(1,),
-        gains=(0.2,),
-        before=0.02,
-        after=0.01,
-        before_at=np.array([0.015, 0.025]),
-        after_at=np.array([0.008, 0.012]),
-    )
-    fig = runs_and_uncertainty(candidates, target, plan, synthetic=True)
-    scales = [axes.collections[0].get_clim() for axes in fig.axes[:2]]
-    assert scales == [pytest.approx((0.8, 2.5)), pytest.approx((0.8, 2.5))]
-    assert len(fig.axes) == 3
-    assert fig.axes[0].get_ylabel() == "sliding speed [mm/s], log"

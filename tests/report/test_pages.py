@@ -33,7 +33,7 @@ from beltid.report.figures import runs
 from beltid.report.gallery import tiles
 from beltid.report.html import Page, Section, rendered
 from beltid.report.results import BeltResults
-from beltid.report.tables import drift, effects, nodes, set_aside, settings
+from beltid.report.tables import effects, nodes, set_aside, settings
 from beltid.report.verdict import verdict_of
 from beltid.stages.reporter import Options
 from beltid.stages.results import report_belt
@@ -106,9 +106,6 @@ def test_conditions_of_the_test_stand_on_top(page: str) -> None:
     assert told["Sliding speeds v"] == "2.5, 10.5 mm/s"
     assert told["Pulley radius"] == "50 mm"
     assert told["Press temperatures"] == "22, 60 °C"
-    assert told["Press test date"] == told["Rig test date"] == "unknown"
-    dated = dict(conditions(replace(results(), dates={"rig": "2024-05-17"})))
-    assert (dated["Rig test date"], dated["Press test date"]) == ("2024-05-17", "unknown")
     assert page.index("Contact arcs") < page.index('id="verdict"')
     sheet = results().get("friction")
     columns = {
@@ -468,15 +465,7 @@ def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
     assert verdicts == [["FAIL 3.00", "PASS 0.10", "PASS 0.40"], ["FAIL 3.00", "PASS 0.10", "-"]]
 
 
-def test_drift_and_effects_stand_in_tables() -> None:
-    row = {
-        "cause": "temperature",
-        "per": "10 K",
-        "change_percent": -2.0,
-        "standard_error_percent": 0.1,
-        "clear": True,
-        "explained_percent": 12.0,
-    }
+def test_effects_stand_in_a_table() -> None:
     effect = {
         "effect": "steady change over the campaign",
         "size_percent": 5.0,
@@ -484,9 +473,5 @@ def test_drift_and_effects_stand_in_tables() -> None:
         "clear": True,
     }
     sheets = results().sheets
-    of_runs = stating(sheets["friction"], drift=[row])
     of_surface = stating(sheets["surface"], effects=[effect])
-    assert drift(of_runs).rows == [["temperature", "10 K", "-2.00", "0.10", "yes", "12.00"]]
     assert effects(of_surface).rows[0][0] == "steady change over the campaign"
-    # a friction table of another time has neither
-    assert drift(stating(of_runs, drift=())) is None

@@ -81,7 +81,7 @@ def test_the_registries_by_kind_hold_the_same_kinds() -> None:
         "runs": type(config.runs).model_fields,
         # a table of plateaus is named to the command, the chain begins with recordings
         "data": [
-            *(k for k in type(config.data).model_fields if k not in ("origin", "date")),
+            *(k for k in type(config.data).model_fields if k != "origin"),
             "points",
         ],
     }

@@ -35,9 +35,6 @@ _CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*
 _CLOCK_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
 """A clock time cut by a spreadsheet: minutes and seconds, or hours and minutes."""
 _DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
-_DATE_IN: Final = re.compile(
-    r"(?<!\d)(?:\d{4}([-/.])\d{1,2}\1\d{1,2}|\d{1,2}([-/.])\d{1,2}\2(?:\d{4}|\d\d))(?!\d)", re.ASCII
-)
 _QUARTER_S: Final = 900
 """Clocks change to summer time and back at full quarters of an hour."""
 _ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
@@ -72,22 +69,6 @@ def written_as(cells: Sequence[str]) -> str:
     return "clock" if cells and (is_clock(cells[0]) or _CLOCK_CUT.fullmatch(cells[0])) else ""
 
 
-def day_in(text: str) -> str | None:
-    """Return the day in a text as ISO 8601; None if it has none or day and month are ambiguous.
-
-    Examples
-    --------
-    >>> day_in("17.05.2024 13:45"), day_in("2024/5/7"), day_in("05/07/2024"), day_in("05/27/2024")
-    ('2024-05-17', '2024-05-07', None, '2024-05-27')
-    """
-    import pyarrow as pa
-
-    date, clock = _DATE_IN.search(text), Clock("")
-    if date is None or clock.read(pa.array([f"{date[0]} 00:00:00"]))[1]:
-        return None
-    return None if clock.day_first is None else str(np.datetime64(clock.first_day, "D"))
-
-
 def holds_clock(kind: Any) -> bool:
     """Whether an Arrow type holds times of day, time stamps, or texts that may be either."""
     import pyarrow as pa
@@ -100,13 +81,6 @@ def holds_clock(kind: Any) -> bool:
         or is_a.is_string(kind)
         or is_a.is_large_string(kind)
     )
-
-
-def holds_dates(kind: Any) -> bool:
-    """Whether an Arrow type holds dates, time stamps, or texts that may be either."""
-    import pyarrow as pa
-
-    return bool(pa.types.is_date(kind) or (holds_clock(kind) and not pa.types.is_time(kind)))
 
 
 @dataclass(slots=True)

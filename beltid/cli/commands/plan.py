@@ -56,7 +56,7 @@ def plan(
     the uncertainty of each region before and after. Prints stop if the goal is reached or further
     runs do not help; then it names the shared error whose reduction would help most. Without
     SURFACE and STIFFNESS it starts from values typical of such a belt. Writes plan.csv, one row per
-    run in the order of the session, and plan.png.
+    run in the order of the session.
 
     Example: beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
     """

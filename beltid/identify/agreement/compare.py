@@ -22,14 +22,14 @@ Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 OK = "ok"
-FORCE_BANDS = ("low", "middle", "high")
+THIRDS = ("low", "middle", "high")
 NUMBERS = (
     "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
 )  # fmt: skip
 """Columns that must contain numbers > 0, measured and simulated."""
 COLUMNS = (
     "run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_measured",
-    "mu_simulated", "difference", "relative_difference", "within_tolerance", "force_band",
+    "mu_simulated", "difference", "relative_difference", "within_tolerance",
 )  # fmt: skip
 """Columns of the comparison table."""
 SAME_SETTING = {"arc_deg": 1e-3, "nominal_tension_N": 5e-3, "pulley_speed_rad_s": 3e-2}
@@ -79,10 +79,9 @@ class AgreementResult:
     normal_force_N_m: Array
     mu_measured: Array
     mu_simulated: Array
-    force_band: NDArray[np.object_]  # third of the points: low, middle or high force
     averaged: Columns  # means over the arcs at equal tension and speed, with ``n_arcs``
     groups: tuple[Statistics, ...]
-    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each `force_band`."""
+    """All points, each arc (Fig. 16), the means over arcs (Fig. 17), each third of the force."""
     tolerances: Mapping[str, float]  # active tolerances, see :func:`compare_points`
     n_measured: int  # number of runs per side
     n_simulated: int
@@ -208,19 +207,15 @@ def compare_points(
     real = {name: column[of_measured] for name, column in tables[0].items()}
     mu, virtual = real["mu_sliding"], tables[1]["mu_sliding"][of_simulated]
     arc_deg, force, relative = real["arc_deg"], real["normal_force_N_m"], (virtual - mu) / mu
-    bands = np.empty(mu.size, dtype=object)  # groups of nearly equal size
-    parts = np.array_split(np.argsort(force, kind="stable"), 3)
-    for word, part in zip(FORCE_BANDS, parts, strict=True):
-        bands[part] = word
+    parts = np.array_split(np.argsort(force, kind="stable"), len(THIRDS))
     arcs = settings_of(arc_deg, SAME_SETTING["arc_deg"])
     averaged = _averages_over_arcs(real, virtual, arcs)
     masks = [(f"arc {arc_deg[arcs == a].mean():g}°", arcs == a) for a in range(arcs.max() + 1)]
-    thirds = [(f"{word} third of the force", bands == word) for word in FORCE_BANDS]
+    thirds = [(f"{word} third of the force", g) for word, g in zip(THIRDS, parts, strict=True)]
     return AgreementResult(
         **{name: real[name] for name in ("run", *NUMBERS[:-1])},
         mu_measured=mu,
         mu_simulated=virtual,
-        force_band=bands,
         averaged=averaged,
         groups=(
             Statistics.of("all points", relative, force),

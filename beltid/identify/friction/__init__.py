@@ -12,7 +12,6 @@ shared      effects common to all runs: the tail and common drifts        (S2)
 campaign    second pass: variances of a bench, level of each run          (S3)
 reduction   both passes; plateau, sticking peak and status of a run       --
 plateaus    rows of a table, bins of a changing speed                     (6)
-drift_check check whether the friction drifts over a campaign             --
 =========== ============================================================= ==================
 
 `prepare.prepare_run` processes each run alone, `campaign.reduce_bench` then all runs together;

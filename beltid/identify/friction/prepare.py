@@ -151,7 +151,6 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     if n < FEWEST_SLIDING:
         raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
     sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
-    run.ripple_amplitude_N, run.ripple_period_s = sliding.ripple_N, sliding.ripple_s
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
     step_N = float(np.max(channels.steps))
@@ -256,8 +255,8 @@ class SlidingRecord:
         Rounding error of z by coarse converters, which averaging does not reduce [-].
     step_m : float
         Travel between samples [m]; shorter tails are not visible.
-    ripple_N, ripple_s : float
-        Amplitude of the strongest ripple in the tight tension [N], and its period [s].
+    ripple_N : float
+        Amplitude of the strongest ripple in the tight tension [N].
     unrest_N : float
         Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
     n_outliers : int
@@ -287,7 +286,6 @@ class SlidingRecord:
     rounding: float
     step_m: float
     ripple_N: float
-    ripple_s: float
     unrest_N: float
     n_outliers: int
     zero_shifts: Array
@@ -374,7 +372,6 @@ def sliding_record(
         rounding=float(np.linalg.norm(rounding / level)),
         step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
         ripple_N=float(np.linalg.norm(tight_waves[:2])),
-        ripple_s=1.0 / lines[0] if lines else float("nan"),
         unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
         zero_shifts=zero_shifts,

@@ -26,7 +26,6 @@ from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare
 from beltid.identify.friction.rest import CellErrors, Rest, against_stated, cell_errors
 from beltid.identify.friction.run import (
     MAX_MU,
-    NAN,
     RunRecord,
     RunReduction,
     RunRejected,
@@ -251,7 +250,6 @@ def _set_plateau(
         run.temperature_degC = float(np.average(temperature[finite], weights=count[finite]))
     run.n_samples = int(count.sum())
     run.plateau_start_s = float(record.first_s[start])
-    run.tail_time_s = _decay_time(tail, record.first_s)
     run.notes += tuple(_notes(run, record.rest, float(tail[-1]) / y, y_se / y))
 
 
@@ -291,15 +289,6 @@ def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> flo
     factor /= (weight * x) @ x + prior
     level = record.log_mean[start:] - factor * tail[start:]
     return float(np.average(level, weights=weight[start:]))
-
-
-def _decay_time(tail: Array, time_s: Array) -> float:
-    """Return the time in which the tail falls to 1/e of its initial height [s]."""
-    limit = tail[0] / np.e
-    k = int(np.argmax(tail <= limit))
-    if not (tail[0] > 0.0 and k > 0):
-        return NAN
-    return float(np.interp(limit, tail[[k, k - 1]], time_s[[k, k - 1]]) - time_s[0])
 
 
 def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs: int) -> None:

@@ -145,12 +145,6 @@ class RunReduction(RunHeader):
     """Samples of either channel excluded as spikes."""
     n_missing: int = 0
     """Samples without a usable tension, plus samples missing from an even time base."""
-    ripple_amplitude_N: float = NAN
-    """Amplitude of the strongest ripple of the tight tension [N]; zero without ripple."""
-    ripple_period_s: float = NAN
-    """Period of that ripple [s]; nan without ripple."""
-    tail_time_s: float = NAN
-    """Time in which the tail falls to 1/e of its height [s]; nan without a tail."""
     drift: float = NAN
     """Relative change of mu by drift over the sliding phase [-], as far as the noise allows."""
     shared_tail: float = NAN

@@ -13,7 +13,6 @@ Module       Responsibility                                  The paper's figure
 ``drive``    a predicted drive: loss, forces, limits
 ``budget``   where the uncertainty comes from
 ``belts``    several belts side by side                      Figs. 12, 17
-``plan``     the next runs of the friction rig
 ``single``   the figures of one artifact on its own
 ============ =============================================== ==================
 """

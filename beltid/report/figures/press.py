@@ -82,9 +82,13 @@ def by_temperature(stiffness: Sheet, curves: Sheet | None) -> Picture:
 
 
 def _panel(axes: Axes, stiffness: Sheet, curves: Sheet, row: int, at: float) -> None:
-    tests = str(stiffness["tests"][row]).split(", ")
+    here = np.ones(curves["branch"].size, dtype=bool)
+    if np.isfinite(at):  # the curves belong to the law of the nearest temperature
+        laws = stiffness["temperature_degC"]
+        away = np.abs(curves["temperature_degC"][:, None] - laws[np.isfinite(laws)])
+        here = np.abs(curves["temperature_degC"] - at) <= away.min(axis=1)
     for branch, line in BRANCHES.items():
-        chosen = np.isin(curves["test"].astype(str), tests) & (curves["branch"] == branch)
+        chosen = here & (curves["branch"] == branch)
         if chosen.any():
             x, y = _runs_apart(curves, chosen)
             axes.plot(x * MICRO, y, line, color=MEASURED, label=f"{branch}, measured")

@@ -12,7 +12,6 @@ from beltid.bench.recording import columns_of, read_recording, read_rig
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators.statistics import snap_to_settings
-from beltid.identify.friction.drift_check import CAUSES, Drift, drift_check
 from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary, rows_of
@@ -32,20 +31,15 @@ from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import (
     SECTION,
     budget_details,
-    confounded_note,
     standard_uncertainties,
 )
 from beltid.uncertainty.sources import StandardUncertainties
 
 KIND: Final = "friction"
 USES: Final = ("friction", "rig", "belt", "conditions", SECTION)
-FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
-DRIFT: Final = (
-    "drift of the friction over the campaign, in percent of mu; share of its cause that force, "
-    "speed and arc explain"
-)
 HELD: Final = 0.005
 """Difference of the spans at rest over the initial tension above which a warning names it [-]."""
+FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
 
@@ -122,7 +116,6 @@ def _outcome(
     table = FrictionTable.of(runs, uncertainty, radius_m, name, rig_kind(config))
     good = table.columns["status"] == "ok"
     aside = [(r.run, r.status) for r in table.runs if not r.ok]
-    drifts = drift_check(table.columns)
     ranges = {
         column: span(table.columns[column][good])
         for column in ("normal_force_N_m", "slip_speed_m_s", "mu_sliding", "arc_deg")
@@ -133,49 +126,13 @@ def _outcome(
         result=table.runs,
         validity=ranges,
         set_aside=[{"run": run, "why": why} for run, why in aside],
-        extra={"budget": table.budget, "drift": _drift_rows(drifts)},
-        notes=(
-            *notes,
-            *_notes(table.runs),
-            *confounded_note(
-                {CAUSES[d.cause][0]: d.explained for d in drifts if d.is_confounded},
-                "force, speed and arc",
-            ),
-        ),
+        extra={"budget": table.budget},
+        notes=(*notes, *_notes(table.runs)),
         warnings=(
             *_warnings(table.runs, rig_kind(config), held=config.rig.slide == "held"),
-            *(_drift_line(drift) for drift in drifts if drift.is_clear),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
     )
-
-
-def _drift_rows(drifts: Sequence[Drift]) -> list[dict[str, Any]]:
-    """Return the drift check as it is shown and stored, in percent of mu; empty without drift."""
-    return [
-        {
-            "cause": CAUSES[drift.cause][0],
-            "per": CAUSES[drift.cause][2],
-            "change_percent": None if drift.is_confounded else 100.0 * drift.change,
-            "standard_error_percent": None if drift.is_confounded else 100.0 * drift.standard_error,
-            "clear": drift.is_clear,
-            "explained_percent": 100.0 * drift.explained,
-        }
-        for drift in drifts
-    ]
-
-
-def _drift_line(drift: Drift) -> str:
-    """Describe a clear drift."""
-    cause, _, per = CAUSES[drift.cause]
-    size = f"{100 * drift.change:+.2g} ± {100 * drift.standard_error:.1g} %"
-    remedy = {
-        "order": "run-in or wear; refine-surface accounts for it",
-        "distance": "run-in or wear; refine-surface accounts for the order of the runs",
-        "temperature": "friction.correct_temperature: true corrects the refined surface to "
-        "friction.reference_temperature_degC",
-    }[drift.cause]
-    return f"the friction drifts with the {cause}: {size} per {per} ({remedy})"
 
 
 def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
@@ -270,7 +227,6 @@ def summarise(built: Built) -> Summary:
     good = columns["status"] == "ok"
     n_aside = int(np.count_nonzero(~good))
     validity = built.artifact.metadata.validity
-    drift = [dict(row) for row in built.artifact.metadata.drift]
     return built.summary(
         "fit-friction",
         "friction coefficient of every run",
@@ -281,10 +237,8 @@ def summarise(built: Built) -> Summary:
             "normal_force_range_N_m": validity.get("normal_force_N_m"),
             "slip_speed_range_m_s": validity.get("slip_speed_m_s"),
             "budget": built.artifact.metadata.budget,
-            "drift": drift,
         },
         details=budget_details(built.artifact.metadata.budget),
-        extra_tables={DRIFT: drift} if drift else {},
         table=rows_of(
             columns,
             "run",

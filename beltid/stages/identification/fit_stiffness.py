@@ -134,7 +134,6 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
     return {
         "temperature_degC": np.array(temperatures, dtype=float),
         **{name: np.array([getattr(law, name) for law in laws]) for name in plain},
-        "tests": np.array([", ".join(law.tests) for law in laws], dtype=object),
         "notes": np.array(
             ["; ".join((*law.notes, *law.warnings)) or None for law in laws], dtype=object
         ),
@@ -154,7 +153,6 @@ def summarise(built: Built) -> Summary:
         "max_penetration_m",
         "max_force_N_m",
         "n_samples",
-        "tests",
     )
     pooled = next(row for row in rows if row["temperature_degC"] is None)
     shown = ("k_linear_N_m2", "k_quadratic_N_m3", "hysteresis_ratio", "max_force_N_m")

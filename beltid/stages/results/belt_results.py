@@ -13,7 +13,6 @@ import numpy as np
 
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.together import made_from, misfits, refuse_misfits
-from beltid.bench.recorded_date import recorded_on
 from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
@@ -157,11 +156,10 @@ def _left_out(
     ]
 
 
-def completed(results: BeltResults, config: Config | None) -> BeltResults:
-    """Add the simulated contact along the arc of typical runs, and the dates of the recordings."""
+def completed(results: BeltResults) -> BeltResults:
+    """Add the simulated contact along the arc of typical runs."""
     profiles, problems = arc_profiles(results.sheets)
-    dates = {} if config is None else test_dates(config)
-    return replace(results, profiles=profiles, problems=(*results.problems, *problems), dates=dates)
+    return replace(results, profiles=profiles, problems=(*results.problems, *problems))
 
 
 def config_of(folder: Path) -> Config | None:
@@ -183,15 +181,6 @@ def belt_facts(config: Config | None) -> tuple[str, ...]:
         return ()
     belt = config.belt
     return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
-
-
-def test_dates(config: Config) -> dict[str, str]:
-    """Return the dates of a config's recordings, from the files or else from the config."""
-    days = {
-        kind: recorded_on(file, config, kind) or config.data.date
-        for kind, file in config.data.files.items()
-    }
-    return {kind: day for kind, day in days.items() if day is not None}
 
 
 def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:

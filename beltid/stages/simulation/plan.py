@@ -19,8 +19,6 @@ from beltid.plan.candidates import Candidates, Settings, simulate_candidates
 from beltid.plan.prior import knowledge_at
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
-from beltid.report.drawing import saved
-from beltid.report.figures.plan import runs_and_uncertainty
 from beltid.report.summary import Summary, combined_origin
 from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, of_other_bench
@@ -52,7 +50,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLE: Final = ".csv"
-FIGURE: Final = ".png"
 CANDIDATES: Final = "{} candidates, simulated with the present surface"
 
 
@@ -121,7 +118,7 @@ def run(
     runs: int = 12,
     goal_u: float = 0.01,
 ) -> Summary:
-    """Plan the next runs, write table and figure, summarise.
+    """Plan the next runs, write their table, summarise.
 
     The plan starts from ``surface`` and ``stiffness`` if they are among the inputs, and takes the
     noise from ``friction``; without inputs it starts from usual values for such a belt.
@@ -135,8 +132,8 @@ def run(
     goal_u : float
         Sufficient relative standard uncertainty of mu [-].
     """
-    wanted, model, figure = Wanted(runs, goal_u), config.config, out.with_suffix(FIGURE)
-    _check_files(out, figure, force=options.force)
+    wanted, model = Wanted(runs, goal_u), config.config
+    _check_out(out, force=options.force)
     artifacts = {role: read_artifact(path, role) for role, path in inputs.items()}
     hosts = dict(artifacts)
     guests = [hosts.pop("friction")] if "friction" in hosts else []
@@ -159,15 +156,11 @@ def run(
     options.reporter.report(CANDIDATES.format(len(settings.points())))
     planned = _planned(present, settings, model, wanted, based_on)
     write_bytes(out, csv_bytes(planned.rows))
-    picture = runs_and_uncertainty(
-        planned.candidates.measured, planned.target, planned.plan, origin == "synthetic"
-    )
-    write_bytes(figure, saved(picture, "png"))
     return Summary(
         stage="plan",
         title="the next runs of the friction rig",
         out=out,
-        facts={**_facts(planned, wanted, model), "figure": str(figure)},
+        facts=_facts(planned, wanted, model),
         table=planned.rows,
         shown=SHOWN,
         extra_tables={
@@ -285,19 +278,17 @@ def _planned(
     return PlannedRuns(plan, target, candidates, rows, present.notes)
 
 
-def _check_files(out: Path, figure: Path, *, force: bool) -> None:
-    """Refuse an output name that is not a table, and existing files without --force."""
+def _check_out(out: Path, *, force: bool) -> None:
+    """Refuse an output name that is not a table, and an existing file without --force."""
     if out.suffix.lower() != TABLE:
-        text = f"{out}: the table of a plan ends in {TABLE}; its figure is written as {FIGURE}"
-        raise InputError(f"{text}; name such a file with --out")
+        raise InputError(f"{out}: the table of a plan ends in {TABLE}; name such a file with --out")
     if out.exists() and not is_plan(out):
         text = (
             f"{out}: is a file that `beltid plan` did not write, never replaced; name another --out"
         )
         raise InputError(text)
-    existing = [path for path in (out, figure) if path.exists()]
-    if existing and not force:
-        raise InputError([already_exists(path) for path in existing])
+    if out.exists() and not force:
+        raise InputError(already_exists(out))
 
 
 def _bench(config: Config, law: NormalLaw) -> Bench:

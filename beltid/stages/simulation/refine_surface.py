@@ -274,8 +274,7 @@ def _outcome(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces within their contact, including peaks",
             *confounded_note(
-                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded},
-                "force and speed",
+                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
             ),
             *_unclear_effects(result.effects),
             *guided_weight(config, [run.point for run in campaign.runs]),
