@@ -83,22 +83,6 @@ def test_every_statement_has_its_size_or_says_that_it_is_by_the_data(
     assert not product["warnings"]
 
 
-def test_runs_that_the_surface_was_not_made_from_are_named(
-    ran: Path, results: Any, beltid: Any
-) -> None:
-    config = (ran / "beltid.yaml").read_text()
-    (ran / "other.yaml").write_text(f"{config}\nfriction: {{tension_tight_gain: 1.01}}\n")
-    (recording,) = ran.glob("**/rig.csv")
-    made = beltid("fit-friction", recording, "-c", "other.yaml", "-o", "other.parquet")
-    assert made.exit_code == 0, made.stderr
-    call = ("plan", *results[:3], "other.parquet", "-c", "beltid.yaml", "--json")
-    result = beltid(*call)
-    assert result.exit_code == 0, result.stderr
-    (line,) = json.loads(result.stdout)["warnings"]
-    assert line.startswith("other.parquet: not the friction artifact that")
-    assert "surface_refined.parquet was made from" in line
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
