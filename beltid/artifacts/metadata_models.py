@@ -1,21 +1,19 @@
 """Metadata of artifacts, one model per kind.
 
-A checksum shows that an artifact is undamaged, not that beltid wrote it: anybody can forge one.
-Therefore all metadata that other code relies on are checked here, once, when the artifact is
-opened. Single values are fields; any of them may be missing in an older artifact. Tables are rows
-of plain JSON values, which pages and terminals print directly. Unknown values are kept.
+All metadata that other code relies on are checked here, once, when the artifact is opened. Single
+values are fields; any of them may be missing in an older artifact. Tables are rows of plain JSON
+values, which pages and terminals print directly. Unknown values are kept.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NotRequired, TypeVar
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -81,12 +79,6 @@ def _positive(value: Any) -> float:
     return value
 
 
-def _rectangular(value: tuple[Any, ...]) -> tuple[Any, ...]:
-    if len({len(row) for row in value}) > 1:
-        raise PydanticCustomError("rows", "must hold rows of one length")
-    return value
-
-
 Number = Annotated[float, PlainValidator(_number)]
 Positive = Annotated[float, PlainValidator(_positive)]
 Count = Annotated[int, Field(ge=0, le=2**53)]
@@ -94,7 +86,7 @@ Place = Annotated[int, Field(ge=0, lt=10_000)]
 Listed = Annotated[tuple[T, ...], Strict(False)]
 """A JSON list, stored as a tuple."""
 Vector = Listed[Number | None]
-Matrix = Annotated[Listed[Vector], AfterValidator(_rectangular)]
+Matrix = Listed[Vector]
 Span = Annotated[tuple[Number | None, Number | None], Strict(False)]
 Rows = Listed[dict[str, Any]]
 
@@ -430,40 +422,6 @@ class SimulatedMetadata(Metadata):
     lookups: Count | None = None
     clamped_lookups: Count | None = None
     uncertainty: SimulatedUncertainty | None = None
-
-    @model_validator(mode="after")
-    def _together(self) -> SimulatedMetadata:
-        """Reject values that contradict each other."""
-        problems = [*_wrong_runs(self.runs), *_wrong_shapes(self.uncertainty)]
-        if problems:
-            raise PydanticCustomError("together", "{problem}", {"problem": problems[0]})
-        return self
-
-
-def _wrong_runs(runs: tuple[SimulatedRun, ...] | None) -> Iterator[str]:
-    for i, run in enumerate(runs or ()):
-        results = (run.get("mu"), run.get("normal_force_N_m"))
-        if run["status"] == "ok" and not all(v is not None and v > 0.0 for v in results):
-            yield f"extra.runs[{i}] is ok, but without mu and normal_force_N_m > 0"
-    if runs is not None and not any(run["status"] == "ok" for run in runs):
-        yield "extra.runs: none is ok"
-
-
-def _wrong_shapes(uncertainty: SimulatedUncertainty | None) -> Iterator[str]:
-    if not uncertainty:
-        return
-    n, k = len(uncertainty["runs"]), len(uncertainty["sources"])
-    arrays: Mapping[str, Any] = {**uncertainty}
-    for name, shape in (
-        ("simulated", (n, k)),
-        ("difference", (n, k)),
-        ("scatter", (n,)),
-        ("numerical", (n,)),
-        ("by_setting", (n, 2)),
-    ):
-        actual = np.shape(arrays[name])
-        if actual != shape:
-            yield f"extra.uncertainty.{name} has the shape {actual}, must have {shape}"
 
 
 class TensionLimitRow(TypedDict):

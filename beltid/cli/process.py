@@ -4,13 +4,12 @@ Nothing is unwound. Results are written whole or not at all and survive even a k
 exits wherever the signal reaches it, even within compiled code or an import, where an exception
 would be lost or do harm. The exit status is the one that shells expect.
 
-Standard streams may be closed, lead to a full disk, or lack characters.
+Standard streams may be closed, or lack characters.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import signal
 import sys
@@ -87,10 +86,6 @@ def prepare_streams() -> None:
             descriptor = os.open(os.devnull, os.O_RDONLY if name == "stdin" else os.O_WRONLY)
             mode = "r" if name == "stdin" else "w"
             setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
-    if isinstance(getattr(sys.stdout, "buffer", None), io.RawIOBase):
-        # PYTHONUNBUFFERED: a write that a full disk cuts short would pass as complete
-        encoding = sys.stdout.encoding
-        sys.stdout = os.fdopen(sys.stdout.fileno(), "w", encoding=encoding, closefd=False)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -100,15 +95,6 @@ def mute(name: str) -> None:
     """Redirect a broken output stream to the null device, so that flushing at exit cannot fail."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
-
-
-def raised_by_help(error: OSError) -> bool:
-    """Return whether an error was raised while help or version was printed."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    module = "" if trace is None else str(trace.tb_frame.f_globals.get("__name__"))
-    return module.partition(".")[0] in ("typer", "click")
 
 
 def stdout_message(error: OSError) -> str:

@@ -18,11 +18,8 @@ from typer.main import get_group
 from beltid._version import __version__
 from beltid.cli.process import (
     hear_signals,
-    mute,
     one_thread_each,
     prepare_streams,
-    raised_by_help,
-    stdout_message,
 )
 from beltid.errors import EXIT_INPUT, printable
 
@@ -288,11 +285,8 @@ def main() -> None:
     try:
         app()
     except OSError as error:
-        if raised_by_help(error):
-            mute("stdout")
-            typer.echo(f"error: {stdout_message(error)}", err=True)
-        elif error.filename is None:
+        if error.filename is None:
             raise
-        else:  # such as a file name that is too long, before the work starts
-            typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
+        # such as a file name that is too long, before the work starts
+        typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
         sys.exit(EXIT_INPUT)

@@ -11,9 +11,6 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
-from typing import Any
-
-import forging
 
 NASTY: tuple[str, ...] = (
     "",
@@ -253,39 +250,6 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
     return out.getvalue()
 
 
-def artifact_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
-    """An artifact with a value, a column or a figure changed and a right seal; or its bytes."""
-    if dice.random() < 0.3:
-        return parquet_changed(data, dice, others)
-    try:
-        columns, record = forging.unpacked(data)
-    except Exception:  # what was changed before is no artifact any more
-        return bytes_changed(data, dice, others)
-    for _ in range(dice.choice((1, 1, 2))):
-        try:
-            columns, record = _forged(columns, record, dice)
-        except Exception:  # no such place is left after the first change
-            break
-    try:
-        return forging.sealed(columns, record)
-    except Exception:  # beyond what Parquet can hold
-        return parquet_changed(data, dice, others)
-
-
-def _forged(
-    columns: forging.Columns, record: dict[str, Any], dice: random.Random
-) -> tuple[forging.Columns, dict[str, Any]]:
-    if dice.random() < 0.4:
-        _, change = dice.choice(list(forging.column_changes(columns, record["kind"])))
-        return change(columns), record
-    at, place = record, (dice.choice(forging.SECTIONS),)
-    while (at := at[place[-1]]) and isinstance(at, (dict, list)) and dice.random() < 0.8:
-        place = (*place, dice.choice(list(at)) if isinstance(at, dict) else dice.randrange(len(at)))
-    if len(place) == 1:
-        return columns, record
-    return columns, forging.changed(record, place, dice.choice((forging.GONE, *forging.WRONG)))
-
-
 def law_changed(data: bytes, dice: random.Random, others: Sequence[bytes] = ()) -> bytes:
     """Values of a law at any depth, with its seal left as it is or taken off."""
     if dice.random() < 0.5:
@@ -318,7 +282,7 @@ MUTATORS: dict[str, Mutator] = {
     "gzip": gzip_changed,
     "zip": zip_changed,
     "xlsx": zip_changed,
-    "artifact": artifact_changed,
+    "artifact": parquet_changed,
     "parquet": parquet_changed,
     "parquet_stream": parquet_changed,
     "law": law_changed,
