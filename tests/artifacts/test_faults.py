@@ -118,7 +118,7 @@ def outcome() -> Outcome[None]:
 def test_an_input_replaced_while_it_is_read_is_noticed(tmp_path: Path, same: bool) -> None:
     source, out = tmp_path / "speedloss.csv", tmp_path / "slip.parquet"
     source.write_text("one")
-    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(Config(), "test"), ("rig",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(source, b"one" if same else b"two")
@@ -143,7 +143,7 @@ def test_one_of_many_files_changed_while_they_are_read_is_noticed(
     (runs / "deeper").mkdir(parents=True)
     for place in (runs / "r1.csv", runs / "r2.csv", runs / "deeper" / "r2.csv"):
         place.write_text("one")
-    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / named})
+    recipe = ("slip", ConfigSource(Config(), "test"), ("rig",), {"speedloss": tmp_path / named})
 
     def meanwhile() -> Outcome[None]:
         if change == "written":
@@ -166,7 +166,7 @@ def test_a_table_of_runs_changed_while_it_is_read_is_noticed(tmp_path: Path) -> 
     source.write_text("one")
     table.write_text("one")
     config = load_config({"runs": {"speedloss": {"table": str(table)}}})
-    recipe = ("slip", ConfigSource(config, "test"), ("slip",), {"speedloss": source})
+    recipe = ("slip", ConfigSource(config, "test"), ("rig",), {"speedloss": source})
 
     def meanwhile() -> Outcome[None]:
         table.write_text("two")
@@ -184,7 +184,7 @@ def test_a_result_that_cannot_be_read_is_built_again_whatever_its_kind(
 ) -> None:
     source, out = tmp_path / "rig.csv", tmp_path / "out.parquet"
     source.write_text("one")
-    recipe = (kind, ConfigSource(Config(), "test"), ("slip",), {"rig": source})
+    recipe = (kind, ConfigSource(Config(), "test"), ("rig",), {"rig": source})
     table = {c.name: np.array([]) for c in schemas.table(kind).columns if c.required}
     computed = Outcome(kind, table, None)
     make(recipe, out, Options(), lambda: computed)
@@ -267,7 +267,7 @@ def test_what_dead_writers_left_is_cleared_and_nothing_else(tmp_path: Path) -> N
 def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
     part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
     write_bytes(part, b"one")
-    recipe = ("slip", ConfigSource(Config(), "test"), ("slip",), {"speedloss": tmp_path / "rig"})
+    recipe = ("slip", ConfigSource(Config(), "test"), ("rig",), {"speedloss": tmp_path / "rig"})
 
     def meanwhile() -> Outcome[None]:
         write_bytes(part, b"two")

@@ -103,7 +103,6 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
         if command.startswith("beltid init"):
             cut_config_short(tmp_path / "5pk.yaml")
     assert (tmp_path / "runs" / "5pk" / "report.html").is_file()
-    assert (tmp_path / "campaign" / "plan.png").is_file()
     law = beltid.load_law(tmp_path / "law" / "5pk.beltlaw.json")
     assert law.synthetic
     assert (law.belt.name, law.belt.ribs) == ("5pk", 5)
