@@ -15,6 +15,7 @@ from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.errors import BeltidError
+from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.stages.drive import compare_drive, simulate_drive
 from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
@@ -189,10 +190,7 @@ def write_reports(
     reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
     if not reported:
         return
-    belts = {
-        chain.folder: gather(chain.folder, config_of(chain.folder), chain.files, chain.run.failures)
-        for chain in reported
-    }
+    belts: dict[Path, BeltResults] = {}
     in_batch = {chain.folder for chain in chains}
     for path in report_belt.reported_in(folder):
         if path not in in_batch:
@@ -200,9 +198,12 @@ def write_reports(
                 belts[path] = gather(path, config_of(path))
             except BeltidError as error:
                 options.reporter.warn(f"{path}: not compared: {error.problems[0]}")
-    if len(belts) > 1:
+    if len(belts) + len(reported) > 1:
         page = folder / report_belt.NAME
         try:
+            for chain in reported:
+                config = config_of(chain.folder)
+                belts[chain.folder] = gather(chain.folder, config, chain.files, chain.run.failures)
             report_belt.of_belts(dict(sorted(belts.items())), page, options)
         except BeltidError as error:
             for line in error.problems:

@@ -123,7 +123,7 @@ def verdict(folder: Path) -> str:
 @pytest.mark.usefixtures("undrawn")
 def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, beltid: Any) -> None:
     config = (ran / "beltid.yaml").read_text()
-    (ran / "beltid.yaml").write_text(f"{config}surface: {{force_nodes: 2}}\n")
+    (ran / "beltid.yaml").write_text(f"{config}contact: {{points_per_element: 4}}\n")
     before = (BELT / "compare_refined.parquet").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("beltid.refine.inverse.MOST_ITERATIONS", 1)
