@@ -38,7 +38,7 @@ CELL_LINES: Final = 10
 """Maximum number of lines in a cell of the header."""
 BLOCK: Final = 5
 """Number of similar rows that mark the beginning of the numbers."""
-_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
+_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that none of our columns has, but that occur in a row of units."""
 LONGEST_NAME: Final = 300
