@@ -56,6 +56,10 @@ POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
 
+class NoRowsError(InputError):
+    """A text without a header, or without a row below it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """Layout of a CSV file, as detected at its top.
@@ -184,14 +188,16 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     unit_cells, first = _units_row(top, units_at, separator, stated=dialect.units_row)
     body = "".join(text.split("\n", first)[first:])
     if not body.strip():
-        raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
+        raise NoRowsError(f"{name}: holds no samples, only a header in line {at + 1}")
+    blank = body[: len(body) - len(body.lstrip())]  # the first rows tell how numbers are written
+    body = body[blank.rfind("\n") + 1 :]
     unsigned = Layout(
         distinct_names(header),
         unit_cells,
         separator,
         NumberSigns(),
         body.encode(),
-        first + 1,
+        first + blank.count("\n") + 1,
         (),
         at + 1,
         fields,
@@ -242,7 +248,7 @@ def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> i
             if comments:
                 notes.append(f"{comments} lines beginning with # before the header left out")
             return at
-    raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
+    raise NoRowsError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
 
 
 def _is_separated_by_blanks(top: Sequence[str], at: int) -> bool:
