@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from beltid.bench.channels.channel_mapping import (
     ChannelMapping,
     MappingContext,
@@ -28,7 +30,7 @@ from beltid.bench.files.ahead import ahead
 from beltid.bench.files.sniff import Decoded, decode
 from beltid.bench.files.sources import Source, are_parquet, unread_sources
 from beltid.bench.formats.csv_table import csv_blocks, file_chunks
-from beltid.bench.formats.dialect import Layout
+from beltid.bench.formats.dialect import Layout, NoRowsError
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.runs.run_stream import BigRecording
 from beltid.errors import InputError, Problems
@@ -38,6 +40,8 @@ from beltid.tables.schemas import NOMINAL
 __all__ = ["BigRecording", "open_big", "read_head"]
 
 HEAD: Final = 1 << 20
+LARGEST_HEAD: Final = 128 << 20
+"""Bytes searched for the first row, which blank lines may precede."""
 _FEEDS: Final = "a file of this size must use line feeds"
 
 
@@ -88,21 +92,41 @@ def read_head(path: Path, options: ReadOptions, table: Table) -> TextHead:
     InputError
         If the first lines are not text with a header.
     """
-    name = str(path)
+    name, size = str(path), HEAD
     chunks = ahead(file_chunks(path), 2)
-    first = next(chunks, b"")
+    first = _filled(b"", chunks, size)
     encoding = options.dialect.encoding
     if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) or "16" in (encoding or ""):
         raise InputError(f"{name}: is in UTF-16; a file of this size must be in UTF-8")
     if len(first) > HEAD and b"\n" not in first[:HEAD]:
         raise InputError(f"{name}:1: no line feed in the first {HEAD:,} bytes; {_FEEDS}")
-    head = first[:HEAD] if len(first) <= HEAD else first[: first.rfind(b"\n", 0, HEAD) + 1]
-    decoded = decode(head, name, encoding)
-    layout = text_layout(decoded, name, options, table)
+    while True:
+        whole = len(first) <= size
+        decoded = decode(first if whole else _whole_lines(first[:size]), name, encoding)
+        try:
+            layout = text_layout(decoded, name, options, table)
+            break
+        except NoRowsError:  # the first row may be further down, or end further down
+            if whole or size == LARGEST_HEAD:
+                raise
+            size = min(8 * size, LARGEST_HEAD)
+            first = _filled(first, chunks, size)
     body = _after_lines(first, layout.first_line - 1)
     if re.search(rb"\r(?!\n)", first[: len(first) - len(body)]):
         raise InputError(f"{name}: lines end with a carriage return only; {_FEEDS}")
     return TextHead(decoded, layout, itertools.chain([body], chunks))
+
+
+def _filled(data: bytes, chunks: Iterator[bytes], size: int) -> bytes:
+    """Append chunks until there are more than `size` bytes, or no more chunks."""
+    parts = [data]
+    while sum(map(len, parts)) <= size and (chunk := next(chunks, b"")):
+        parts.append(chunk)
+    return b"".join(parts)
+
+
+def _whole_lines(data: bytes) -> bytes:
+    return data[: data.rfind(b"\n") + 1]
 
 
 def _csv(path: Path, options: ReadOptions) -> BigRecording:
@@ -120,12 +144,10 @@ def _csv(path: Path, options: ReadOptions) -> BigRecording:
 
 def _after_lines(data: bytes, lines: int) -> bytes:
     """Return the bytes after the first `lines` lines; empty if there are none."""
-    at = 0
-    for _ in range(lines):
-        at = data.find(b"\n", at) + 1
-        if not at:
-            return b""
-    return data[at:]
+    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
+    if lines > ends.size:
+        return b""
+    return data[ends[lines - 1] + 1 :] if lines else data
 
 
 def _refuse_missing_settings(

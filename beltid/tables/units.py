@@ -29,6 +29,7 @@ class Conversion:
         return (values + self.shift) * self.factor
 
 
+_GRAVITY: Final = 9.80665  # standard gravity [m/s²]: a mass stands for its weight
 _LBF: Final = 4.4482216152605  # exact by definition of the pound and standard gravity
 _TURN: Final = 2.0 * math.pi
 
@@ -39,7 +40,9 @@ CONVERSIONS: Final[dict[str, dict[str, Conversion]]] = {
         "daN": Conversion(10.0),
         "kN": Conversion(1e3),
         "lbf": Conversion(_LBF),
-        "kgf": Conversion(9.80665),
+        "kgf": Conversion(_GRAVITY),
+        "kg": Conversion(_GRAVITY),
+        "g": Conversion(_GRAVITY * 1e-3),
     },
     "mm": {
         "mm": Conversion(1.0),
@@ -106,6 +109,14 @@ _SPELLINGS: Final[dict[str, str]] = {
     "lbs": "lbf",
     "lbF": "lbf",
     "kp": "kgf",
+    "Kg": "kg",
+    "KG": "kg",
+    "kilogram": "kg",
+    "kilograms": "kg",
+    "Kilogramm": "kg",
+    "gram": "g",
+    "grams": "g",
+    "Gramm": "g",
     "μm": "um",
     "µm": "um",
     "micron": "um",

@@ -268,6 +268,35 @@ def test_a_last_line_that_does_not_end_is_reported(
     assert "the last line does not end" in notes[0]
 
 
+@pytest.mark.parametrize("feed", ["\n", "\r\n"])
+@pytest.mark.parametrize("gap", [0, 40])
+def test_the_first_and_the_last_row_count_wherever_a_block_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, feed: str, gap: int
+) -> None:
+    header, *rows = (line.replace(",", ";").replace(".", ",") for line in some_rows(3))
+    path = tmp_path / "rig.csv"
+    for body in (rows, rows[:1]):
+        data = (header + feed * gap + feed + feed.join(body)).encode()
+        path.write_bytes(data)
+        for size in range(len(header) + 3, len(data) + 2, 3):
+            monkeypatch.setattr(csv_table, "CHUNK", size)
+            monkeypatch.setattr("beltid.bench.big_recording.HEAD", len(header) + 2 + size % 5)
+            same_as_read_at_once(path)
+    cut = path.with_name("cut.csv")
+    cut.write_bytes(data[: data.rindex(b";")])
+    with pytest.raises(InputError, match=rf"cut\.csv:{gap + 2}: 7 cells, must be 8"):
+        list(open_big(cut))
+
+
+def test_the_only_row_behind_megabytes_of_blank_lines(tmp_path: Path) -> None:
+    header, row = (line.replace(",", ";").replace(".", ",") for line in some_rows(1))
+    path = tmp_path / "rig.csv"
+    path.write_text(header + "\n" * (3 << 20) + row)
+    same_as_read_at_once(path)
+    (run,) = open_big(path)
+    assert run.columns["tension_tight_N"].tolist() == [float(row.split(";")[2].replace(",", "."))]
+
+
 def test_cells_over_several_lines_end_anywhere_in_a_chunk(
     small_chunks: None, tmp_path: Path
 ) -> None:

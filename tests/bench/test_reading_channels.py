@@ -250,6 +250,37 @@ def test_turns_per_second_of_a_drehzahl_are_clear(tmp_path):
     assert speed[-1] == pytest.approx(60 * 2 * np.pi, rel=1e-12)
 
 
+@pytest.mark.parametrize("name", ["RPM", "U/min", "1/min", "min-1", "Drehzahl", "pulley_rpm"])
+@pytest.mark.parametrize("stated", [False, True])
+def test_turns_per_minute_by_name_are_never_radians(tmp_path, name, stated):
+    columns = {"columns": {"rig": {"pulley_speed_rad_s": name}}}
+    path = write(tmp_path, RIG.replace("Drehzahl [1/min]", name), RIG_ROWS)
+    named = stated or name == "pulley_rpm"  # not a name that is recognised
+    recording = read(path, "rig", columns if named else {})
+    assert recording.columns["pulley_speed_rad_s"][-1] == pytest.approx(2 * np.pi, rel=1e-12)
+    (note,) = (n for n in recording.notes if name in n and "rpm" in n)
+    assert "pulley_speed_rad_s" in note
+    units = {"units": {"rig": {"pulley_speed_rad_s": "rad/s"}}}
+    (found,) = problems(path, "rig", columns | units)
+    assert all(word in found for word in ("bench.csv:1", name, "pulley_speed_rad_s: rpm"))
+    units = {"units": {"rig": {"pulley_speed_rad_s": {"factor": 1.0}}}}
+    assert read(path, "rig", columns | units).columns["pulley_speed_rad_s"][-1] == 60.0
+
+
+def test_the_unit_of_an_ambiguous_speed_is_asked_for(tmp_path):
+    path = write(tmp_path, RIG.replace("Drehzahl [1/min]", "Speed"), RIG_ROWS)
+    (found,) = problems(path, "rig")
+    assert "pulley_speed_rad_s: rpm" in found
+    assert "pulley_speed_rad_s: rad/s" in found
+
+
+def test_a_mass_is_its_weight(tmp_path):
+    header = RIG.replace("Leertrum [N]", "Gewicht [kg]")
+    config = {"rig": {"kind": "dead_weight", "weight_on": "slack"}}
+    weight = read(write(tmp_path, header, RIG_ROWS), "rig", config).columns["weight_N"]
+    assert weight[0] == pytest.approx(150 * 9.80665, rel=1e-12)
+
+
 def test_a_decimal_comma_in_quotes_between_commas(tmp_path):
     path = tmp_path / "bench.csv"
     rows = ['"0","0,5","10,25"', '"1","0,6","20,5"', '"2","0,7","30"']

@@ -14,6 +14,9 @@ from beltid.tables.units import CONVERSIONS, allowed_units, canonical_unit, conv
     [
         (1.0, "kN", "N", 1000.0),
         (1.0, "lbf", "N", 4.4482216152605),
+        (1.0, "lb", "N", 4.4482216152605),
+        (3.0, "kg", "N", 29.41995),
+        (500.0, "g", "N", 4.903325),
         (2.0, "in", "mm", 50.8),
         (64.0, "µm", "mm", 0.064),
         (0.001, "m", "mm", 1.0),

@@ -37,6 +37,11 @@ How = Literal["config", "own name", "recognised"]
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
 """Units of raw signals, which need a calibration."""
 _TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
+_IN_RPM: Final = re.compile(
+    r"drehzahl|(?<!\d)(?<!\d )rpm|\b(?:upm|(?:u|1|r|tr|rev|tours)/min|min(?:\^?-|⁻)[1¹])(?!\w)",
+    re.IGNORECASE,
+)
+"""Names of speeds in turns per minute."""
 
 
 def _in_other_units(column: Column) -> dict[str, tuple[str, str]]:
@@ -297,8 +302,20 @@ def are_recordings(
 
 def unit_of(candidate: Candidate) -> str:
     """Return the unit of a channel as written in the file, in a unit cell or in the name."""
-    ending = OTHER_UNITS.get(candidate.base, ("", ""))[1]
-    return candidate.unit or unit_in_name(candidate.name) or ending
+    if canonical_unit(candidate.unit) not in ("", "-", "1"):
+        return candidate.unit
+    in_rpm = "rpm" if _is_in_rpm_by_name(candidate) else ""
+    return _unit_in_name(candidate) or in_rpm or candidate.unit
+
+
+def _unit_in_name(candidate: Candidate) -> str:
+    return unit_in_name(candidate.name) or OTHER_UNITS.get(candidate.base, ("", ""))[1]
+
+
+def _is_in_rpm_by_name(candidate: Candidate) -> bool:
+    """Return whether the name alone says that a channel without a unit is in turns per minute."""
+    unitless = canonical_unit(candidate.unit) in ("", "-", "1") and not _unit_in_name(candidate)
+    return unitless and bool(_IN_RPM.search(candidate.name))
 
 
 def _date_of(
@@ -323,7 +340,8 @@ def notes_of(
     notes = []
     for role, mapping in mappings.items():
         if mapping.how == "recognised":
-            notes.append(f"read {mapping.candidate.shown} as {role}")
+            by_name = " in rpm, by its name," if _is_in_rpm_by_name(mapping.candidate) else ""
+            notes.append(f"read {mapping.candidate.shown}{by_name} as {role}")
         elif mapping.unit_stated and mapping.conversion != Conversion(1.0):
             unit = table.column(role).unit
             unit_in_file = unit_of(mapping.candidate) or "the unit stated"
@@ -419,14 +437,21 @@ def _mapping(
 def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -> str:
     """Return why the unit of a channel is unclear; "" if it is clear or the config states it.
 
-    Either name and unit cell contradict each other, or the file states a scaling for whole numbers
-    that may be counts.
+    Either name and unit cell contradict each other, or the config calls turns per minute radians,
+    or the file states a scaling for whole numbers that may be counts.
     """
-    if column.name in context.options.units:
-        return ""
     candidate, shown = mapping.candidate, mapping.shown
     line = f"units: {{{context.kind}: {{{column.name}: "
-    in_name = unit_in_name(candidate.name) or OTHER_UNITS.get(candidate.base, ("", ""))[1]
+    stated = context.options.units.get(column.name)
+    in_radians = isinstance(stated, str) and canonical_unit(stated) == "rad/s"
+    if in_radians and _is_in_rpm_by_name(candidate):
+        return (
+            f"{shown} is in rpm by its name, not in rad/s: state {line}rpm}}}}, or "
+            f"{line}{{factor: 1, offset: 0}}}}}} if its numbers are in rad/s in spite of its name"
+        )
+    if stated is not None:
+        return ""
+    in_name = _unit_in_name(candidate)
     units = [unit for unit in (in_name, candidate.unit) if conversion(unit, column.unit)]
     if len({conversion(unit, column.unit) for unit in units}) > 1:
         name, cell = map(canonical_unit, units)
@@ -503,8 +528,10 @@ def unit_conversion(
             return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
         bracket = IN_NAME.search(name)
         what = f'is "{bracket[1]}", which is not known' if bracket else "is missing"
+        or_rpm = f" or {line}rpm}}}}" if column.unit == "rad/s" else ""
         return (
-            f"the unit of {name}, read as {column.name}, {what}; state it: {line}{column.unit}}}}}"
+            f"the unit of {name}, read as {column.name}, {what}; "
+            f"state it: {line}{column.unit}}}}}{or_rpm}"
         )
     if plain in RAW:
         return (

@@ -97,7 +97,8 @@ _ARC: Final = _words(
 )
 _SPEED: Final = _words(
     "n scheibe,n riemenscheibe,n pulley,n poulie,drehzahl,winkelgeschwindigkeit,"
-    "scheibendrehzahl,umfangsgeschwindigkeit,speed,rpm,omega,"
+    "scheibendrehzahl,umfangsgeschwindigkeit,speed,rpm,upm,u min,1 min,"
+    "tr min,min 1,omega,"
     "angular speed,angular velocity,rotational speed,rotation speed,rotary speed,velocity,"
     "vitesse,vitesse de rotation,vitesse angulaire",
     "pulley scheibe riemenscheibe motor poulie de la du the of ist actual act drive encoder",

@@ -177,7 +177,7 @@ def _whole_rows(
             rest += chunk
             if len(rest) > LONGEST_ROW:
                 raise InputError(f"{name}:{line}: the row is longer than {LONGEST_ROW} bytes")
-    if rest and not rest.endswith((b"\n", b"\r")):
+    if rest and not rest.endswith((b"\n", b"\r")) and CUT_OFF not in notes:
         notes.append(CUT_OFF)
     if rest:
         yield line, _single_feeds(rest + b"\n")

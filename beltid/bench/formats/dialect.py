@@ -38,7 +38,7 @@ CELL_LINES: Final = 10
 """Maximum number of lines in a cell of the header."""
 BLOCK: Final = 5
 """Number of similar rows that mark the beginning of the numbers."""
-_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J g kg mm/s mm/min m/s m/s^2 m/s²"
+_OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"
 OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 """Units that none of our columns has, but that occur in a row of units."""
 LONGEST_NAME: Final = 300
@@ -54,6 +54,10 @@ POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """Number that distinguishes channels of the same name."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
+
+
+class NoRowsError(InputError):
+    """A text without a header, or without a row below it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,14 +188,16 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     unit_cells, first = _units_row(top, units_at, separator, stated=dialect.units_row)
     body = "".join(text.split("\n", first)[first:])
     if not body.strip():
-        raise InputError(f"{name}: holds no samples, only a header in line {at + 1}")
+        raise NoRowsError(f"{name}: holds no samples, only a header in line {at + 1}")
+    blank = body[: len(body) - len(body.lstrip())]  # the first rows tell how numbers are written
+    body = body[blank.rfind("\n") + 1 :]
     unsigned = Layout(
         distinct_names(header),
         unit_cells,
         separator,
         NumberSigns(),
         body.encode(),
-        first + 1,
+        first + blank.count("\n") + 1,
         (),
         at + 1,
         fields,
@@ -242,7 +248,7 @@ def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> i
             if comments:
                 notes.append(f"{comments} lines beginning with # before the header left out")
             return at
-    raise InputError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
+    raise NoRowsError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
 
 
 def _is_separated_by_blanks(top: Sequence[str], at: int) -> bool:

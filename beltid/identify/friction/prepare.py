@@ -41,7 +41,12 @@ from beltid.identify.friction.channels import (
 )
 from beltid.identify.friction.kinds import SPANS, Span
 from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import RunRecord, RunReduction, RunRejected
+from beltid.identify.friction.run import (
+    NAN,
+    RunRecord,
+    RunReduction,
+    RunRejected,
+)
 from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
 
@@ -66,6 +71,8 @@ MAX_IMBALANCE = 0.2
 """Largest difference of the two cells at rest over their mean [-]."""
 MAX_NOISE_RATIO = 2.5
 """Largest ratio of the noise while sliding to that at rest; above it the belt stick-slips [-]."""
+FEWEST_BUILT = 3
+"""Fewest samples of the build-up that show its travel."""
 ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
@@ -127,6 +134,10 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.notes = _rotation_notes(rotation, channels)
 
     rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
+    run.rest_N = (
+        rest.tension_N + 0.5 * rest.imbalance_N,
+        rest.tension_N - 0.5 * rest.imbalance_N,
+    )
     if kind.weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(kind.weight)])
         rest = replace(
@@ -147,6 +158,7 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
 
     held = channels if kind.weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
+    run.take_up_m = R * _take_up(phase)
     n = phase.time_s.size - phase.slide
     if n < FEWEST_SLIDING:
         raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
@@ -169,6 +181,15 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
             f"allowed is {MAX_NOISE_RATIO:g} times"
         )
     return sliding
+
+
+def _take_up(phase: SlidingPhase) -> float:
+    """Return the angle of the build-up [rad], by its first two thirds: its end may be slow."""
+    difference = phase.tensions[:, 0] - phase.tensions[:, 1]
+    at_rest, settled = median(difference[: phase.first]), median(difference[phase.slide :])
+    building = difference[phase.first : phase.built + 1]
+    samples = np.count_nonzero(building < at_rest + (settled - at_rest) / 1.5)
+    return 1.5 * float(phase.angle[phase.first + samples]) if samples >= FEWEST_BUILT else NAN
 
 
 def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:

@@ -135,6 +135,11 @@ class RunReduction(RunHeader):
     imbalance_se_N: float = NAN
     held: float = NAN
     """Imbalance that zeros of the cells do not explain, over the initial tension [-]."""
+    rest_N: tuple[float, float] = (NAN, NAN)
+    """Readings of the tight and the slack span at rest [N]."""
+    take_up_m: float = NAN
+    """Travel of the pulley's surface during the build-up [m]; nan if the record does not resolve
+    it."""
     start_time_s: float = NAN
     """First sample at which the pulley turns [s]."""
     peak_time_s: float = NAN

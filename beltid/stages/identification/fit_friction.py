@@ -16,6 +16,7 @@ from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
 from beltid.identify.friction.reduction import RunReduction
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading
+from beltid.stages.identification.plausible import refuse_implausible
 from beltid.stages.identification.reduction import (
     TOUCHING,
     FrictionTable,
@@ -108,6 +109,10 @@ def _outcome(
     name: str,
     notes: tuple[str, ...],
 ) -> Outcome[tuple[RunReduction, ...]]:
+    try:
+        refuse_implausible(runs, config, rig_kind(config))
+    except InputError as error:
+        raise InputError(error.at(name)) from None
     runs = with_conditions(runs, config)
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     # coefficients stated in a table do not depend on the calibration of a rig

@@ -246,7 +246,7 @@ def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> di
 def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool) -> list[str]:
     """Return commented lines with the default units of columns whose units are not stated."""
     lines = [
-        f"#     {role}: {_quoted(unit)}  # if correct"
+        f"#     {role}: {_quoted(unit)}  # if correct{', or rpm' if unit == 'rad/s' else ''}"
         for role, mapping in mappings.items()
         if mapping.how == "recognised" and not mapping.unit_stated
         if (unit := schemas.table(kind).column(role).unit)
