@@ -16,7 +16,7 @@ import pytest
 import beltid as beltid_api
 from golden import benches, kept
 from golden.door import ROOT, beltid, configured, done, refused
-from golden.test_benches import CELL, errors, friction
+from golden.test_benches import CELL, GEOMETRY, errors, friction
 from golden.test_mechanics import LAW_5PK, drive, points, section_of
 
 CODE = 'coding=unicode_escape\nopen("P","w")#'
@@ -78,7 +78,8 @@ def test_turns_per_minute_are_never_radians_per_second(tmp_path: Path) -> None:
 
 def test_a_weight_in_kilograms_is_no_force(tmp_path: Path) -> None:
     rig = benches.Rig(holds="weight_tight")
-    frame = rig.recording().drop(columns=["tension_tight_N", "torque_N_m", "hub_force_N"])
+    frame = rig.recording()[["time_s", *GEOMETRY, "tension_slack_N", "weight_N"]]
+    frame = frame.drop(columns="initial_tension_N")
     frame["weight_N"] /= 9.80665
     config = {"rig": {"kind": "dead_weight", "weight_on": "tight"}}
     refused(friction(tmp_path, frame, config), "weight_N", "kg")
