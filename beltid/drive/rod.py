@@ -521,7 +521,9 @@ class _Running:
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
         if np.any(sticks[1:] & sticks[:-1]):
             return 0.0
-        return abs(float(patches.slip[entry]))
+        # a slack belt may touch the pulley only behind the entry
+        first = entry + int(np.argmax(patches.limit[entry:] > 0.0))
+        return abs(float(patches.slip[first]))
 
     def _failure(self, rounds: int, hint: str = "") -> ConvergenceError:
         iterations, residual = int(self.outcome.iterations[0]), float(self.outcome.residual[0])

@@ -150,6 +150,8 @@ class RodLevel:
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
+            if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
+                return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods, slip = self._rods(state, rest.T_0, near)
             if np.isnan(slip).any():
                 return replace(state, arcs=state.arcs._replace(slip=slip))
@@ -256,7 +258,7 @@ class RodLevel:
             cached.states.append(rod)
             rods.append(rod)
             slip[i] = rod.whole_slip
-            if slip[i] > self.fastest:
+            if slip[i] > self.fastest or rod.W <= 0.0:
                 slip[i] = math.nan
         return tuple(rods), slip
 

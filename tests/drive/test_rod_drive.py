@@ -136,6 +136,20 @@ def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
     )
 
 
+def test_a_slack_belt_that_sticks_nowhere_is_in_full_slip() -> None:
+    """At 20 N the belt touches the driven pulley only 23 mm behind the tangent point."""
+    f, v = np.geomspace(20.0, 30000.0, 40), np.geomspace(5e-4, 10.0, 40)
+    mu = 0.7 * (f[:, None] / 5000.0) ** -0.15 * (v / 0.01) ** (0.4 / 3.0)
+    drive = two_pulleys(surface=FrictionSurface(f, v, mu))
+    points = [DrivePoint(62.8, 310.0, (0.0, torque)) for torque in (36.0, 37.6)]
+    for result in simulate(drive, points, method="rod"):
+        assert result.status == ("full slip", "full slip")
+        # driver and driven pulley slide over the same arc with nearly the same forces
+        slips = [rod.whole_slip for rod in result.state.rods if rod is not None]
+        assert slips[0] == pytest.approx(slips[1], rel=0.01)
+        assert result.loss.slip[1] > 0.9 * result.loss.total[1]
+
+
 def test_a_belt_that_bends_is_longer_where_it_leaves_a_pulley() -> None:
     """Against the elastica on a bed of 70 MN/m², solved as a boundary-value problem [m].
 
