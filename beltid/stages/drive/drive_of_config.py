@@ -17,14 +17,10 @@ from beltid.drive.rod import SHORTEST_SPAN
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import HALF_TREND, NEAREST
 from beltid.rigsim.beam.path import bending_length
 
 ALIKE_RADII: Final = (0.7, 1.5)
 """Pulley radius over rig radius for which the laws may hold: wedging changes with curvature."""
-
-SLOW_TREND: Final = {"half_trend": HALF_TREND, "nearest": NEAREST}
-"""Share of the trend for each value of `drive.slow_friction`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +64,6 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         _tensioner(section, names),
         section.back_friction,
         math.inf if shear is None else shear,
-        SLOW_TREND[section.slow_friction],
-        section.loop_length == "bent",
     )
 
 

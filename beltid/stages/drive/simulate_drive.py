@@ -183,7 +183,6 @@ def _outcome(
         set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
         extra={
             "method": method,
-            "slow_friction": config.drive.slow_friction,
             "n_failed": len(failed),
             "loaded_pulley": loaded,
             "uncertainty_by_string": by_string,
@@ -455,8 +454,8 @@ def _slower_than_measured(drive: Drive) -> str:
     if drive.friction is drive.surface.tables():
         return f"{subject} is taken at that speed"
     return (
-        f"{subject} is continued with half of the trend there (drive.slow_friction): the mean of "
-        "no trend and the full trend, which bound its uncertainty"
+        f"{subject} is continued with half of the trend there: the mean of no trend and the full "
+        "trend, which bound its uncertainty"
     )
 
 
