@@ -76,7 +76,7 @@ class OperatingPointsSection(Section):
 class DriveSection(Section):
     """A belt drive: pulleys in the order of the belt, installation, operating points."""
 
-    method: Literal["string", "rod"] = "string"
+    method: Literal["string", "rod"] = "rod"
     installation: Installation = "fixed_centres"
     initial_tension_N: (
         Annotated[

@@ -97,6 +97,19 @@ class _CachedRod:
         return min(self.states, key=distance, default=None)
 
 
+def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
+    """Describe the spans that are shorter than six bending lengths at their force."""
+    names = [pulley.name for pulley in drive.pulleys]
+    shortest = [SHORTEST_SPAN * bending_length(drive.belt.EI, force) for force in P.tolist()]
+    return [
+        f"span {name} to {names[(i + 1) % len(names)]}: {spans[i]:.3g} m, must be at least "
+        f"{shortest[i]:.3g} m, six bending lengths of the belt at {P[i]:.3g} N, for drive.method: "
+        "rod; string has no bending"
+        for i, name in enumerate(names)
+        if spans[i] < shortest[i]
+    ]
+
+
 class RodLevel:
     """The pulleys of a drive at rod level.
 

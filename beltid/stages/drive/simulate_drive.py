@@ -21,6 +21,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
 from beltid.drive.rod import ribs_shear
+from beltid.drive.rod_level import short_spans
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -46,9 +47,16 @@ from beltid.uncertainty.drive import (
     DriveUncertainty,
     change_by_slower_friction,
     drive_uncertainty,
+    without_bending,
 )
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, drive_sources, shear_source, slower_source
+from beltid.uncertainty.sources import (
+    Source,
+    bending_source,
+    drive_sources,
+    shear_source,
+    slower_source,
+)
 
 KIND: Final = "drive"
 KEYS: Final = (
@@ -230,11 +238,19 @@ def _solve_points(
     failed: list[tuple[LabelledPoint, ConvergenceError]] = []
     for labelled in points:
         try:
-            good.append((labelled, simulator.solve(labelled.point)))
+            result = simulator.solve(labelled.point)
+            if result.state.rods:
+                too_short = short_spans(result.drive, result.state.laid.spans, result.state.P)
+                if too_short:
+                    raise ConvergenceError(too_short)
+            good.append((labelled, result))
         except ConvergenceError as error:
             failed.append((labelled, error))
     if not good:
-        raise NumericsError([f"point {labelled.run}: {error}" for labelled, error in failed])
+        problems = [f"point {labelled.run}: {error}" for labelled, error in failed]
+        if simulator.method == "rod":
+            problems.append("drive.method: string does without rods")
+        raise NumericsError(problems)
     return good, failed
 
 
@@ -253,6 +269,9 @@ def _uncertainty(
         sources = (*sources, shear_source(SHEAR_WITHOUT_BENDING))
         losses = np.array([result.in_order(result.loss.total) for result in results])
         uncertainty = uncertainty.with_source(SHEAR_WITHOUT_BENDING * np.abs(losses))
+    if config.drive.method == "string":
+        sources = (*sources, bending_source())
+        uncertainty = uncertainty.with_source(without_bending(results))
     slower_friction = change_by_slower_friction(drive, points, results)
     if slower_friction.any():
         sources = (*sources, slower_source())
@@ -427,8 +446,9 @@ def _notes(
         notes.append(_slower_than_measured(drive))
     if method == "rod":
         notes.append(
-            "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
-            "full slip, uncertainties those of the string, which carries about 2 % more torque"
+            "speeds and torques are those of the rod; arcs used, shares, slip limits and, short of "
+            "full slip, uncertainties those of the string: the limits may be too high for a belt "
+            "that bends, by up to a fifth with a given slack force"
         )
     if by_string:
         notes.append(
