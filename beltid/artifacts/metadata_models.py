@@ -465,12 +465,10 @@ class DriveMetadata(Metadata):
 
     `loaded_pulley` is the loaded pulley of the recording that is repeated, if any.
     `uncertainty_by_string` lists the points with slipping rods that take an uncertainty from the
-    string model, because the rod has no steady state with that error. `slow_friction` is the
-    extrapolation of friction below the slowest measured sliding speed.
+    string model, because the rod has no steady state with that error.
     """
 
     n_failed: Count | None = None
-    slow_friction: str | None = None
     loaded_pulley: str | None = None
     uncertainty_by_string: Listed[str] = ()
     slip_limits: Listed[SlipLimitRow] = ()

@@ -9,8 +9,6 @@ from pydantic import Field
 from beltid.config.fields import Checked, ListOf, Number, Section, Text, complain
 
 Installation = Literal["fixed_centres", "slack_force", "tensioner"]
-LoopLength = Literal["string", "bent"]
-SlowFriction = Literal["half_trend", "nearest"]
 Metres = Annotated[float, Number(-100, 100, "m")]
 Numbers = tuple[float, ...]
 
@@ -78,7 +76,7 @@ class OperatingPointsSection(Section):
 class DriveSection(Section):
     """A belt drive: pulleys in the order of the belt, installation, operating points."""
 
-    method: Literal["string", "rod"] = "string"
+    method: Literal["string", "rod"] = "rod"
     installation: Installation = "fixed_centres"
     initial_tension_N: (
         Annotated[
@@ -98,8 +96,6 @@ class DriveSection(Section):
     operating_points: OperatingPointsSection = OperatingPointsSection()
     back_friction: Annotated[float, Number(0.01, 5)] = 0.5
     idler_torque_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.0
-    slow_friction: SlowFriction = "half_trend"
-    loop_length: LoopLength = "string"
 
     @property
     def driving(self) -> str:

@@ -1,9 +1,8 @@
 """Compare predicted with measured speed losses, per point and as a verdict.
 
-Below full slip the loss does not depend on friction. So a recording tests a part of the loss only
-if that part exceeds the uncertainty: it resolves a part that exceeds three standard uncertainties
-of the difference at some point, and it does not test friction unless a pulley slides on most of its
-arc.
+A recording tests a part of the loss only if that part exceeds the uncertainty: it resolves a part
+that exceeds three standard uncertainties of the difference at some point. Short of full slip the
+loss hardly depends on friction, so that it is not tested unless a pulley slides on most of its arc.
 """
 
 from __future__ import annotations

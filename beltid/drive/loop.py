@@ -8,12 +8,13 @@ driver, the length of the belt or a given force, the moment of the arm, the spee
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root_scalar
+from scipy.optimize import brentq
 
 from beltid.drive.geometry import Layout, arm_lever, layout, preceding, spring_moment
 from beltid.drive.model import Drive, DrivePoint
@@ -32,6 +33,8 @@ MOST_HALVINGS: Final = 12
 MOST_JACOBIANS: Final = 3
 """Jacobians tried from one state: the present one, and new ones by differences to both sides."""
 DIFFERENCE: Final = 1e-7
+ARM_STEP: Final = math.radians(0.5)
+"""Step in which the arm of a tensioner is turned until its moment changes sign [rad]."""
 SLACK: Final = 1e-5
 """A span with less than this share of the largest span force is slack."""
 
@@ -143,15 +146,7 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
                 f"its spring asks for a belt tension of {T_0:.4g} N"
             )
         return _laid_at_rest(drive, level, T_0, angle)
-    try:
-        solution = root_scalar(
-            lambda a: _tension_of_arm(drive, a) / T_0 - 1.0, x0=angle, x1=angle + 1e-3, xtol=1e-13
-        )
-    except InputError:
-        solution = None
-    if solution is None or not solution.converged:
-        raise InputError(f"tensioner: no equilibrium with a belt tension of {T_0:g} N at rest")
-    return _laid_at_rest(drive, level, T_0, float(solution.root))
+    return _laid_at_rest(drive, level, T_0, _angle_of_arm(drive, T_0))
 
 
 def _laid_at_rest(drive: Drive, level: Level, T_0: float, angle: float | None) -> RestState:
@@ -177,6 +172,29 @@ def _arm_side(drive: Drive) -> float:
     """Return the sense in which the arm has left its free angle: +1 anticlockwise."""
     assert drive.tensioner is not None
     return math.copysign(1.0, _stated_angle(drive) - drive.tensioner.free_angle)
+
+
+def _angle_of_arm(drive: Drive, T_0: float) -> float:
+    """Return the angle in which the arm, let go in its mean position, comes to rest [rad]."""
+    start, arm, side = _stated_angle(drive), drive.tensioner, _arm_side(drive)
+    assert arm is not None
+
+    def moment(angle: float) -> float:
+        laid = layout(drive, angle)
+        belt = arm_lever(arm, laid, np.full(laid.spans.size, T_0))
+        return belt + spring_moment(arm, angle, side)
+
+    angle = start
+    step = math.copysign(ARM_STEP, moment(angle))
+    with suppress(InputError):  # no belt path fits at a farther angle
+        while abs(angle - start) < math.pi:
+            if moment(angle + step) * step <= 0.0:
+                return float(brentq(moment, angle, angle + step, xtol=1e-13))
+            angle += step
+    raise InputError(
+        f"tensioner: no equilibrium with a belt tension of {T_0:g} N at rest, from "
+        f"{math.degrees(start):.4g} to {math.degrees(angle):.4g} deg"
+    )
 
 
 def _tension_of_arm(drive: Drive, angle: float) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import NEAREST, continued
+from beltid.laws.slow_friction import HALF_TREND, continued
 from beltid.laws.surface_tables import SurfaceTables
 from beltid.params import Belt
 
@@ -110,10 +110,7 @@ class Drive:
         for ribs that do not shear.
     slow_trend : float
         Share of the trend at the slowest measured speed with which friction is extrapolated below
-        it, (D14) [-], 0 to 1; with 0 the nearest measured value applies.
-    bent_length : bool
-        Whether the loop of rods is closed with the length of a belt that bends, (D15), rather than
-        with that of a string.
+        it, (D14) [-], 0 to 1. Another share than half of it bounds the uncertainty.
 
     Attributes
     ----------
@@ -135,8 +132,7 @@ class Drive:
     tensioner: Tensioner | None = None
     back_friction: float = 0.5
     shear_stiffness: float = math.inf
-    slow_trend: float = NEAREST
-    bent_length: bool = False
+    slow_trend: float = HALF_TREND
     friction: SurfaceTables = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

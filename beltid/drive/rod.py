@@ -23,7 +23,7 @@ from beltid.drive.model import Drive
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import NEAREST, continued
+from beltid.laws.slow_friction import HALF_TREND, continued
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rigsim.beam.belt import belt_arrays
 from beltid.rigsim.beam.path import bed_length, bending_length
@@ -135,7 +135,7 @@ class RodPulley:
     points_per_element: int = 5
     elements: int | None = None
     shear_stiffness: float = math.inf
-    slow_trend: float = NEAREST
+    slow_trend: float = HALF_TREND
     model: RigModel = field(init=False, repr=False, compare=False)
     behind_entry: int = field(init=False, repr=False, compare=False)
 
@@ -521,7 +521,9 @@ class _Running:
         sticks = (patches.status == STICK) & (patches.limit > 0.0)
         if np.any(sticks[1:] & sticks[:-1]):
             return 0.0
-        return abs(float(patches.slip[entry]))
+        # a slack belt may touch the pulley only behind the entry
+        first = entry + int(np.argmax(patches.limit[entry:] > 0.0))
+        return abs(float(patches.slip[first]))
 
     def _failure(self, rounds: int, hint: str = "") -> ConvergenceError:
         iterations, residual = int(self.outcome.iterations[0]), float(self.outcome.residual[0])

@@ -24,7 +24,8 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rod import SHORTEST_SPAN, RodPulley, RodState, pulley_map
 from beltid.drive.string import Arcs, StringLevel
 from beltid.errors import ConvergenceError, InputError
-from beltid.rigsim.beam.path import bending_length
+from beltid.rigsim.beam.path import Path, bending_length
+from beltid.rigsim.steady import lay_on
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,6 @@ TENSION_STEP: Final = 0.05
 """Step of the logarithm of the tension within which tensions share a mesh."""
 REMEMBERED: Final = 12
 """Number of stored states per pulley; the next solution starts from the nearest one."""
-BY_HAND: Final = 0.01
-"""Flow of a belt that is turned by hand while it is tightened [m/s]."""
 FASTEST_WITHOUT_RANGE: Final = 0.05
 """Largest sliding speed over belt speed, for friction without a speed range [-]."""
 
@@ -73,9 +72,7 @@ class Corrected:
         )
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return the length of the loop beyond that of a string [m], (D15), or 0 if not used."""
-        if not self.drive.bent_length:
-            return 0.0
+        """Return the length of the loop beyond that of a string [m], (D15)."""
         return extra_length(self.drive, laid, P) + self.length
 
 
@@ -98,6 +95,19 @@ class _CachedRod:
             return sum(abs(math.log(step)) for step in steps)
 
         return min(self.states, key=distance, default=None)
+
+
+def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
+    """Describe the spans that are shorter than six bending lengths at their force."""
+    names = [pulley.name for pulley in drive.pulleys]
+    shortest = [SHORTEST_SPAN * bending_length(drive.belt.EI, force) for force in P.tolist()]
+    return [
+        f"span {name} to {names[(i + 1) % len(names)]}: {spans[i]:.3g} m, must be at least "
+        f"{shortest[i]:.3g} m, six bending lengths of the belt at {P[i]:.3g} N, for drive.method: "
+        "rod; string has no bending"
+        for i, name in enumerate(names)
+        if spans[i] < shortest[i]
+    ]
 
 
 class RodLevel:
@@ -150,6 +160,8 @@ class RodLevel:
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
                 return state
+            if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
+                return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods, slip = self._rods(state, rest.T_0, near)
             if np.isnan(slip).any():
                 return replace(state, arcs=state.arcs._replace(slip=slip))
@@ -178,26 +190,25 @@ class RodLevel:
         return self.level.arcs(P_in, P_out, v0, wraps)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return the length of the loop at rest beyond that of a string [m], (D15).
-
-        The force is uniform. The belt is tightened while it is turned by hand, with the friction at
-        the entries of an idling drive.
-        """
-        if not self.drive.bent_length:
-            return 0.0
+        """Return the length of the loop at rest beyond that of a string [m], at a uniform force."""
         bent = extra_length(self.drive, laid, P)
         return bent + self._beyond_bending_at_rest(laid, float(P[0]))
 
     def _beyond_bending_at_rest(self, laid: Layout, T_0: float) -> float:
-        if not self.drive.bent_length or self.drive.installation == "slack_force":
+        """Return the length beyond (D15) of rods that are laid on without friction [m]."""
+        if self.drive.installation == "slack_force":
             return 0.0
         key = (T_0, tuple(laid.wraps.tolist()))
         if key not in self._lengths_at_rest:
-            P = np.full(len(self.drive.pulleys), T_0)
-            arcs = self.level.arcs(P, P, BY_HAND, laid.wraps)
-            state = LoopState(P, BY_HAND, None, laid, arcs)
-            rods, _ = self._rods(state, T_0, None)
-            self._lengths_at_rest[key] = self._corrected(state, arcs, rods).length
+            P, length = np.full(len(self.drive.pulleys), T_0), 0.0
+            on_arcs = self.level.arcs(P, P, 0.0, laid.wraps).length
+            for i, pulley in enumerate(self.drive.pulleys):
+                if pulley.ribs:
+                    model = self._rod(i, laid, T_0).pulley.model
+                    rod = lay_on(replace(model, point=replace(model.point, T_0=T_0)))
+                    own = rod.stretch * model.path.length - float(on_arcs[i])
+                    length += own - self._bent_spans(i, model.path, (T_0, T_0), 0.0)
+            self._lengths_at_rest[key] = length
         return self._lengths_at_rest[key]
 
     def _corrected(
@@ -210,19 +221,19 @@ class RodLevel:
                 continue
             torque[i] = rod.torque - of_string.torque[i]
             speed[i] = rod.W / of_string.W[i]
-            if self.drive.bent_length:
-                length += self._beyond_bending(i, rod, float(of_string.length[i]))
+            path, forces = rod.contact.model.path, (rod.P_in, rod.P_out)
+            own = rod.contact.stretch * path.length - float(of_string.length[i])
+            length += own - self._bent_spans(i, path, forces, rod.v0)
         return Corrected(self.drive, self.level, torque, speed, length)
 
-    def _beyond_bending(self, i: int, rod: RodState, on_arc: float) -> float:
-        """Return the length of a rod beyond (D15) and the string's ``on_arc`` on the arc [m]."""
-        path = rod.contact.model.path
-        length = rod.contact.stretch * path.length - on_arc
-        for P in (rod.P_in, rod.P_out):
+    def _bent_spans(self, i: int, path: Path, forces: tuple[float, float], v0: float) -> float:
+        """Return the stress-free length of the spans computed with a rod, by (D15) [m]."""
+        length = 0.0
+        for P in forces:
             # the far end of the computed span stays on the tangent of the circle
             tilts = further_out(self.drive, i, P) ** 2 / (2.0 * path.span)
             bent = path.span + extra_at_end(self.drive, i, P) - tilts
-            length -= bent / float(self.drive.stretch(P, rod.v0))
+            length += bent / float(self.drive.stretch(P, v0))
         return length
 
     def _rods(
@@ -252,7 +263,7 @@ class RodLevel:
             cached.states.append(rod)
             rods.append(rod)
             slip[i] = rod.whole_slip
-            if slip[i] > self.fastest:
+            if slip[i] > self.fastest or rod.W <= 0.0:
                 slip[i] = math.nan
         return tuple(rods), slip
 

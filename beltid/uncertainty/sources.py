@@ -262,6 +262,12 @@ def drive_sources(
     return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
 
 
+def bending_source() -> Source:
+    """Return the source for the bending stiffness that a string has not, of unit size."""
+    words = "string without bending stiffness"
+    return Source(words, "without_bending", 0, 1.0, "1", 1.0, FITTED)
+
+
 def slower_source() -> Source:
     """Return the source for friction at sliding speeds below those measured, of unit size."""
     words = "friction slower than the slowest measured sliding"

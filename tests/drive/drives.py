@@ -38,6 +38,7 @@ def two_pulleys(**changes: Any) -> Drive:
         "law": LAW_5PK,
         "surface": surface_5pk(),
         "pulleys": (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05)),
+        "slow_trend": 0.0,  # the law of the tables: the nearest value below SLOWEST
     }
     return Drive(**(parts | changes))
 

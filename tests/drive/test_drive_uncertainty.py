@@ -16,13 +16,17 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt
-from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty
+from beltid.uncertainty.drive import (
+    change_by_slower_friction,
+    drive_uncertainty,
+    without_bending,
+)
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
 PRESS = PressLaw(LAW, np.zeros((2, 2)), 1.0e-4, 0.1)
-SLIPS, STICKS = DrivePoint(62.8, 155.0, (0.0, 16.0)), DrivePoint(62.8, 310.0, (0.0, 8.0))
+SLIPS, STICKS = DrivePoint(62.8, 40.0, (0.0, 22.0)), DrivePoint(62.8, 310.0, (0.0, 8.0))
 
 
 def rising(level: float) -> FrictionSurface:
@@ -33,7 +37,8 @@ def rising(level: float) -> FrictionSurface:
 
 def drive_on(surface: FrictionSurface) -> Drive:
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
-    return Drive(Belt(1.0e5, 0.02, 0.10), LAW, surface, pulleys)
+    belt = Belt(1.0e5, 0.02, 0.10)
+    return Drive(belt, LAW, surface, pulleys, installation="slack_force")
 
 
 def uncertain(level: float, u: float) -> UncertainSurface:
@@ -62,58 +67,79 @@ def test_the_friction_surface_acts_by_its_covariance() -> None:
 
 
 def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() -> None:
-    drive = drive_on(rising(0.8))
-    results = simulate(drive, [SLIPS], "rod")
+    drive, near_limit = drive_on(rising(0.6)), DrivePoint(62.8, 40.0, (0.0, 16.0))
+    results = simulate(drive, [near_limit], "rod")
     small, large = (
-        Source("torque", "torque", 0, size, "%", 0.01, "stated") for size in (1e-3, 0.25)
+        Source("torque", "torque", 0, size, "%", 0.01, "stated") for size in (1e-3, 0.08)
     )
     for source, by_string in ((small, False), (large, True)):
-        found = drive_uncertainty(drive, [SLIPS], results, PRESS, (source,))
+        found = drive_uncertainty(drive, [near_limit], results, PRESS, (source,))
         assert found.by_string.tolist() == [by_string]
+        assert np.isfinite(found.combined).all()
     # by hand: the drive solved again from scratch with the torque off
-    found = drive_uncertainty(drive, [SLIPS], results, PRESS, (small,))
-    (moved,) = simulate(drive, [SLIPS.scaled(1.001)], "rod")
+    found = drive_uncertainty(drive, [near_limit], results, PRESS, (small,))
+    (moved,) = simulate(drive, [near_limit.scaled(1.001)], "rod")
     change = moved.loss.total[1] - results[0].loss.total[1]
     assert found.shared[0, 1, 0] == pytest.approx(change, rel=1e-3)
     assert math.isclose(found.combined[0, 1], abs(change), rel_tol=1e-3)
 
 
-def test_friction_slower_than_measured_is_covered() -> None:
+def test_friction_slower_than_measured_is_between_no_trend_and_all_of_it() -> None:
     """A rig that measured from 2.5 mm/s on, a drive whose friction falls on to 0.5 mm/s."""
     v = np.geomspace(2.5e-3, 0.05, 30)
-    mu = [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2
-    drive = drive_on(FrictionSurface([10.0, 30000.0], v, mu))
-    rods, strings = (simulate(drive, [STICKS], method) for method in ("rod", "string"))
-    u = change_by_slower_friction(drive, [STICKS], rods)[0, 1]
+    drive = drive_on(
+        FrictionSurface([10.0, 30000.0], v, [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
+    )
+    (found,) = simulate(drive, [STICKS], "rod")
+    limits = [
+        simulate(replace(drive, slow_trend=share), [STICKS], "rod")[0].loss.total[1]
+        for share in (0.0, 1.0)
+    ]
+    assert min(limits) < found.loss.total[1] < max(limits)
+    u = change_by_slower_friction(drive, [STICKS], [found])[0, 1]
+    assert u == pytest.approx((limits[1] - limits[0]) / math.sqrt(12.0), rel=1e-4)
     (true,) = simulate(drive_on(rising(0.8)), [STICKS], "rod")
-    off = abs(true.loss.total[1] - rods[0].loss.total[1])
-    assert 0.5 * abs(u) < off < 2.0 * abs(u)
-    assert not change_by_slower_friction(drive, [STICKS], strings).any()
-    # half of the trend is in the middle: half the uncertainty of either limit, and it covers
-    half = replace(drive, slow_trend=0.5)
-    (middle,) = simulate(half, [STICKS], "rod")
-    u_half = change_by_slower_friction(half, [STICKS], [middle])[0, 1]
-    (whole,) = simulate(replace(drive, slow_trend=1.0), [STICKS], "rod")
-    spread = whole.loss.total[1] - rods[0].loss.total[1]
-    # one limit is solved: the losses bend over the share of the trend
-    assert u_half == pytest.approx(spread / math.sqrt(12.0), rel=0.15)
-    assert abs(true.loss.total[1] - middle.loss.total[1]) < 2.0 * abs(u_half)
+    assert abs(true.loss.total[1] - found.loss.total[1]) < 2.0 * abs(u)
 
 
 def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> None:
-    """Between the torques that use up the arcs with the whole and with half of the trend."""
+    """Between the torques that use up the arcs with the whole trend and without."""
     v = np.geomspace(2.5e-3, 0.05, 30)
-    mu = [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2
-    half = replace(drive_on(FrictionSurface([10.0, 30000.0], v, mu)), slow_trend=0.5)
-    whole = replace(half, slow_trend=1.0)
-    ends = [
-        slip_limit(Simulator(drive), DrivePoint(22.0, 155.0, (0.0, 10.0))).adhesion
-        for drive in (whole, half)
-    ]
-    point = DrivePoint(22.0, 155.0, (0.0, 5.0 * sum(ends)))
-    (here,), (there,) = (simulate(drive, [point]) for drive in (half, whole))
+    drive = drive_on(
+        FrictionSurface([10.0, 30000.0], v, [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
+    )
+    nearest, whole = (replace(drive, slow_trend=share) for share in (0.0, 1.0))
+    point = DrivePoint(22.0, 60.0, (0.0, 10.0))
+    ends = [slip_limit(Simulator(limit), point).adhesion for limit in (whole, nearest)]
+    point = point.scaled(0.5 * sum(ends))
+    (here,), (there,) = (simulate(limit, [point]) for limit in (nearest, whole))
     assert here.status == ("adhesion", "adhesion")
     assert "full slip" in there.status
+    u = change_by_slower_friction(drive, [point], simulate(drive, [point]))[0, 1]
     off = there.loss.total[1] - here.loss.total[1]
-    u = change_by_slower_friction(half, [point], [here])[0, 1]
-    assert abs(u) == pytest.approx(2.0 * off / math.sqrt(12.0), rel=1e-6)
+    assert u == pytest.approx(off / math.sqrt(12.0), rel=1e-6)
+
+
+# radius [m], EI [N m²], tension at rest [N], torque [N m]: the loss of rods is 13 % less to 7 %
+# more than that of strings
+BENT = [
+    (0.025, 0.024, 100.0, 3.0),
+    (0.031, 0.024, 700.0, 20.0),
+    (0.05, 0.020, 155.0, 9.0),
+    (0.05, 0.020, 310.0, 8.0),
+    (0.08, 0.050, 400.0, 30.0),
+]
+
+
+def test_the_uncertainty_of_a_string_covers_that_it_does_not_bend() -> None:
+    over_u = []
+    for R, EI, T_0, torque in BENT:
+        pulleys = (Pulley("driver", 0.0, 0.0, R), Pulley("driven", 2.0 * R + 0.2, 0.0, R))
+        drive = Drive(Belt(1.0e5, EI, 0.10), LAW, rising(0.9), pulleys)
+        point = [DrivePoint(40.0, T_0, (0.0, torque))]
+        (string,), (rod,) = (simulate(drive, point, method) for method in ("string", "rod"))
+        u = without_bending([string])[0]
+        assert u[0] == 0.0
+        over_u.append((rod.loss.total[1] - string.loss.total[1]) / u[1])
+    assert np.all(np.abs(over_u) < 2.0)
+    assert 0.5 < np.sqrt(np.mean(np.square(over_u))) < 1.5

@@ -86,17 +86,16 @@ def test_tensions_and_losses_of_the_differential_equations(
         FrictionSurface(f, v, np.array([[wet(a, b) for b in v] for a in f])),
         tuple(Pulley(f"p{i}", w.x, w.y, w.R, w.ribs) for i, w in enumerate(wheels)),
         back_friction=0.4,
+        slow_trend=0.0,
     )
     point = DrivePoint(omega, T_0, tuple(wheel.torque for wheel in wheels))
-    string, rod = (simulate(drive, [point], method)[0] for method in ("string", "rod"))
+    (string,) = simulate(drive, [point])
     assert string.tensions[1] == pytest.approx(tensions, rel=1e-5)
     assert string.loss.total == pytest.approx(losses, rel=2e-5, abs=1e-9)
-    # bending changes the loss, by up to a tenth, but hardly the forces
-    assert rod.tensions[1] == pytest.approx(tensions, rel=3e-3)
 
 
-# FOUR at mu 0.5, 450 N at rest, 100 rad/s; flow [m/s] and force behind each wheel [N] of a state,
-# then omega/v0 [1/m] and torque on the belt [N m] of every wheel with these forces, from the
+# FOUR at mu 0.5, 100 rad/s, a given slack force; flow [m/s], force behind each wheel [N] of a
+# state, then omega/v0 [1/m] and torque on the belt [N m] of every wheel with these forces, from the
 # boundary-value problem of flowing_rod with its friction smoothed over 1e-6
 LOADED = (
     7.9492679565,
@@ -122,10 +121,17 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
         LAW_5PK,
         FrictionSurface.constant(0.5),
         tuple(Pulley(f"p{i}", w.x, w.y, w.R) for i, w in enumerate(FOUR)),
+        installation="slack_force",
     )
     asked = [wheel.torque for wheel in FOUR]
-    (result,) = simulate(drive, [DrivePoint(100.0, 450.0, tuple(asked))], "rod")
-    for state, (v0, forces, W, torque) in ((result.state, LOADED), (result.idle, IDLING)):
+    points = [
+        DrivePoint(100.0, LOADED[1][0], tuple(asked)),
+        DrivePoint(100.0, IDLING[1][0], (0.0,) * 4),
+    ]
+    results = simulate(drive, points, "rod")
+    for state, (v0, forces, W, torque) in zip(
+        (result.state for result in results), (LOADED, IDLING), strict=True
+    ):
         assert state.v0 == pytest.approx(v0, rel=1e-6)
         assert pytest.approx(forces, rel=1e-5) == state.P
         assert [rod.W for rod in state.rods if rod] == pytest.approx(W, rel=6e-6)
@@ -133,7 +139,7 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
     assert LOADED[3][1:] == pytest.approx([-load for load in asked[1:]], abs=1e-4)
     loaded, idling = (np.array(W) / W[0] for _, _, W, _ in (LOADED, IDLING))
     losses = 100.0 * (idling - loaded)
-    assert result.loss.total[1:3] == pytest.approx(losses[1:3], rel=1e-3)
-    assert result.loss.total[3] == pytest.approx(losses[3], rel=1e-2)  # of a hundredth of them
-    (string,) = simulate(drive, [DrivePoint(100.0, 450.0, tuple(asked))])
-    assert string.loss.total[1] > 1.05 * losses[1]
+    ours = results[1].speed - results[0].speed
+    assert ours[1:3] == pytest.approx(losses[1:3], rel=1e-3)
+    strings = simulate(drive, points)
+    assert strings[1].speed[1] - strings[0].speed[1] > 1.05 * losses[1]

@@ -158,6 +158,53 @@ def test_accessory_drive_geometry_and_mean_tension() -> None:
     assert mean_tension == pytest.approx(765.7, rel=3e-3)
 
 
+RIB, BACK = True, False
+# reports of Gates as cited in kaydgn/MFSim: pulleys x, y, radius [mm] and side; pivot [mm], angles
+# [deg] of the free arm and at the mean, preload [N m], rate [N m/deg]; arm at its load stop [deg]
+# and tension there [N], which the report rounds to 0.1
+STOPS = {
+    "AG00686-1520": (
+        [(0, 0, 87.2, RIB), (-72, 267, 38.6, BACK), (-224, 448, 69.7, RIB)],
+        ((-180, 100), 42.0, 70.0, 8.86, 0.476),
+        (96.5, 1579.2),
+    ),
+    "AG00810": (
+        [(0, 0, 89.2, RIB), (-200, 150, 38.6, BACK), (-391, 131, 28.7, RIB)],
+        ((-303, 7), 55.1, 18.0, 11.561, 0.483),
+        (348.6 - 360.0, 2404.6),
+    ),
+    "AG00976": (
+        [
+            (0, 0, 82.2, RIB),
+            (143, 140, 38.6, BACK),
+            (184, 314.6, 77.2, RIB),
+            (0, 272.5, 38.6, BACK),
+            (-267, 241, 29.7, RIB),
+        ],
+        ((-240, 115), 12.0, 344.0 - 360.0, 8.87, 0.484),
+        (323.7 - 360.0, 1007.1),
+    ),
+}
+
+
+@pytest.mark.parametrize("report", STOPS)
+def test_arm_of_the_tensioner_at_its_load_stop(report: str) -> None:
+    others, (pivot, free, mean, preload, rate), (angle, tension) = STOPS[report]
+    x, y = (pivot[k] + 90.0 * f(math.radians(mean)) for k, f in enumerate((math.cos, math.sin)))
+    pulleys = tuple(
+        Pulley(f"p{i}", 1e-3 * x, 1e-3 * y, 1e-3 * R, side)
+        for i, (x, y, R, side) in enumerate([*others, (x, y, 38.6, BACK)])
+    )
+    axis = (1e-3 * pivot[0], 1e-3 * pivot[1])
+    arm = Tensioner(len(others), axis, 0.09, math.radians(free), preload, math.degrees(rate))
+    belt, surface = Belt(1.0e9, 0.02, 1.0e-6), FrictionSurface.constant(0.5)
+    drive = Drive(belt, None, surface, pulleys, 0, "tensioner", arm)
+    (result,) = simulate(drive, [DrivePoint(80.0, tension, (0.0,) * len(pulleys))])
+    assert result.rest.arm_angle is not None
+    assert math.degrees(result.rest.arm_angle) == pytest.approx(angle, abs=0.05)
+    assert pytest.approx(tension, rel=1e-3) == result.state.P
+
+
 @pytest.mark.parametrize(
     ("rpm", "power_kW", "tight", "crank", "compressor", "idler"),
     [

@@ -81,7 +81,7 @@ def test_the_independent_rod_comes_to_the_same_speed_as_its_friction_gets_sharp(
     [(400, 200, 20.116602, 9.98639), (200, 400, 20.065115, -9.98534)],
 )
 def test_friction_that_depends_on_force_and_speed(P_in, P_out, W, torque) -> None:
-    pulley = RodPulley(BELT, LAW_5PK, synthetic_5pk(), 0.05, math.pi, 0.10, 300.0)
+    pulley = RodPulley(BELT, LAW_5PK, synthetic_5pk(), 0.05, math.pi, 0.10, 300.0, slow_trend=0.0)
     check(pulley_map(pulley, 1.1, P_in, P_out=P_out), W, torque)
 
 

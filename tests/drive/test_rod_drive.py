@@ -29,7 +29,6 @@ def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) ->
     """Against the noise-free losses of an independent flowing rod, up to full slip.
 
     The friction is known as the rig measures it, from 2.5 mm/s on; the truth goes on to 0.5 mm/s.
-    With the nearest measured value below, 5pk would be 4 % off.
     """
     model = load_config(ROOT / "configs" / f"{belt}.yaml")
     with (ROOT / "tests" / "truth" / belt / "speedloss_truth.csv").open(newline="") as file:
@@ -42,8 +41,9 @@ def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) ->
     judged = true["torque_N_m"] > 0.2 * true["torque_N_m"].max()
     error = loss[judged] / true["speed_loss_rad_s"][judged] - 1.0
     assert np.sqrt(np.mean(error**2)) < 0.025
-    before = np.array([result.tensions[0][0] for result in results])[judged]
-    assert before == pytest.approx(true["tension_tight_N"][judged], rel=3e-3)
+    for side, name in enumerate(("tension_tight_N", "tension_slack_N")):
+        force = np.array([result.tensions[side][0] for result in results])[judged]
+        assert np.sqrt(np.mean((force / true[name][judged] - 1.0) ** 2)) < 0.03
 
 
 def test_friction_power_is_what_the_axes_lose() -> None:
@@ -101,7 +101,7 @@ def test_an_idling_drive_loses_nothing_and_its_idler_costs_a_little() -> None:
     assert loaded.friction_power[1] > 0.0  # its ribs have to seat: the string knows none of it
 
 
-def test_the_back_of_the_belt_and_gross_slip_stay_those_of_the_string() -> None:
+def test_the_back_of_the_belt_stays_that_of_the_string() -> None:
     pulleys = (
         Pulley("driver", 0.0, 0.0, 0.06),
         Pulley("idler", 0.15, 0.10, 0.03, ribs=False),
@@ -111,10 +111,6 @@ def test_the_back_of_the_belt_and_gross_slip_stay_those_of_the_string() -> None:
         two_pulleys(pulleys=pulleys), [DrivePoint(50.0, 300.0, (0.0, 0.0, 6.0))], method="rod"
     )
     assert [rod is None for rod in result.state.rods] == [False, True, False]
-    slipping = DrivePoint(62.8, 310.0, (0.0, 45.0))
-    string, rod = (simulate(two_pulleys(), [slipping], method=m)[0] for m in ("string", "rod"))
-    assert "gross slip" in string.status
-    assert string.status == rod.status
 
 
 def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
@@ -136,6 +132,19 @@ def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
     )
 
 
+def test_a_slack_belt_that_sticks_nowhere_is_in_full_slip() -> None:
+    """At 19 N the belt touches the driven pulley only 23 mm behind the tangent point."""
+    f, v = np.geomspace(20.0, 30000.0, 40), np.geomspace(5e-4, 10.0, 40)
+    mu = 0.7 * (f[:, None] / 5000.0) ** -0.15 * (v / 0.01) ** (0.4 / 3.0)
+    drive = two_pulleys(surface=FrictionSurface(f, v, mu), installation="slack_force")
+    (result,) = simulate(drive, [DrivePoint(62.8, 18.9, (0.0, 36.8))], method="rod")
+    assert result.status == ("full slip", "full slip")
+    # driver and driven pulley slide over the same arc with nearly the same forces
+    slips = [rod.whole_slip for rod in result.state.rods if rod is not None]
+    assert slips[0] == pytest.approx(slips[1], rel=0.01)
+    assert result.loss.slip[1] > 0.9 * result.loss.total[1]
+
+
 def test_a_belt_that_bends_is_longer_where_it_leaves_a_pulley() -> None:
     """Against the elastica on a bed of 70 MN/m², solved as a boundary-value problem [m].
 
@@ -150,16 +159,18 @@ def test_a_belt_that_bends_is_longer_where_it_leaves_a_pulley() -> None:
     assert rigid == pytest.approx((0.02 / 112.0) ** 1.5 / (12.0 * 0.05**2), rel=1e-3)
 
 
-def test_a_loop_that_bends_is_tighter_under_load_and_not_when_it_idles() -> None:
-    """An independent solution of both pulleys finds the loop of the string 11 N short."""
-    point = DrivePoint(22.0, 310.0, (0.0, 20.0))
-    of_string, bent = (
-        simulate(two_pulleys(bent_length=bends), [point], method="rod")[0]
-        for bends in (False, True)
-    )
-    assert np.mean(bent.state.P - of_string.state.P) == pytest.approx(11.05, rel=0.1)
-    idling = bent.idle.P
-    assert idling == pytest.approx(of_string.idle.P, rel=1e-3)
+def test_friction_at_rest_of_the_loop_is_none_and_tightens_the_arcs_of_a_running_one() -> None:
+    """An independent rod has 326 N in the middle of an idling arc that was laid on at 310 N.
+
+    The length is that of the belt laid on, so that the spans give way by 8 N; bending makes the
+    loop longer in the loose span, and so tighter under load.
+    """
+    drive = two_pulleys(surface=true_surface("5pk", 5e-4))
+    points = [DrivePoint(22.0, 310.0, (0.0, torque)) for torque in (0.0, 16.0)]
+    idling, loaded = simulate(drive, points, "rod")
+    assert pytest.approx(302.0, abs=3.0) == idling.state.P
+    # noise-free recording S11 of the synthetic 5PK bench
+    assert pytest.approx((157.38, 477.84), abs=3.0) == loaded.state.P
 
 
 def test_rigid_pulleys_have_no_rod() -> None:

@@ -57,7 +57,6 @@ def test_a_drive_calls_the_kernel_of_the_rig_whether_its_ribs_shear_or_not() -> 
             true_surface_5pk(30, 12),
             pulleys,
             shear_stiffness=shear_stiffness,
-            slow_trend=0.5,
         )
         assert ribs_shear(drive) == math.isfinite(shear_stiffness)
         for method in ("string", "rod"):

@@ -198,8 +198,8 @@ def _statements(result: LossAgreement) -> tuple[str, ...]:
     ]
     if result.largest_arc_share <= MOST_OF_ARC:
         lines.append(
-            f"friction is not tested: at most {share:.0f} % of an arc slides, and below full slip "
-            "the loss does not depend on it"
+            f"friction is not tested: at most {share:.0f} % of an arc slides, and short of full "
+            "slip the loss hardly depends on it"
         )
     elif sizes["slip"] <= RESOLVED:
         lines.append(
@@ -212,7 +212,7 @@ def _statements(result: LossAgreement) -> tuple[str, ...]:
         )
     lines.append(
         "the axial stiffness must come from another source, such as a tensile test: if it were "
-        "fitted to this recording, the agreement would be a calibration, not a validation"
+        "fitted to this recording, the agreement would be a calibration, not a test"
     )
     return tuple(lines)
 

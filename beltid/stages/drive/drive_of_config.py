@@ -13,18 +13,13 @@ from beltid.config import Config
 from beltid.config.drive import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.rod import SHORTEST_SPAN
+from beltid.drive.rod_level import short_spans
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.slow_friction import HALF_TREND, NEAREST
-from beltid.rigsim.beam.path import bending_length
 
 ALIKE_RADII: Final = (0.7, 1.5)
 """Pulley radius over rig radius for which the laws may hold: wedging changes with curvature."""
-
-SLOW_TREND: Final = {"half_trend": HALF_TREND, "nearest": NEAREST}
-"""Share of the trend for each value of `drive.slow_friction`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +63,6 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         _tensioner(section, names),
         section.back_friction,
         math.inf if shear is None else shear,
-        SLOW_TREND[section.slow_friction],
-        section.loop_length == "bent",
     )
 
 
@@ -179,17 +172,11 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
     Raises
     ------
     InputError
-        If a span is shorter than six bending lengths, or the layout of the pulleys is impossible.
+        If a span is too short for rods, or the layout of the pulleys is impossible.
     """
-    laid, names = layout(drive), [pulley.name for pulley in drive.pulleys]
-    shortest = SHORTEST_SPAN * bending_length(drive.belt.EI, min(tensions))
-    problems = [
-        f"span {name} to {names[(i + 1) % len(names)]}: {span:.3g} m, must be at least "
-        f"{shortest:.3g} m, six bending lengths of the belt"
-        for i, (name, span) in enumerate(zip(names, laid.spans, strict=True))
-        if span < shortest
-    ]
-    if problems:
+    spans = layout(drive).spans
+    problems = short_spans(drive, spans, np.full(spans.size, min(tensions)))
+    if problems and config.drive.method == "rod":
         raise InputError(problems)
     rig, (low, high) = config.rig.pulley_radius_m, ALIKE_RADII
     return [

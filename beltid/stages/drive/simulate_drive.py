@@ -21,6 +21,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
 from beltid.drive.rod import ribs_shear
+from beltid.drive.rod_level import short_spans
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -45,9 +46,10 @@ from beltid.uncertainty.drive import (
     DriveUncertainty,
     change_by_slower_friction,
     drive_uncertainty,
+    without_bending,
 )
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source, drive_sources, slower_source
+from beltid.uncertainty.sources import Source, bending_source, drive_sources, slower_source
 
 KIND: Final = "drive"
 USES: Final = ("belt", "drive", "rig", "press", SECTION)
@@ -176,7 +178,6 @@ def _outcome(
         set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
         extra={
             "method": method,
-            "slow_friction": config.drive.slow_friction,
             "n_failed": len(failed),
             "loaded_pulley": loaded,
             "uncertainty_by_string": by_string,
@@ -225,11 +226,19 @@ def _solve_points(
     failed: list[tuple[LabelledPoint, ConvergenceError]] = []
     for labelled in points:
         try:
-            good.append((labelled, simulator.solve(labelled.point)))
+            result = simulator.solve(labelled.point)
+            if result.state.rods:
+                too_short = short_spans(result.drive, result.state.laid.spans, result.state.P)
+                if too_short:
+                    raise ConvergenceError(too_short)
+            good.append((labelled, result))
         except ConvergenceError as error:
             failed.append((labelled, error))
     if not good:
-        raise NumericsError([f"point {labelled.run}: {error}" for labelled, error in failed])
+        problems = [f"point {labelled.run}: {error}" for labelled, error in failed]
+        if simulator.method == "rod":
+            problems.append("drive.method: string does without rods")
+        raise NumericsError(problems)
     return good, failed
 
 
@@ -243,6 +252,9 @@ def _uncertainty(
     points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
     sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
     uncertainty = drive_uncertainty(drive, points, results, press, sources)
+    if config.drive.method == "string":
+        sources = (*sources, bending_source())
+        uncertainty = uncertainty.with_source(without_bending(results))
     slower_friction = change_by_slower_friction(drive, points, results)
     if slower_friction.any():
         sources = (*sources, slower_source())
@@ -417,8 +429,9 @@ def _notes(
         notes.append(_slower_than_measured(drive))
     if method == "rod":
         notes.append(
-            "speeds and torques are those of the rod; slip limits, arcs used, shares and, short of "
-            "full slip, uncertainties those of the string, which carries about 2 % more torque"
+            "speeds and torques are those of the rod; arcs used, shares, slip limits and, short of "
+            "full slip, uncertainties those of the string: the limits may be too high for a belt "
+            "that bends, by up to a fifth with a given slack force"
         )
     if by_string:
         notes.append(
@@ -444,8 +457,8 @@ def _slower_than_measured(drive: Drive) -> str:
     if drive.friction is drive.surface.tables():
         return f"{subject} is taken at that speed"
     return (
-        f"{subject} is continued with half of the trend there (drive.slow_friction): the mean of "
-        "no trend and the full trend, which bound its uncertainty"
+        f"{subject} is continued with half of the trend there: the mean of no trend and the full "
+        "trend, which bound its uncertainty"
     )
 
 
