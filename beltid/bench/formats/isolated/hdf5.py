@@ -16,8 +16,6 @@ from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
 from beltid.errors import InputError
 
 MAX_OBJECTS: Final = 100_000
-_PACKING: Final = ("scale_factor", "add_offset", "_FillValue", "missing_value")
-"""Attributes that describe how NetCDF packs a variable."""
 
 
 def read(path: Path) -> BenchFile:
@@ -92,29 +90,15 @@ class _Content:
         unit = next(
             (item.attrs[n] for n in ("unit", "units", "Unit", "Units") if n in item.attrs), None
         )
-        array = np.squeeze(_unpacked(np.asarray(values), item.attrs))
+        for mark in ("_FillValue", "missing_value"):
+            if np.isin(item.attrs.get(mark, np.nan), values).any():
+                raise InputError(f"{item.name} marks missing samples by a {mark}: export it to CSV")
+        array = np.squeeze(np.asarray(values))
         scaling = {n: item.attrs[n] for n in item.attrs if n.lower() in SCALING}
         if array.ndim == 1 and (unit is not None or unapplied_scaling(array, scaling)):
             channel = {"data": array, "unit": "" if unit is None else _text_or_number(unit)}
             return {**scaling, **channel}
         return array
-
-
-def _unpacked(values: np.ndarray, attributes: Any) -> np.ndarray:
-    """Unpack numbers of NetCDF: counts times `scale_factor` plus `add_offset`, or missing.
-
-    Source: NetCDF Climate and Forecast (CF) Metadata Conventions, section 8.1.
-    """
-    packing = {
-        name: np.ravel(attributes[name])[0]
-        for name in _PACKING
-        if np.size(attributes.get(name, [])) == 1
-    }
-    if values.dtype.kind not in "iuf" or not packing:
-        return values
-    scale, offset = packing.pop("scale_factor", 1.0), packing.pop("add_offset", 0.0)
-    numbers = values * float(scale) + float(offset)
-    return np.where(np.isin(values, list(packing.values())), np.nan, numbers)
 
 
 def _texts(values: Any) -> Any:
