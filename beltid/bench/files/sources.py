@@ -206,8 +206,6 @@ def signature_of(path: Path) -> Signature:
     states = []
     with contextlib.suppress(OSError):
         files = _candidates(path) if is_many(path) else [path]
-        if path.is_dir() and {file.suffix.lower() for file in files} <= {".parquet"}:
-            files += parquet_files(path)  # a table in parts
         for file in files:
             stat = file.stat()
             states.append(FileState(str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
@@ -248,9 +246,7 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     except PermissionError:
         raise InputError(f"{path}: no permission to open the folder") from None
     files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
-    if path.is_dir() and not files:  # only subfolders: a table in parts
-        files = parquet_files(path)
-    elif path.is_dir():
+    if path.is_dir():
         files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
         _refuse_kinds(files, path)
     if not files:
@@ -259,17 +255,6 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     if len(files) > MAX_FILES:
         raise InputError(f"{path}: {len(files)} files, must be at most {MAX_FILES}")
     return sorted(files, key=lambda f: natural(f.as_posix()))
-
-
-def parquet_files(folder: Path) -> list[Path]:
-    """List the Parquet files of a folder and its subfolders in natural order."""
-    files = (
-        path
-        for path in folder.rglob("*.parquet")
-        if path.is_file()
-        and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
-    )
-    return sorted(files, key=lambda path: natural(path.as_posix()))
 
 
 def _candidates(path: Path) -> list[Path]:
