@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes, sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
-from beltid.bench.files.sniff import ZIP, sniff, unread
+from beltid.bench.files.sniff import ZIP, sniff
 from beltid.errors import InputError
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
@@ -101,7 +101,7 @@ def unread_sources(path: Path) -> list[Source]:
 
 def sources_in(data: bytes, path: Path) -> list[Source]:
     """List the file itself, or the files in it if the bytes are a zip file."""
-    if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):
+    if data[:2] != b"PK" or sniff(data) != ZIP:
         return [Source(_shown(path), path, PurePath(path.name), data)]
     packed = list(members(data, path))
     names = [f"{path}/{member}" if len(packed) > 1 else str(path) for member in packed]
