@@ -258,7 +258,7 @@ def _joined(
     columns, place, notes, stated = joined(raw_tables, table, options, problems)
     checker, stated = Checker(str(path), columns, table, place, problems), {*options.units, *stated}
     notes += checker.run(stated)
-    notes += checker.compare_runs(stated)
+    checker.compare_runs(stated)
     problems.raise_if_any()
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
     return Recording(kind, columns, path, tuple(notes), mappings)
