@@ -36,7 +36,6 @@ class _Content:
     def __init__(self, file: Any) -> None:
         import h5py
 
-        self.file = file
         self.file_number = h5py.h5o.get_info(file.id).fileno
         self.object_count = 0
 
@@ -68,7 +67,7 @@ class _Content:
         if self.object_count > MAX_OBJECTS:
             raise InputError(f"holds more than {MAX_OBJECTS} variables")
         if isinstance(item, h5py.Group):
-            return _structs(self.group(item, depth + 1))
+            return self.group(item, depth + 1)
         if not isinstance(item, h5py.Dataset):
             return None
         if item.is_virtual or item.external:
@@ -76,8 +75,8 @@ class _Content:
                 f"{item.name} takes its samples from another file, which is not followed"
             )
         kind = item.attrs.get("MATLAB_class", b"")
-        if item.dtype == h5py.ref_dtype:
-            return [self._value(self.file[reference], depth + 1) for reference in item[()].ravel()]
+        if item.dtype == h5py.ref_dtype:  # a cell array, an array of structs
+            return []
         if item.attrs.get("MATLAB_empty", 0):
             return ""
         values = item[()]
@@ -119,14 +118,3 @@ def _table(values: np.ndarray) -> dict[str, Any]:
         name: np.ravel(values[name]) if values[name].dtype.kind in "biuf" else _texts(values[name])
         for name in values.dtype.names or ()
     }
-
-
-def _structs(members: dict[str, Any]) -> dict[str, Any] | list[dict[str, Any]]:
-    """Convert a struct of lists, as version 7.3 stores struct arrays, to a list of structs."""
-    lengths = {len(v) for v in members.values() if isinstance(v, list)}
-    if not members or not all(isinstance(v, list) for v in members.values()) or len(lengths) != 1:
-        return members
-    (length,) = lengths
-    if all(isinstance(item, str) for v in members.values() for item in v):
-        return members  # columns of texts
-    return [{k: v[i] for k, v in members.items()} for i in range(length)]

@@ -1,4 +1,4 @@
-"""Read MATLAB .mat files of version 5 (and 4): vectors, structs and arrays of structs.
+"""Read MATLAB .mat files of version 5 (and 4): vectors and structs.
 
 Runs in the child process. `Variables` converts nested variables of this version or 7.3 to groups
 of channels: a vector becomes a channel, a number or text a header field, a struct a group; a
@@ -33,13 +33,13 @@ def read(path: Path) -> BenchFile:
 
 
 def _plain(value: Any) -> Any:
-    """Convert scipy structs to dicts, and arrays of structs to lists."""
+    """Convert scipy structs to dicts, and cell arrays to lists."""
     if hasattr(value, "_fieldnames"):
         return {name: _plain(getattr(value, name)) for name in value._fieldnames}
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         if type(value).__name__ == "MatlabOpaque":
             return None
-        return [_plain(item) for item in value.ravel()]
+        return value.ravel().tolist()
     if isinstance(value, np.ndarray) and value.dtype.kind == "V":
         return None
     return value
@@ -80,7 +80,7 @@ class Variables:
                 elif value is not units:
                     inner.append((f"{name}.{key}" if name else key, value))
             elif isinstance(value, Sequence) and not isinstance(value, str):
-                inner += self._listed(f"{name}.{key}" if name else key, value, channels, key)
+                self._listed(f"{name}.{key}" if name else key, value, channels, key)
             else:
                 self._leaf(key, value, unit_of, channels, fields)
         place = len(self.groups)
@@ -94,19 +94,14 @@ class Variables:
             self.groups.insert(place, Group(name, tuple(channels), group_fields if name else ()))
         return group_fields
 
-    def _listed(
-        self, name: str, items: Sequence[Any], channels: list[Channel], key: str
-    ) -> list[tuple[str, Mapping[str, Any]]]:
-        """Return the structs of an array as groups; add an array of texts as a channel."""
-        if items and all(isinstance(item, Mapping) for item in items):
-            return [(f"{name}({i})", item) for i, item in enumerate(items, start=1)]
+    def _listed(self, name: str, items: Sequence[Any], channels: list[Channel], key: str) -> None:
+        """Add an array of texts as a channel."""
         if len(items) > 1 and all(isinstance(item, str) for item in items):
             texts = np.empty(len(items), dtype=object)
             texts[:] = list(items)
             channels.append(Channel(key, "", texts))
         else:
-            self.notes.append(f"{name} left out: a cell array")
-        return []
+            self.notes.append(f"{name} left out: cells or an array of structs, name each struct")
 
     def _leaf(
         self,
