@@ -446,8 +446,7 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         return Opened(source.name, channels=uff.read(plain, source.name))
     refusal = {
         PARQUET: "a Parquet file among others, name it alone",
-        ZIP: "packed twice, unpack it",
-        GZIP: "packed twice, unpack it",
+        **dict.fromkeys((ZIP, GZIP), "packed twice, unpack it"),
     }.get(format_name)
     if refusal:
         raise InputError(f"{source.name}: is {refusal}")

@@ -7,7 +7,7 @@ struct with samples in ``data`` or ``values`` and a ``unit`` becomes a channel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,10 +79,12 @@ class Variables:
                     channels.append(channel)
                 elif value is not units:
                     inner.append((f"{name}.{key}" if name else key, value))
-            elif isinstance(value, Sequence) and not isinstance(value, str):
-                self._listed(f"{name}.{key}" if name else key, value, channels, key)
-            else:
+            elif not isinstance(value, list):
                 self._leaf(key, value, unit_of, channels, fields)
+            elif len(value) > 1 and all(isinstance(item, str) for item in value):
+                channels.append(Channel(key, "", np.array(value, dtype=object)))
+            else:
+                self.notes.append(f"{key} left out: cells or an array of structs, name each struct")
         place = len(self.groups)
         group_fields = tuple(fields)
         for inner_name, value in inner:
@@ -93,15 +95,6 @@ class Variables:
         if channels:
             self.groups.insert(place, Group(name, tuple(channels), group_fields if name else ()))
         return group_fields
-
-    def _listed(self, name: str, items: Sequence[Any], channels: list[Channel], key: str) -> None:
-        """Add an array of texts as a channel."""
-        if len(items) > 1 and all(isinstance(item, str) for item in items):
-            texts = np.empty(len(items), dtype=object)
-            texts[:] = list(items)
-            channels.append(Channel(key, "", texts))
-        else:
-            self.notes.append(f"{name} left out: cells or an array of structs, name each struct")
 
     def _leaf(
         self,
