@@ -318,9 +318,6 @@ def _parquet_views(sources: Sequence[Source], options: ReadOptions) -> list[File
     for batch in parquet.batches_of(first, numeric):
         for name, values in zip(batch.schema.names, batch.columns, strict=True):
             views[name] = views[name].with_numbers(numbers_of(values))
-    for name, value in first.folders.items():
-        number = float(value) if is_number(value) else np.nan
-        views[name] = replace(views[name], low=number, high=number, first=number)
     return [
         FileView(source.name, "Parquet", "", () if k else tuple(views.values()))
         for k, source in enumerate(sources)

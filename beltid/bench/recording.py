@@ -37,7 +37,6 @@ from beltid.bench.files.sniff import (
     Decoded,
     decode,
     sniff,
-    unread,
 )
 from beltid.bench.files.sources import (
     Source,
@@ -203,7 +202,7 @@ def _is_stream(data: bytes, path: Path, *, whole: bool) -> bool:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(BIG if whole else 1024)
             whole = whole and len(data) < BIG
     kind = sniff(data[:1024], path.name.removesuffix(".gz"))
-    return not whole and kind in allowed and not unread(data)
+    return not whole and kind in allowed
 
 
 def recording_from(
@@ -259,7 +258,7 @@ def _joined(
     columns, place, notes, stated = joined(raw_tables, table, options, problems)
     checker, stated = Checker(str(path), columns, table, place, problems), {*options.units, *stated}
     notes += checker.run(stated)
-    notes += checker.compare_runs(stated)
+    checker.compare_runs(stated)
     problems.raise_if_any()
     mappings = {r: mapping for raw in raw_tables for r, mapping in raw.mappings.items()}
     return Recording(kind, columns, path, tuple(notes), mappings)
@@ -447,10 +446,8 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
         return Opened(source.name, channels=uff.read(plain, source.name))
     refusal = {
         PARQUET: "a Parquet file among others, name it alone",
-        ZIP: "a zip file within another packed file, unpack it",
-        GZIP: "packed twice, unpack it",
+        **dict.fromkeys((ZIP, GZIP), "packed twice, unpack it"),
     }.get(format_name)
-    refusal = unread(plain) or refusal
     if refusal:
         raise InputError(f"{source.name}: is {refusal}")
     decoded = decode(plain, source.name, options.dialect.encoding)

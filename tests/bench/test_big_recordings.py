@@ -165,23 +165,12 @@ def test_packed_with_gzip(small_chunks: None, tmp_path: Path) -> None:
         list(open_big(path))
 
 
-def test_parquet_in_a_file_and_in_folders(tmp_path: Path) -> None:
+def test_parquet_in_a_file_of_many_row_groups(tmp_path: Path) -> None:
     import pandas as pd
 
-    frame = pd.read_csv(RIG, dtype={"run": str}, nrows=5000)
     path = tmp_path / "rig.parquet"
-    frame.to_parquet(path, index=False, row_group_size=700)
+    pd.read_csv(RIG, dtype={"run": str}, nrows=5000).to_parquet(path, row_group_size=700)
     same_as_read_at_once(path)
-    for (arc, run), part in frame.groupby(["arc_deg", "run"], sort=False):
-        folder = tmp_path / "season" / f"arc_deg={arc:g}" / f"run={run}"
-        folder.mkdir(parents=True)
-        part.drop(columns=["arc_deg", "run"]).to_parquet(folder / "part.parquet", index=False)
-    wanted = dict(iter(frame.groupby("run")))
-    found = {run.label: run.columns for run in open_big(tmp_path / "season")}
-    assert found.keys() == wanted.keys()
-    for label, columns in found.items():
-        for name, values in columns.items():
-            assert np.array_equal(values, wanted[label][name], equal_nan=True)
 
 
 def test_a_damaged_parquet_file_is_refused(tmp_path: Path) -> None:
@@ -470,27 +459,12 @@ def test_all_types_of_numbers_are_read_alike(tmp_path: Path, column: str, values
     same_as_read_at_once(next(folder.rglob("*.parquet")))
 
 
-def test_a_folder_and_a_file_that_hold_the_same_column_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.parquet: column arc_deg exists, but its folder"):
-        list(open_big(parts(tmp_path, "arc_deg=99/a.parquet", {})))
-
-
-@pytest.mark.parametrize("value", ["wide", "nan", "8_2", ""])
-def test_a_folder_named_by_no_number_is_refused(tmp_path: Path, value: str) -> None:
-    folder = parts(tmp_path, f"arc_deg={value}/a.parquet", {"arc_deg": None})
-    with pytest.raises(InputError, match=f"its folder is called arc_deg={value}, must be a number"):
-        list(open_big(folder))
-
-
-def test_folders_named_as_pyarrow_writes_them(tmp_path: Path) -> None:
-    """It writes every byte but letters, digits and ``_.-~`` as % and two digits."""
-    import pyarrow.dataset as ds
-
-    frame = pa.table(rig_of(["heiß, 1", "50 %"]))
-    by_run = ds.partitioning(pa.schema([("run", pa.string())]), flavor="hive")
-    ds.write_dataset(frame, tmp_path / "rig", format="parquet", partitioning=by_run)
-    assert [run.label for run in open_big(tmp_path / "rig")] == ["50 %", "heiß, 1"]
-    same_as_read_at_once(tmp_path / "rig")
+def test_a_folder_of_folders_holds_no_recording(tmp_path: Path) -> None:
+    folder = parts(tmp_path, "arc_deg=99/a.parquet", {"arc_deg": None})
+    with pytest.raises(InputError, match="holds no recording"):
+        open_big(folder)
+    with pytest.raises(InputError, match="arc_deg"):
+        open_big(folder / "*" / "*.parquet")
 
 
 def test_a_unit_in_other_bytes_than_utf_8_is_reported(tmp_path: Path) -> None:
@@ -517,10 +491,9 @@ def test_a_parquet_file_is_opened_once_for_its_names_and_once_for_its_texts(
 
 
 def test_a_recording_without_samples_is_refused(tmp_path: Path) -> None:
-    folder = parts(tmp_path, "x/a.parquet", {})
-    file = folder / "x" / "a.parquet"
+    file = parts(tmp_path, "x/a.parquet", {}) / "x" / "a.parquet"
     pq.write_table(pq.read_table(file).slice(0, 0), file)
-    assert refused_by_both(folder) == (f"{file}: holds no samples",)
+    assert refused_by_both(tmp_path) == (f"{file}: holds no samples",)
 
 
 def test_numbered_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
@@ -531,7 +504,7 @@ def test_numbered_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> No
     for k in range(12):  # as pyarrow.parquet.write_to_dataset names them
         part = frame.iloc[100 * k : 100 * (k + 1)]
         part.to_parquet(tmp_path / "x" / f"part-{k}.parquet", index=False)
-    runs = list(open_big(tmp_path))
+    runs = list(open_big(tmp_path / "x"))
     assert [run.label for run in runs] == list(dict.fromkeys(frame["run"]))
     assert np.array_equal(
         np.concatenate([run.columns["time_s"] for run in runs]), frame["time_s"].to_numpy()

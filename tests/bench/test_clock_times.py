@@ -105,8 +105,8 @@ def test_the_end_of_summer_time(tmp_path):
     named = [z.replace("+02:00", " MESZ").replace("+01:00", " MEZ") for z in zones]
     np.testing.assert_allclose(read(press(tmp_path, named)).columns["time_s"], [0, 0.02, 0.04])
     assert problems(press(tmp_path, [z[:-6] for z in zones])) == [
-        "P1.csv:3: Uhrzeit goes back from 02:59:59.980 to 02:00:00 without passing midnight: the "
-        "end of summer time? Then the times need their zone, such as +02:00"
+        "P1.csv:3: Uhrzeit goes back from 02:59:59.980 to 02:00:00 without passing midnight, "
+        "must not go backwards"
     ]
 
 
@@ -188,8 +188,8 @@ def test_a_date_with_the_time_in_parquet_and_frames(tmp_path, dates):
 @pytest.mark.parametrize(
     ("line", "times", "words"),
     [
-        (3, ["12:59:59.5", "01:00:00.0", "01:00:00.5"], "is it a 12-hour clock without am and pm?"),
-        (4, ["13:45:02", "13:45:03", "13:44:00"], "must not go backwards"),
+        (3, ["12:59:59.5", "01:00:00.0", "01:00:00.5"], "goes back from 12:59:59.500 to 01:00:00"),
+        (4, ["13:45:02", "13:45:03", "13:44:00"], "goes back from 13:45:03 to 13:44:00"),
         (3, ["03/04/2026 10:00:00", "04/04/2026 10:00:00"], "may be day/month or month/day"),
         (2, ["45:02.1", "45:02.2"], '"45:02.1", must be a clock time such as'),
         (3, ["10:00:00", "25:00:00"], '"25:00:00", must be a clock time such as'),

@@ -303,22 +303,6 @@ def test_a_kind_that_is_none_is_refused():
     assert "--kind belt, must be press, rig, speedloss" in result.stderr
 
 
-def test_a_partitioned_folder_of_parquet_files(tmp_path):
-    for label, run in writers.rig_runs(3).items():
-        arc = run["arc_deg"].iloc[0]
-        part = tmp_path / "season" / f"arc_deg={arc}" / f"run={label}"
-        part.mkdir(parents=True)
-        run.drop(columns=["arc_deg", "run"]).to_parquet(part / "0.parquet", index=False)
-    status, found = inspect(tmp_path / "season")
-    assert status == 0
-    facts = found["facts"]
-    assert (facts["format"], facts["kind"], facts["files"]) == ("Parquet", "rig", 3)
-    assert sorted(row["run"] for row in found["details"]["runs"]) == ["R001", "R002", "R003"]
-    rows = {row["channel"]: row for row in found["table"]}
-    assert rows["arc_deg"]["read_as"] == "arc_deg"
-    assert rows["time_s"]["samples"] == len(writers.rig_runs(1)["R001"])
-
-
 @pytest.mark.parametrize("packed", [False, True])
 def test_a_recording_too_big_for_memory_is_checked_as_a_small_one(tmp_path, monkeypatch, packed):
     small = inspect(RIG)[1]

@@ -1,4 +1,4 @@
-"""Layouts that one format can have: structs and arrays of structs, segments, stamps, sheets."""
+"""Layouts that one format can have: structs, segments, stamps, sheets."""
 
 from __future__ import annotations
 
@@ -26,42 +26,24 @@ def turning(time: np.ndarray) -> np.ndarray:
     return np.where(time > 2, 1.0, 0.0)
 
 
-def test_an_array_of_structs_is_a_run_each(tmp_path):
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
+    import h5py
     from scipy.io import savemat
 
-    names = ("name", "t", "tight", "slack", "omega", "arc_deg", "initial_tension_N")
-    runs = np.zeros((3,), dtype=[(name, "O") for name in names])
-    for i, (label, run) in enumerate(writers.rig_runs(3).items()):
-        columns = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s")
-        arrays = [run[c].to_numpy() for c in columns]
-        runs[i] = (label, *arrays, float(run["arc_deg"][0]), float(run["initial_tension_N"][0]))
-    savemat(tmp_path / "rig.mat", {"runs": runs}, do_compression=True)
-    with pytest.raises(InputError, match=r"runs\(1\) and 2 more: the unit of t, read as time_s"):
-        read_recording(tmp_path / "rig.mat", "rig")
-    config = {"units": {"rig": UNITS}, "runs": {"rig": {"fields": {"run": "name"}}}}
-    columns = read_recording(tmp_path / "rig.mat", "rig", load_config(config)).columns
-    assert list(dict.fromkeys(columns["run"])) == ["R001", "R002", "R003"]
-    assert columns["tension_tight_N"][0] == writers.rig_runs(1)["R001"]["tension_tight_N"][0]
-
-
-def test_an_array_of_structs_of_version_7_3(tmp_path):
-    import h5py
-
     path = tmp_path / "rig.mat"
-    runs = list(writers.rig_runs(3).values())
-    with h5py.File(path, "w", userblock_size=512) as file:
-        kept, group = file.create_group("#refs#"), file.create_group("runs")
-        for name in (*UNITS, "arc_deg", "initial_tension_N"):
-            cells = group.create_dataset(name, (3, 1), dtype=h5py.ref_dtype)
-            for i, run in enumerate(runs):
-                values = run[name].to_numpy(dtype=float)
-                data = values if name in UNITS else values[:1]
-                cells[i, 0] = kept.create_dataset(f"{name}{i}", data=data[None, :]).ref
-    with path.open("r+b") as stream:
-        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
-    columns = read_recording(path, "rig").columns
-    assert list(dict.fromkeys(columns["run"])) == ["runs(1)", "runs(2)", "runs(3)"]
-    np.testing.assert_array_equal(columns["tension_slack_N"][:650], runs[0]["tension_slack_N"])
+    if version == "5":
+        runs = np.zeros((3,), dtype=[("t", "O")])
+        runs["t"] = [T] * 3
+        savemat(path, {"runs": runs})
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            cells = file.create_dataset("runs", (3, 1), dtype=h5py.ref_dtype)
+            cells[0, 0] = file.create_dataset("#refs#/a", data=T[None, :]).ref
+        with path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    with pytest.raises(InputError, match="runs left out: cells or an array of structs"):
+        read_recording(path, "rig")
 
 
 def test_units_and_structs_of_channels_in_matlab(tmp_path):

@@ -337,7 +337,7 @@ def test_a_header_that_stands_twice(tmp_path):
         (b"\n\n \n", "holds no header"),
         (HEADER.encode() + b"\n", "holds no samples, only a header in line 1"),
         (b"PK\x03\x04" + b"\0" * 50, "the zip file is damaged or cut off"),
-        (b"\x7fELF\0\0\0", "is neither a text file"),
+        (b"\x7fELF\0\0\0", "cannot be read"),
         (b"PAR1" + b"\0" * 50, "damaged"),
         (b"PAR1", "damaged"),
         (b"hello", "holds no samples"),

@@ -227,30 +227,6 @@ def test_one_label_for_two_files_is_refused(tmp_path, runs):
     assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is already used in runs/a.csv"]
 
 
-@pytest.mark.parametrize("labelled", [False, True])
-def test_a_copy_of_a_run_is_noted(tmp_path, runs, labelled):
-    """It counts twice: a file copied in its folder, columns exported twice."""
-    copy = runs["R001"].assign(run="R1x", time_s=runs["R001"]["time_s"] + 5.0)
-    both = [run if labelled else run.drop(columns="run") for run in (runs["R001"], copy)]
-    (tmp_path / "runs").mkdir()
-    for name, run in zip(("R001", "R1x"), both, strict=True):
-        run.to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
-    note = "run R1x holds the same samples as R001: both count, remove a copy"
-    assert note in read_recording(tmp_path / "runs", "rig").notes
-    press = pd.read_csv(RIGDATA / "press.csv")
-    sides = press.loc[press["test"] == "P22", ["time_s", "displacement_mm", "force_N"]]
-    twice = pd.concat([sides] * 3, axis=1)
-    twice.columns = ["Zeit [s]", "Weg [mm]", "Kraft [N]"] * 3
-    twice.to_csv(tmp_path / "P22.csv", index=False)
-    assert read_recording(tmp_path / "P22.csv", "press").notes[-1] == (
-        "2 tests hold the same samples as another (P22-2 as P22-1): all count, remove copies"
-    )
-    # a noise-free law that no temperature changes: no copies
-    tests = [sides.assign(test=f"P{t}", temperature_degC=t) for t in (22, 40)]
-    pd.concat(tests).to_csv(tmp_path / "press.csv", index=False)
-    assert "same samples" not in str(read_recording(tmp_path / "press.csv", "press").notes)
-
-
 @pytest.mark.parametrize("by", [1e-3, 0.1])
 def test_a_run_in_another_unit_than_the_rest_is_doubted(tmp_path, runs, by):
     """A tenth of the tension of the others may well be meant; a thousandth is in kN."""
@@ -321,30 +297,6 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
         "rig.csv: the pulley turns 2 times with stops between, and no column labels the runs: "
         "add one"
     ]
-
-
-@pytest.mark.parametrize("period", [32.768, 65.536, 0.02 * 2**15])
-def test_a_clock_that_overflows_is_no_new_run(tmp_path, period):
-    """After 2^15 or 2^16 ms, or samples of 0.02 s, it begins again."""
-    n = int(1.4 * period / 0.02)
-    turns = np.arange(n) > 100
-    frame = pd.DataFrame({"time_s": np.round(0.02 * np.arange(n) % period, 3)})
-    frame["tension_tight_N"], frame["tension_slack_N"] = (
-        100.0 + 20 * turns + 1e-4 * np.arange(n),
-        90.0,
-    )
-    frame["pulley_speed_rad_s"] = 0.2 * turns
-    path = tmp_path / "rig.csv"
-    frame.assign(arc_deg=82, initial_tension_N=100).to_csv(path, index=False)
-    (found,) = problems(path)
-    assert "as a counter does when it overflows: if it does, add its period" in found
-    # a record of that length ends at rest, and the next one begins at rest
-    at_rest = frame.assign(pulley_speed_rad_s=0.2 * (turns & (np.arange(n) % (n // 1.4) > 100)))
-    at_rest.assign(arc_deg=82, initial_tension_N=100).to_csv(path, index=False)
-    assert len(set(read_recording(path, "rig").columns["run"])) == 2
-    frame["time_s"] = np.round(0.02 * np.arange(n) % 40.0, 3)
-    frame.assign(arc_deg=82, initial_tension_N=100).to_csv(path, index=False)
-    assert len(set(read_recording(path, "rig").columns["run"])) == -(-n // 2000)
 
 
 def test_a_time_that_jumps_back_a_little_is_no_new_run(tmp_path, runs):

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from beltid.artifacts import parquet_table
 from beltid.artifacts.artifact import read_artifact
 from beltid.bench.big_recording import open_big
-from beltid.bench.files.sources import Source, parquet_files
+from beltid.bench.files.sources import Source, sources_of
 from beltid.bench.formats import dialect
 from beltid.bench.formats.csv_table import Wanted
 from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
@@ -244,7 +244,7 @@ def test_only_files_are_parts_of_a_parquet_recording(tmp_path):
     written(tmp_path / "a.parquet", rig())
     os.mkfifo(tmp_path / "b.parquet")
     (tmp_path / "c.parquet").mkdir()
-    assert parquet_files(tmp_path) == [tmp_path / "a.parquet"]
+    assert [source.path for source in sources_of(tmp_path)] == [tmp_path / "a.parquet"]
 
 
 @pytest.mark.parametrize("head", ["", "run,time_s\n"], ids=["nothing", "header"])

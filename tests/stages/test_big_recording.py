@@ -152,8 +152,8 @@ def test_a_friction_artifact_of_a_folder_of_parquet_files(
 
     folder = tmp_path / "season"
     for run, part in pd.read_csv(some_runs, dtype={"run": str}).groupby("run", sort=False):
-        (folder / f"run={run}").mkdir(parents=True)
-        part.drop(columns="run").to_parquet(folder / f"run={run}" / "0.parquet", index=False)
+        folder.mkdir(exist_ok=True)
+        part.to_parquet(folder / f"{run}.parquet", index=False)
     fitted(folder, tmp_path / "folder.parquet")
     one, other = (
         read_artifact(path, "friction").columns for path in (at_once, tmp_path / "folder.parquet")

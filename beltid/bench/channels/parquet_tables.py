@@ -29,7 +29,7 @@ Mappings = dict[str, ChannelMapping]
 
 
 def candidates_of(part: ParquetTable, context: MappingContext) -> list[Candidate]:
-    """Return the columns of a Parquet file, and of its folder names, as candidates for ours."""
+    """Return the columns of a Parquet file as candidates for ours."""
     import pyarrow as pa
 
     schema = part.schema
@@ -43,7 +43,7 @@ def candidates_of(part: ParquetTable, context: MappingContext) -> list[Candidate
         n: (f.metadata or {}).get(b"unit", b"").decode(errors="replace") for n, f in fields.items()
     }
     units |= {n: "s" for n in time_names if n in fields and pa.types.is_duration(fields[n].type)}
-    names = dict.fromkeys([*schema.names, *part.folders])
+    names = dict.fromkeys(schema.names)
     return [Candidate(n, units.get(n, ""), n, written=written.get(n, "")) for n in names if n]
 
 

@@ -74,8 +74,6 @@ def members(data: bytes, path: Path) -> Iterator[str]:
     for entry in entries:
         if entry.file_size > MAX_RATIO * max(entry.compress_size, 1) and entry.file_size > 1 << 20:
             raise InputError(f"{path}: {entry.filename} is compressed more than {MAX_RATIO} to 1")
-        if entry.flag_bits & 1:
-            raise InputError(f"{path}: {entry.filename} is protected by a password")
     yield from sorted(names, key=natural)
 
 
@@ -84,8 +82,8 @@ def member_bytes(data: bytes, path: Path, member: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(member) as file:
             plain = file.read(MAX_BYTES + 1)
-    except Exception:  # each compression method raises its own errors
-        raise InputError(f"{path}: {member} in the zip file is damaged or cut off") from None
+    except Exception as error:  # each compression method raises its own errors
+        raise InputError(f"{path}: {member} in the zip file cannot be unpacked: {error}") from None
     if len(plain) > MAX_BYTES:
         raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
     if not plain:

@@ -19,38 +19,6 @@ LVM: Final = "lvm"
 UFF: Final = "uff"
 ISOLATED: Final = ("tdms", "mdf", "mat", "hdf5", "xlsx")
 """Formats whose libraries can crash or hang on damaged input: read in a child process."""
-UNREAD: Final = {
-    b"\xd0\xcf\x11\xe0": "an old Excel workbook (.xls), save it as .xlsx",
-    b"%PDF": "a PDF file, export the samples as text",
-    b"TDSh": "the index of a TDMS file, name the .tdms file itself",
-    b"Rar!": "a RAR archive, unpack it",
-    b"7z\xbc\xaf": "a 7z archive, unpack it",
-    b"BZh": "packed with bzip2, unpack it or use gzip",
-    b"\xfd7zX": "packed with xz, unpack it or use gzip",
-    b"\x28\xb5\x2f\xfd": "packed with zstd, unpack it or use gzip",
-    b"\x93NUMPY": "an array of NumPy, save the samples as CSV, Parquet or .mat",
-    b"ARROW1": "an Arrow or Feather file, save it as Parquet",
-    b"SQLite format 3": "an SQLite database, export the samples as CSV",
-    b"\x89PNG": "a picture, not the samples",
-    b"\xff\xd8\xff": "a picture, not the samples",
-    **dict.fromkeys(
-        (b"CDF\x01", b"CDF\x02", b"CDF\x05"), "a classic NetCDF file, save it as NetCDF-4"
-    ),
-    b"|CF,": "a FAMOS file, export the samples as CSV or TDMS",
-    b"DIAHEADERSTART": "the header of a DIAdem .dat recording, save it as TDMS",
-    b"<?xml": "an XML or HTML page, export the samples as CSV",
-    b"<html": "an XML or HTML page, export the samples as CSV",
-    b"<!DOCTYPE": "an XML or HTML page, export the samples as CSV",
-    b"{": "a JSON file, save the samples as CSV or Parquet",
-}
-"""First bytes of formats that are not read -> what the file is, and what to do."""
-UNREAD_IN_ZIP: Final = (
-    (b"mimetypeapplication/vnd.oasis", "an OpenDocument file (.ods), save it as .xlsx"),
-    (b".npy", "a file of NumPy arrays, save the samples as CSV, Parquet or .mat"),
-)
-"""Bytes at the name of the first file in a zip file, what the file is, and what to do."""
-_NAME_IN_ZIP: Final = slice(30, 90)
-_MARK_OF_TAR: Final = slice(257, 262)
 _SIGNATURES: Final = (
     (b"PAR1", PARQUET),
     (b"\x1f\x8b", GZIP),
@@ -98,17 +66,6 @@ def sniff(data: bytes | memoryview, name: str = "") -> str:
     if _UFF.match(head):
         return UFF
     return TEXT
-
-
-def unread(data: bytes | memoryview) -> str:
-    """Say what a file without a reader is, and what to do; "" for any other file."""
-    head = bytes(data[:512])
-    if head[_MARK_OF_TAR] == b"ustar":
-        return "a tar archive, unpack it"
-    if head.startswith(b"PK\x03\x04"):
-        name = head[_NAME_IN_ZIP]
-        return next((advice for mark, advice in UNREAD_IN_ZIP if mark in name), "")
-    return next((advice for first, advice in UNREAD.items() if head.startswith(first)), "")
 
 
 def _is_workbook(data: bytes) -> bool:
@@ -188,9 +145,9 @@ def _zero_byte(name: str, text: str) -> InputError:
     """Return the error of a zero byte; a recorder that loses power leaves them at its end."""
     lines = text.count("\n", 0, text.index("\0"))
     if not lines:
-        return InputError(f"{name}: is neither a text file nor in any other known format")
+        return InputError(f"{name}: cannot be read; export it to CSV")
     place = f"{name}:{lines + 1}"
-    return InputError(f"{place}: contains a zero byte: damaged, or not a text file")
+    return InputError(f"{place}: contains a zero byte: damaged, or no text; export it to CSV")
 
 
 def _ambiguous(data: bytes) -> bool:

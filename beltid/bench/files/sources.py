@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from beltid.artifacts.file_bytes import MAX_BYTES, opened, read_bytes, sha256
 from beltid.bench.files.archives import MAX_FILES, member_bytes, members, natural
-from beltid.bench.files.sniff import ZIP, sniff, unread
+from beltid.bench.files.sniff import ZIP, sniff
 from beltid.errors import InputError
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
@@ -101,7 +101,7 @@ def unread_sources(path: Path) -> list[Source]:
 
 def sources_in(data: bytes, path: Path) -> list[Source]:
     """List the file itself, or the files in it if the bytes are a zip file."""
-    if data[:2] != b"PK" or sniff(data) != ZIP or unread(data):
+    if data[:2] != b"PK" or sniff(data) != ZIP:
         return [Source(_shown(path), path, PurePath(path.name), data)]
     packed = list(members(data, path))
     names = [f"{path}/{member}" if len(packed) > 1 else str(path) for member in packed]
@@ -206,8 +206,6 @@ def signature_of(path: Path) -> Signature:
     states = []
     with contextlib.suppress(OSError):
         files = _candidates(path) if is_many(path) else [path]
-        if path.is_dir() and {file.suffix.lower() for file in files} <= {".parquet"}:
-            files += parquet_files(path)  # a table in parts
         for file in files:
             stat = file.stat()
             states.append(FileState(str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
@@ -248,9 +246,7 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     except PermissionError:
         raise InputError(f"{path}: no permission to open the folder") from None
     files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
-    if path.is_dir() and not files:  # only subfolders: a table in parts
-        files = parquet_files(path)
-    elif path.is_dir():
+    if path.is_dir():
         files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
         _refuse_kinds(files, path)
     if not files:
@@ -259,17 +255,6 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     if len(files) > MAX_FILES:
         raise InputError(f"{path}: {len(files)} files, must be at most {MAX_FILES}")
     return sorted(files, key=lambda f: natural(f.as_posix()))
-
-
-def parquet_files(folder: Path) -> list[Path]:
-    """List the Parquet files of a folder and its subfolders in natural order."""
-    files = (
-        path
-        for path in folder.rglob("*.parquet")
-        if path.is_file()
-        and not any(part.startswith((".", "_")) for part in path.relative_to(folder).parts)
-    )
-    return sorted(files, key=lambda path: natural(path.as_posix()))
 
 
 def _candidates(path: Path) -> list[Path]:

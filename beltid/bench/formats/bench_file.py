@@ -14,12 +14,13 @@ from beltid.tables.units import T, allowed_units, conversion
 _ALLOWED: Final = ", ".join(allowed_units("s"))
 SCALING: Final = {
     **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
+    "scale_factor": 1.0,
     **dict.fromkeys(("offset", "intercept", "y_intercept", "bias"), 0.0),
+    "add_offset": 0.0,
 }
 """Properties that scale the counts of a converter -> the value that has no effect.
 
-No format defines these; those that a format defines (`scale_factor`, ``NI_Scale``) are applied by
-its reader.
+They are not applied; those of TDMS (``NI_Scale``) are, by its reader.
 """
 
 

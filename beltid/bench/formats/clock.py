@@ -271,7 +271,14 @@ class Clock:
             nights = np.zeros(0) if self.dated else np.cumsum(steps < -MIDNIGHT_S)
             back = np.flatnonzero((steps < 0) & (self.dated | (steps >= -MIDNIGHT_S)))
             if back.size:
-                self._report_back(back, rows, time, place, problems)
+                before, after = rows[back[0]], rows[back[0] + 1]
+                where, line = place(int(after))
+                more = f"; it goes back {back.size - 1} more times" if back.size > 1 else ""
+                problems.add(
+                    f"{where}: {self.name} goes back from {_shown(time[before])} to "
+                    f"{_shown(time[after])} without passing midnight, must not go backwards{more}",
+                    line,
+                )
                 time[rows] = np.maximum.accumulate(time[rows])  # reported once
             elif 2 * np.count_nonzero(steps == 0) > max(steps.size, 9):
                 where, line = place(int(rows[0]))
@@ -286,26 +293,6 @@ class Clock:
             if from_first:
                 time[rows] -= time[rows[0]]
         return np.round(time, 9)  # finer digits are rounding errors
-
-    def _report_back(
-        self,
-        back: np.ndarray,
-        rows: np.ndarray,
-        time: np.ndarray,
-        place: PlaceOf,
-        problems: Problems,
-    ) -> None:
-        before, after = time[rows[back[0]]], time[rows[back[0] + 1]]
-        fall = before - after
-        cause = "must not go backwards"
-        if not self.dated and fall >= 11 * 3600:
-            cause = "is it a 12-hour clock without am and pm?"
-        elif 3000 <= fall <= 3600 and not self.zoned:
-            cause = "the end of summer time? Then the times need their zone, such as +02:00"
-        where, line = place(int(rows[back[0] + 1]))
-        more = f"; it goes back {back.size - 1} more times" if back.size > 1 else ""
-        text = f"{where}: {self.name} goes back from {_shown(before)} to {_shown(after)} without "
-        problems.add(f"{text}passing midnight: {cause}{more}", line)
 
     def report_wrong(
         self,

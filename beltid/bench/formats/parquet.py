@@ -1,19 +1,17 @@
-"""Read Parquet files, also those in partitioned folders, and Arrow tables in blocks of rows."""
+"""Read Parquet files and Arrow tables in blocks of rows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import unquote
 
 import numpy as np
 
 from beltid.artifacts.parquet_table import damaged, open_parquet
 from beltid.bench.files.sources import Source
 from beltid.bench.formats.csv_table import Wanted
-from beltid.bench.formats.numbers import NUMBER
 from beltid.bench.formats.rows import Rows, Texts, numbers_of
 from beltid.errors import InputError, Problems
 from beltid.tables.schemas import RUN_TEXTS, Table
@@ -44,24 +42,18 @@ class ParquetTable:
         The columns.
     schema : pyarrow.Schema
         Names and types of the columns.
-    folders : dict of str to str
-        Columns and values in the names of its folders, such as ``arc_deg=82``; special characters
-        may be encoded, such as ``%20``.
     """
 
     name: str
     inside: PurePath
     content: Any
     schema: pa.Schema
-    folders: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, source: Source) -> ParquetTable:
         """Open a file; see `open_parquet`."""
-        parts = (part.partition("=") for part in source.inside.parts[:-1])
-        folders = {unquote(key): unquote(value) for key, mark, value in parts if mark}
         file = open_parquet(source.data or source.path, source.name, InputError)
-        return cls(source.name, source.inside, file, file.schema_arrow, folders)
+        return cls(source.name, source.inside, file, file.schema_arrow)
 
     def batches(self, columns: Sequence[str], rows: int) -> Iterable[pa.RecordBatch]:
         """Return some columns in blocks of at most `rows` rows."""
@@ -80,7 +72,7 @@ def parquet_blocks(
     part : ParquetTable
         The file.
     wanted : mapping of str to Wanted
-        Our columns -> columns of the file or of the names of its folders.
+        Our columns -> columns of the file.
     table : Table
         Schema of the recording; its numeric columns that are not wanted are filled with nan.
     first_row : int
@@ -92,11 +84,10 @@ def parquet_blocks(
         If the file is damaged, or a column has a wrong type.
     """
     _refuse_columns(part, wanted)
-    in_file = set(part.schema.names)
-    read = [name for w in wanted.values() for name in (w.index, w.date) if name in in_file]
+    read = [name for w in wanted.values() for name in (w.index, w.date) if name is not None]
     texts = [w.index for w in wanted.values() if w.is_text or w.clock]
     texts += [w.date for w in wanted.values() if w.date is not None]
-    _refuse_long_texts(part, [text for text in texts if text in in_file])
+    _refuse_long_texts(part, texts)
     for batch in batches_of(part, read):
         try:
             rows = _rows(batch, part, wanted, table, first_row)
@@ -164,20 +155,10 @@ def _refuse_columns(part: ParquetTable, wanted: Mapping[str, Wanted]) -> None:
     """Refuse columns that occur twice, are nested, or have the wrong type."""
     import pyarrow as pa
 
-    schema, folders, name = part.schema, part.folders, part.name
+    schema, name = part.schema, part.name
     problems = []
     for role, w in wanted.items():
         count = schema.names.count(w.index)
-        if w.index in folders:
-            value = folders[w.index]
-            if count:
-                problems.append(
-                    f"{name}: column {w.index} exists, but its folder is also called "
-                    f"{w.index}={value}: remove one of the two"
-                )
-            if not w.is_text and not NUMBER.fullmatch(value):
-                problems.append(f"{name}: its folder is called {w.index}={value}, must be a number")
-            continue
         if count > 1:
             problems.append(f"{name}: column {w.index} occurs {count} times, must be once")
         if count != 1 or w.clock is not None:
@@ -227,13 +208,6 @@ def _rows(
     texts: dict[str, Texts] = {}
     problems = Problems()
     for role, w in wanted.items():
-        if w.index in part.folders:
-            value = part.folders[w.index]
-            if w.is_text:
-                texts[role] = Texts.of([value] * batch.num_rows)
-            else:
-                numbers[role] = np.full(batch.num_rows, float(value))
-            continue
         values = batch.column(w.index)
         if w.is_text:
             texts[role] = Texts.of_arrow(values)

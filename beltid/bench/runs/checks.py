@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Final
 
@@ -14,8 +14,6 @@ from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
 from beltid.tables.values import absent, outside, shown_value
 
 Columns = dict[str, np.ndarray]
-MARKS, MARKED = 0.02, 10.0
-"""Largest share of samples that may be overflow marks, and their least ratio to the others."""
 OTHER_RUN: Final = 100.0
 """Least ratio of the largest run to a run in another unit; benches vary their load far less."""
 TRUTH: Final = ("true", "false")
@@ -113,7 +111,7 @@ class Checker:
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
             guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
-            if guess and not self._marks(column, values):
+            if guess:
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
                 self._report_unit(
                     self.name, column, finite, f"if it is in {guess}, say so: {setting}"
@@ -127,22 +125,14 @@ class Checker:
             f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}"
         )
 
-    def compare_runs(self, units_stated: Collection[str]) -> list[str]:
-        """Report runs in another unit than the others; return a note on copies of runs."""
+    def compare_runs(self, units_stated: Collection[str]) -> None:
+        """Report runs in another unit than the others."""
         codes = self.codes
         if codes is None or "time_s" not in self.columns or self.problems.count:
-            return []
+            return
         label = self.columns[self.table.label]
         order = np.argsort(codes, kind="stable")
         runs = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-        seen: dict[int, str] = {}
-        copies = []
-        numbers = {name: x for name, x in self.columns.items() if x.dtype != object}
-        for rows in runs:
-            columns = {name: values[rows] for name, values in numbers.items()}
-            first = copied_from(columns, self.table, label[rows[0]], seen)
-            if first is not None:
-                copies.append((label[rows[0]], first))
         believed = {*NOMINAL, *units_stated, *self.suspects}
         for column in self.table.columns:
             if column.unit not in ("N", "mm") or column.name in believed:
@@ -158,23 +148,6 @@ class Checker:
                     setting = f"units: {{{self.table.kind}: {{{column.name}: {column.unit}}}}}"
                     advice = f"is this run alone in {guess}? If it is not, say so: {setting}"
                     self._report_unit(where, column, finite, advice)
-        return note_of_copies(copies, self.table)
-
-    def _marks(self, column: Column, values: np.ndarray) -> bool:
-        """Report overflow marks; return whether they explain all implausible numbers."""
-        size = np.abs(values)
-        usual = size <= np.nanquantile(size, 1.0 - MARKS)
-        if not usual.any() or _other_unit(column, self.table.kind, values[usual]):
-            return False
-        rows = np.flatnonzero(size > MARKED * size[usual].max())
-        self._report(
-            rows,
-            lambda i: (
-                f"{column.name} = {values[i]:g}, not plausible next to the others; leave the cell "
-                "empty if it means a missing number"
-            ),
-        )
-        return bool(rows.size)
 
     def _labels(self) -> np.ndarray | None:
         """Return the number of the run of every row, -1 without a label."""
@@ -279,40 +252,6 @@ class Checker:
                 "must not go backwards (is the label used twice?)"
             ),
         )
-
-
-def copied_from(columns: Columns, table: Table, label: str, seen: dict[int, str]) -> str | None:
-    """Return the label of an earlier run with the same samples, or None.
-
-    Parameters
-    ----------
-    columns : dict of str to ndarray
-        Columns of the run; its label, its time and its texts do not count.
-    table : Table
-        The schema.
-    label : str
-        Label of the run.
-    seen : dict
-        Hash of the samples -> label of the runs so far; receives that of this one.
-    """
-    numbers = [c.name for c in table.columns if c.dtype == "float64" and c.name != "time_s"]
-    samples = tuple(columns[name].tobytes() for name in numbers if name in columns)
-    first = seen.setdefault(hash(samples), label)
-    is_copy = first != label and len(columns["time_s"]) >= MIN_SAMPLES
-    return first if is_copy else None
-
-
-def note_of_copies(copies: Sequence[tuple[str, str]], table: Table) -> list[str]:
-    """Note runs that hold the same samples as another, pairs of labels: both count."""
-    if not copies:
-        return []
-    (label, first), kind = copies[0], table.label
-    if len(copies) == 1:
-        return [f"{kind} {label} holds the same samples as {first}: both count, remove a copy"]
-    return [
-        f"{len(copies)} {kind}s hold the same samples as another ({label} as {first}): all count, "
-        "remove copies"
-    ]
 
 
 def no_number(name: str, column: Column) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -14,10 +14,6 @@ from beltid.tables.schemas import NOMINAL
 RESTART: Final = 0.05
 """A new run begins when time falls back into the first part, this share, of the run before."""
 MIN_SAMPLES: Final = 10
-LEAST_PERIOD: Final = 100
-"""Fewest samples between two overflows of a clock."""
-AT_WORK: Final = 0.02
-"""Least speed or travel of a bench that moves, over the largest of the recording."""
 PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
@@ -62,7 +58,6 @@ def run_labels(
     if not starts:
         _refuse_second_rotation(columns, place, problems)
         return labels, []
-    _refuse_overflow(columns, starts, place, problems)
     if lengths.min() < MIN_SAMPLES:
         row = bounds[int(lengths.argmin())] + 1
         problems.add(
@@ -98,41 +93,6 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
             starts.append(int(i))
             begin = int(i)
     return starts
-
-
-def _refuse_overflow(
-    columns: Mapping[str, np.ndarray], starts: Sequence[int], place: str, problems: Problems
-) -> None:
-    """Refuse a time that falls as a counter of 15, 16, 31 or 32 bits does when it overflows.
-
-    Its ticks are the steps of the time, or a power of ten of a second. Where the bench is at rest,
-    a run begins: records of 2^15 samples are usual.
-    """
-    time = columns["time_s"]
-    step = float(np.median(np.abs(np.diff(time))))
-    ticks = np.array([step, *(10.0**n for n in range(-9, 1))])
-    spans = np.outer(2.0 ** np.array([15, 16, 31, 32]), ticks)
-    for row in starts:
-        period = time[row - 1] - time[row] + step
-        is_long = period > LEAST_PERIOD * step
-        if is_long and np.any(np.abs(spans - period) <= 1.01 * step) and _at_work(columns, row):
-            problems.add(
-                f"{place}: time_s falls from {time[row - 1]:g} to {time[row]:g} at row {row + 1}, "
-                "as a counter does when it overflows: if it does, add its period to the times "
-                "that follow; if a run begins there, add a column of labels"
-            )
-            return
-
-
-def _at_work(columns: Mapping[str, np.ndarray], row: int) -> bool:
-    """Return whether the bench moves at a row and before: pulleys turn, a press is down."""
-    motion = columns.get("pulley_speed_rad_s", columns.get("driver_speed_rad_s"))
-    if motion is None and "displacement_mm" in columns:
-        motion = columns["displacement_mm"] - np.nanmin(columns["displacement_mm"])
-    if motion is None:
-        return True
-    size = np.abs(motion)
-    return bool(size[row - 1 : row + 1].min() > AT_WORK * np.nanmax(size))
 
 
 def _refuse_second_rotation(

@@ -16,7 +16,7 @@ import numpy as np
 from beltid.bench.channels.channel_mapping import ChannelMapping
 from beltid.bench.formats.clock import Clock
 from beltid.bench.formats.rows import Rows
-from beltid.bench.runs.checks import Checker, copied_from, no_number, note_of_copies
+from beltid.bench.runs.checks import Checker, no_number
 from beltid.errors import SHOWN, InputError, PlaceOf, Problems
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Table
 from beltid.tables.units import Conversion
@@ -127,8 +127,6 @@ class BigRecording:
         self.missing: dict[str, int] = {}
         self._began: dict[str | None, int] = {}
         self._judged: set[str] = set()
-        self._seen: dict[int, str] = {}
-        self._copies: list[tuple[str, str]] = []
 
     def __iter__(self) -> Iterator[RunColumns]:
         """Yield the runs in the order of the file.
@@ -174,7 +172,7 @@ class BigRecording:
             if 0 < count < self.n_samples
         )
         of_clock = [] if self.clock is None else self.clock.notes()
-        return (*self.read_notes, *of_clock, *missing, *note_of_copies(self._copies, self.table))
+        return (*self.read_notes, *of_clock, *missing)
 
     def _place(self, line: int) -> str:
         return f"{self.name}{self.row_word}{line}"
@@ -214,9 +212,6 @@ class BigRecording:
         if shown or run.label is None or self._is_suspect(columns) or self._is_unclear(texts):
             self._check(columns, texts, run, place)
         self._judged |= shown
-        first = copied_from(columns, self.table, str(run.label), self._seen)
-        if first is not None:
-            self._copies.append((str(run.label), first))
         for column in self.table.columns:
             if column.nullable and column.name in columns:
                 count = int(np.count_nonzero(np.isnan(columns[column.name])))

@@ -16,8 +16,6 @@ from beltid.bench.formats.isolated.matlab import MAX_DEPTH, Variables
 from beltid.errors import InputError
 
 MAX_OBJECTS: Final = 100_000
-_PACKING: Final = ("scale_factor", "add_offset", "_FillValue", "missing_value")
-"""Attributes that describe how NetCDF packs a variable."""
 
 
 def read(path: Path) -> BenchFile:
@@ -38,7 +36,6 @@ class _Content:
     def __init__(self, file: Any) -> None:
         import h5py
 
-        self.file = file
         self.file_number = h5py.h5o.get_info(file.id).fileno
         self.object_count = 0
 
@@ -70,7 +67,7 @@ class _Content:
         if self.object_count > MAX_OBJECTS:
             raise InputError(f"holds more than {MAX_OBJECTS} variables")
         if isinstance(item, h5py.Group):
-            return _structs(self.group(item, depth + 1))
+            return self.group(item, depth + 1)
         if not isinstance(item, h5py.Dataset):
             return None
         if item.is_virtual or item.external:
@@ -78,8 +75,8 @@ class _Content:
                 f"{item.name} takes its samples from another file, which is not followed"
             )
         kind = item.attrs.get("MATLAB_class", b"")
-        if item.dtype == h5py.ref_dtype:
-            return [self._value(self.file[reference], depth + 1) for reference in item[()].ravel()]
+        if item.dtype == h5py.ref_dtype:  # a cell array, an array of structs
+            return []
         if item.attrs.get("MATLAB_empty", 0):
             return ""
         values = item[()]
@@ -92,29 +89,15 @@ class _Content:
         unit = next(
             (item.attrs[n] for n in ("unit", "units", "Unit", "Units") if n in item.attrs), None
         )
-        array = np.squeeze(_unpacked(np.asarray(values), item.attrs))
+        for mark in ("_FillValue", "missing_value"):
+            if np.isin(item.attrs.get(mark, np.nan), values).any():
+                raise InputError(f"{item.name} marks missing samples by a {mark}: export it to CSV")
+        array = np.squeeze(np.asarray(values))
         scaling = {n: item.attrs[n] for n in item.attrs if n.lower() in SCALING}
         if array.ndim == 1 and (unit is not None or unapplied_scaling(array, scaling)):
             channel = {"data": array, "unit": "" if unit is None else _text_or_number(unit)}
             return {**scaling, **channel}
         return array
-
-
-def _unpacked(values: np.ndarray, attributes: Any) -> np.ndarray:
-    """Unpack numbers of NetCDF: counts times `scale_factor` plus `add_offset`, or missing.
-
-    Source: NetCDF Climate and Forecast (CF) Metadata Conventions, section 8.1.
-    """
-    packing = {
-        name: np.ravel(attributes[name])[0]
-        for name in _PACKING
-        if np.size(attributes.get(name, [])) == 1
-    }
-    if values.dtype.kind not in "iuf" or not packing:
-        return values
-    scale, offset = packing.pop("scale_factor", 1.0), packing.pop("add_offset", 0.0)
-    numbers = values * float(scale) + float(offset)
-    return np.where(np.isin(values, list(packing.values())), np.nan, numbers)
 
 
 def _texts(values: Any) -> Any:
@@ -135,14 +118,3 @@ def _table(values: np.ndarray) -> dict[str, Any]:
         name: np.ravel(values[name]) if values[name].dtype.kind in "biuf" else _texts(values[name])
         for name in values.dtype.names or ()
     }
-
-
-def _structs(members: dict[str, Any]) -> dict[str, Any] | list[dict[str, Any]]:
-    """Convert a struct of lists, as version 7.3 stores struct arrays, to a list of structs."""
-    lengths = {len(v) for v in members.values() if isinstance(v, list)}
-    if not members or not all(isinstance(v, list) for v in members.values()) or len(lengths) != 1:
-        return members
-    (length,) = lengths
-    if all(isinstance(item, str) for v in members.values() for item in v):
-        return members  # columns of texts
-    return [{k: v[i] for k, v in members.items()} for i in range(length)]

@@ -1,4 +1,4 @@
-"""Read MATLAB .mat files of version 5 (and 4): vectors, structs and arrays of structs.
+"""Read MATLAB .mat files of version 5 (and 4): vectors and structs.
 
 Runs in the child process. `Variables` converts nested variables of this version or 7.3 to groups
 of channels: a vector becomes a channel, a number or text a header field, a struct a group; a
@@ -7,7 +7,7 @@ struct with samples in ``data`` or ``values`` and a ``unit`` becomes a channel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,13 +33,13 @@ def read(path: Path) -> BenchFile:
 
 
 def _plain(value: Any) -> Any:
-    """Convert scipy structs to dicts, and arrays of structs to lists."""
+    """Convert scipy structs to dicts, and cell arrays to lists."""
     if hasattr(value, "_fieldnames"):
         return {name: _plain(getattr(value, name)) for name in value._fieldnames}
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         if type(value).__name__ == "MatlabOpaque":
             return None
-        return [_plain(item) for item in value.ravel()]
+        return value.ravel().tolist()
     if isinstance(value, np.ndarray) and value.dtype.kind == "V":
         return None
     return value
@@ -79,10 +79,12 @@ class Variables:
                     channels.append(channel)
                 elif value is not units:
                     inner.append((f"{name}.{key}" if name else key, value))
-            elif isinstance(value, Sequence) and not isinstance(value, str):
-                inner += self._listed(f"{name}.{key}" if name else key, value, channels, key)
-            else:
+            elif not isinstance(value, list):
                 self._leaf(key, value, unit_of, channels, fields)
+            elif len(value) > 1 and all(isinstance(item, str) for item in value):
+                channels.append(Channel(key, "", np.array(value, dtype=object)))
+            else:
+                self.notes.append(f"{key} left out: cells or an array of structs, name each struct")
         place = len(self.groups)
         group_fields = tuple(fields)
         for inner_name, value in inner:
@@ -93,20 +95,6 @@ class Variables:
         if channels:
             self.groups.insert(place, Group(name, tuple(channels), group_fields if name else ()))
         return group_fields
-
-    def _listed(
-        self, name: str, items: Sequence[Any], channels: list[Channel], key: str
-    ) -> list[tuple[str, Mapping[str, Any]]]:
-        """Return the structs of an array as groups; add an array of texts as a channel."""
-        if items and all(isinstance(item, Mapping) for item in items):
-            return [(f"{name}({i})", item) for i, item in enumerate(items, start=1)]
-        if len(items) > 1 and all(isinstance(item, str) for item in items):
-            texts = np.empty(len(items), dtype=object)
-            texts[:] = list(items)
-            channels.append(Channel(key, "", texts))
-        else:
-            self.notes.append(f"{name} left out: a cell array")
-        return []
 
     def _leaf(
         self,
