@@ -193,18 +193,6 @@ BENCHES = {
             (75.0, 105.0, 135.0, 165.0), (60.0, 120.0, 200.0, 300.0, 400.0), (0.1, 0.25, 0.6, 1.4)
         ),
     ),
-    "running belt, 12 m/s, 62 mm": SyntheticBench(
-        bent,
-        replace(USUAL_CLASS, mass_per_length=0.02),
-        NoiseLaw(friction=0.003, tension=0.1),
-        belt=Belt(1.1e5, 0.018, 0.075),
-        rig=Rig(0.062, 0.11),
-        law=NormalLaw(6.0e7, 2.6e11),
-        kind=RigKind(running=True, belt_speed_m_s=12.0, mass_per_length_kg_m=0.075),
-        settings=Settings(
-            (55.0, 95.0, 130.0), (70.0, 130.0, 210.0, 300.0, 400.0), (0.05, 0.13, 0.35, 0.9)
-        ),
-    ),
 }
 
 
@@ -235,12 +223,6 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
     level = bench.mu(f[:, None], v[None, :])
     effects = [math.exp(draw(bench.arc_effect)) for _ in bench.settings.arcs_deg]
     of_torque, drag = draw(u.torque_gain), draw(u.bearing_drag)
-    kind = bench.kind
-    momentum = more = 0.0
-    if kind.running:
-        momentum = float(kind.momentum_N(kind.belt_speed_m_s))
-        # what truly turns the belt, less what is taken off
-        more = momentum * ((1.0 + draw(u.mass_per_length)) * turning**2 - 1.0)
     of_arc = [
         Bench(belt, rig, Contact(), NormalLaw(*k), FrictionSurface(f, v, level * effect))
         for effect in effects
@@ -252,7 +234,7 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
     for point, k_arc in zip(points, number, strict=True):
         T_0 = point.T_0
         if bench.kind.measures == "two_cells":
-            T_0 += (T_0 + momentum) * (gain + 0.5 * sum(gains)) + 0.5 * sum(zeros) - more
+            T_0 += T_0 * (gain + 0.5 * sum(gains)) + 0.5 * sum(zeros)
         elif bench.kind.measures == "torque":  # the cell of the slack span
             T_0 = T_0 * (1.0 + gain + gains[1]) + zeros[1]
         beta = point.beta + arc + of_setting[k_arc]
@@ -261,7 +243,7 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
         elements = 2 * round(0.5 * FINER * (true.model(at).nodes.size - 1))
         run = simulate(true, at, SimulationSettings("steady", elements=elements))
         shown = [
-            (tension + momentum + more - zero) / (1.0 + gain + own) - momentum
+            (tension - zero) / (1.0 + gain + own)
             for tension, zero, own in zip(
                 (run.tension_tight_N, run.tension_slack_N), zeros, gains, strict=True
             )
@@ -287,7 +269,6 @@ def read(bench: SyntheticBench, rng: np.random.Generator) -> tuple[Measured, Arr
         mu_se=np.zeros(beta.size),
         kind=bench.kind,
         given_force=bench.rig.given_force,
-        momentum=momentum,
     )
     se = np.sqrt(bench.noise.variance(measured))
     return replace(measured, mu_se=measured.mu * se), se

@@ -82,6 +82,9 @@ CHAIN: Final = (
 compared with the bench; prediction of left-out runs by a surface refined from the others; and the
 drive of the speed-loss recording, if the config states one."""
 
+OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
+"""Steps that need no simulated rig; a running belt has none."""
+
 
 def _page(
     source: ConfigSource,
@@ -114,6 +117,8 @@ class BatchOptions(Options):
 
 def chain_of(source: ConfigSource) -> tuple[Step, ...]:
     """Return the steps of a chain."""
+    if source.config.rig.kind == "running":
+        return tuple(step for step in CHAIN if step.name in OF_RUNNING_BELT)
     stated = source.config.model_fields_set
     chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
     if source.config.compare.hold_out == "none":

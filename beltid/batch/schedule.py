@@ -24,6 +24,7 @@ from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewS
 from beltid.report.summary import Summary
 from beltid.stages.reporter import Level, NamedReporter, Reporter
 from beltid.stages.setup.named_recordings import WITHOUT, lacking
+from beltid.stages.simulation.planned_runs import NOT_SIMULATED
 from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps in progress per worker: while some read and write, others compute
@@ -76,6 +77,8 @@ class Chain:
             kind_of_data = ", synthetic data" if synthetic else ""
             origin = self.source.origin
             self.reporter.report(f"config {origin}{kind_of_data}, results in {self.folder}")
+            if self.source.config.rig.kind == "running":
+                self.reporter.report(NOT_SIMULATED)
             for kind in self.run.lacking:
                 self.reporter.warn(WITHOUT[kind])
 

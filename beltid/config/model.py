@@ -257,13 +257,12 @@ class RigSection(Section):
         """Force that stays constant while the pulley turns.
 
         A dead weight fixes the tension of one span. A hub force fixes the sum of both, unless the
-        pulley slide is held. On a running rig both spans share one belt length: what one gains the
-        other loses, as with a hub force.
+        pulley slide is held.
         """
         if self.kind == "dead_weight":
             return self.weight_on
         gives_way = self.kind == "torque_hub" and self.slide == "free"
-        return "hub" if gives_way or self.kind == "running" else "none"
+        return "hub" if gives_way else "none"
 
 
 class ConditionsSection(Section):

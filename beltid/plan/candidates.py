@@ -244,7 +244,6 @@ def simulate_candidates(
         mu_se=np.zeros(mu.size),
         kind=kind,
         given_force=bench.rig.given_force,
-        momentum=kind.momentum_N(kind.belt_speed_m_s) if kind.running else 0.0,
     )
     campaign = Campaign(simulated, bench, press)
     slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)

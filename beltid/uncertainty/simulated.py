@@ -261,7 +261,6 @@ def _as_measured(
         slack=tensions[:, 1],
         mu=mu,
         mu_se=np.zeros(mu.size),
-        momentum=kind.momentum_N(kind.belt_speed_m_s) if kind.running else 0.0,
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.plan.candidates import Settings
-from beltid.stages.simulation.plan_inputs import at_rest, rig_settings
+from beltid.stages.simulation.plan_inputs import rig_settings
 from beltid.stages.simulation.planned_runs import (
     Picked,
     PlannedRun,
@@ -189,16 +189,3 @@ def test_of_runs_that_each_have_a_tension_of_their_own_a_plan_takes_a_few() -> N
     settings, _ = rig_settings(OPEN, of_runs)
     assert len(settings.tensions) == 12
     assert (settings.tensions[0], settings.tensions[-1]) == (tensions[0], tensions[-1])
-
-
-def test_candidates_of_a_running_rig_are_simulated_at_rest() -> None:
-    config = load_config(
-        {
-            "belt": {"mass_per_length_kg_m": 0.1},
-            "rig": {"kind": "running", "belt_speed_m_s": 10.0, "pulley_radius_m": 0.05},
-        }
-    )
-    # m v² = 10 N; the pulley goes with the belt at 200 rad/s
-    rest = at_rest(Settings((60.0,), (50.0, 90.0), (198.0, 203.0)), config)
-    assert rest.tensions == pytest.approx((40.0, 80.0))
-    assert rest.omegas == pytest.approx((2.0, 3.0))

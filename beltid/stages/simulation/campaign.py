@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -23,7 +22,7 @@ from beltid.rigsim.rig import (
 )
 from beltid.rigsim.rig import campaign as rig_campaign
 from beltid.stages.reporter import Reporter
-from beltid.stages.simulation.planned_runs import PlannedRun, as_resting, belt_speed, momentum_N
+from beltid.stages.simulation.planned_runs import PlannedRun, refuse_running
 from beltid.stages.tables import checked_law, is_number, surface_from
 from beltid.stages.uncertainties import SECTION
 from beltid.stages.workers import Workers
@@ -83,6 +82,7 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
 
 def bench_of(config: Config, surface: FrictionSurface | float, law: NormalLaw) -> Bench:
     """Build the rig of a config with identified laws; a number for a surface is a constant mu."""
+    refuse_running(config)
     return Bench(
         belt=config.belt_params(),
         rig=config.rig_params(),
@@ -141,14 +141,13 @@ def simulate(
     """Simulate runs like `simulated_results`, with progress sent to the reporter."""
     results: dict[int, RunResult | BeltidError] = {}
     with reporter.progress("simulated runs", len(runs)) as advance:
-        for index, result in simulated_results(config, bench, runs, settings, jobs):
+        for index, result in simulated_results(bench, runs, settings, jobs):
             results[index] = result
             advance()
     return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
 
 
 def simulated_results(
-    config: Config,
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
@@ -158,8 +157,6 @@ def simulated_results(
 
     Parameters
     ----------
-    config : Config
-        Kind of the rig; speed and mass of a running belt.
     bench : Bench
         The rig and its laws.
     runs : sequence of PlannedRun
@@ -170,7 +167,7 @@ def simulated_results(
         Number of parallel runs in this process, or the workers that simulate them. The results do
         not depend on it.
     """
-    points = [run.point for run in as_resting(config, runs)]
+    points = [run.point for run in runs]
     if not isinstance(jobs, Workers):
         yield from rig_campaign(bench, points, settings, jobs=jobs)
         return
@@ -204,32 +201,11 @@ def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, An
 def recording_columns(
     runs: Sequence[PlannedRun], results: Sequence[RunResult], config: Config
 ) -> dict[str, np.ndarray]:
-    """Return the recordings of runs as one table with the columns of rig.csv.
-
-    A running rig records the full tensions, and the speed of a pulley that runs with the belt
-    before it slides.
-    """
-    resting = as_resting(config, runs)
-    parts = [_one_recording(*pair, config) for pair in zip(resting, results, strict=True)]
-    if config.rig.kind == "running":
-        parts = [_running(*pair, config) for pair in zip(runs, parts, strict=True)]
+    """Return the recordings of runs as one table with the columns of rig.csv."""
+    parts = [_one_recording(*pair, config) for pair in zip(runs, results, strict=True)]
     return {
         column.name: np.concatenate([part[column.name] for part in parts])
         for column in schemas.table("simulated").columns
-    }
-
-
-def _running(
-    run: PlannedRun, resting: dict[str, np.ndarray], config: Config
-) -> dict[str, np.ndarray]:
-    """Convert the recording of a belt at rest to that of a running rig."""
-    belt_omega = belt_speed(config) / config.rig.pulley_radius_m
-    sign = math.copysign(1.0, run.pulley_speed_rad_s - belt_omega)
-    tensions = ("tension_tight_N", "tension_slack_N", "initial_tension_N")
-    return {
-        **resting,
-        **{name: resting[name] + momentum_N(config) for name in tensions},
-        "pulley_speed_rad_s": belt_omega + sign * resting["pulley_speed_rad_s"],
     }
 
 

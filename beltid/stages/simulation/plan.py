@@ -12,7 +12,6 @@ from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.together import refuse_misfits
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import ConvergenceError, InputError
-from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import Candidates, Settings, simulate_candidates
@@ -20,14 +19,13 @@ from beltid.plan.prior import knowledge_at
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.report.summary import Summary, combined_origin
-from beltid.rigsim.model import Bench
 from beltid.stages.build_artifact import already_exists, of_other_bench
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
+from beltid.stages.simulation.campaign import bench_of
 from beltid.stages.simulation.plan_inputs import (
     Present,
-    at_rest,
     known_of_artifact,
     known_of_result,
     present_knowledge,
@@ -250,9 +248,9 @@ def _planned(
     points = settings.points()
     try:
         candidates = simulate_candidates(
-            _bench(config, present.press.law),
+            bench_of(config, 1.0, present.press.law),
             present.press,
-            at_rest(settings, config),
+            settings,
             present.arcs_deg,
             None if present.surface is None else present.surface.surface,
             rig_kind(config),
@@ -289,8 +287,3 @@ def _check_out(out: Path, *, force: bool) -> None:
         raise InputError(text)
     if out.exists() and not force:
         raise InputError(already_exists(out))
-
-
-def _bench(config: Config, law: NormalLaw) -> Bench:
-    belt, rig, contact = config.belt_params(), config.rig_params(), config.contact_params()
-    return Bench(belt, rig, contact, law, FrictionSurface.constant(1.0))

@@ -19,13 +19,7 @@ from beltid.plan.candidates import NoiseLaw, Settings, noise_law
 from beltid.plan.present import KnownSurface, sources_of_plan
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, ok_rows
-from beltid.stages.simulation.planned_runs import (
-    KEYS,
-    PlannedRun,
-    as_resting,
-    measured_settings,
-    setting_lists,
-)
+from beltid.stages.simulation.planned_runs import KEYS, measured_settings, setting_lists
 from beltid.stages.tables import press_law, shown, surface_from, surface_of
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
@@ -70,19 +64,6 @@ def _thinned(values: Sequence[float]) -> list[float]:
     ordered = sorted(values)
     indices = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
     return [ordered[k] for k in indices]
-
-
-def at_rest(settings: Settings, config: Config) -> Settings:
-    """Convert the settings of a running rig to those of a belt at rest; others are unchanged."""
-    runs = [PlannedRun("of the plan", arc, T_0, omega) for arc, T_0, omega in settings.combined()]
-    resting = as_resting(config, runs)  # the speed varies fastest, the arc slowest
-    n_speeds = len(settings.omegas)
-    of_first_arc = resting[: n_speeds * len(settings.tensions)]
-    return Settings(
-        settings.arcs_deg,
-        tuple(run.initial_tension_N for run in of_first_arc[::n_speeds]),
-        tuple(run.pulley_speed_rad_s for run in resting[:n_speeds]),
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Select the runs to simulate, and convert those of a running belt.
+"""Select the runs to simulate.
 
 The measured runs are simulated, each combination of settings once; if every run has its own tension
 and speed, that is every run. Settings stated in the config take precedence: measured runs at other
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,6 +38,10 @@ SHOWN_VALUES: Final = 12
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
+
+NOT_SIMULATED: Final = (
+    "rig.kind: running has no simulated rig: only fit-friction and build-surface take it"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +140,7 @@ def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[st
     """Fill in the nominal tension of runs that do not state one.
 
     It is the tension at rest, or if unknown the mean of both tensions while sliding. On a rig with
-    a constant hub force the mean takes precedence. For a running belt the momentum part is added.
+    a constant hub force the mean takes precedence.
 
     Parameters
     ----------
@@ -151,10 +155,9 @@ def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[st
         np.asarray(friction.get(name, unknown), dtype=float)
         for name in ("initial_tension_N", "tension_tight_N", "tension_slack_N")
     )
-    momentum = np.nan_to_num(np.asarray(friction.get("momentum_N", 0.0), dtype=float))
     candidates = (rest, 0.5 * (tight + slack))
     for tension in candidates[::-1] if config.rig_params().given_force == "hub" else candidates:
-        setting = np.where(np.isfinite(setting), setting, tension + momentum)
+        setting = np.where(np.isfinite(setting), setting, tension)
     return {**friction, "nominal_tension_N": setting}
 
 
@@ -297,56 +300,10 @@ def _unmeasured(
     ]
 
 
-def as_resting(config: Config, runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
-    """Convert the runs of a running rig to those of a belt at rest; others are unchanged.
-
-    A belt with mass m per length and speed v_b needs the part m v_b² of its tensions to follow its
-    curved path. Contact, friction and bending depend on the effective tensions T - m v_b², and
-    friction acts at the sliding speed abs(omega R - v_b). With these the balance of the running
-    belt is that of the belt at rest, except for its strain: a stretched belt runs faster, so that
-    the sliding speed differs by v_b (T_tight - T_slack)/EA between the ends of the arc. The
-    coefficient is taken at a single speed (docs/theory.md gives the size of the error).
-
-    Raises
-    ------
-    InputError
-        If the belt speed is not known, or a run has no tension or no sliding left.
-    """
-    rig = config.rig
-    if rig.kind != "running":
-        return tuple(runs)
-    v_b, momentum = belt_speed(config), momentum_N(config)
-    problems, resting = [], []
-    for run in runs:
-        T_0 = run.initial_tension_N - momentum
-        omega = abs(run.pulley_speed_rad_s - v_b / rig.pulley_radius_m)
-        if T_0 <= 0.0:
-            problems.append(
-                f"run {run.label}: initial tension {run.initial_tension_N:g} N, must be above "
-                f"{momentum:.4g} N, the momentum part of the running belt"
-            )
-        if omega == 0.0:
-            problems.append(
-                f"run {run.label}: pulley speed {run.pulley_speed_rad_s:g} rad/s, must differ from "
-                "that of the belt"
-            )
-        resting.append(replace(run, initial_tension_N=T_0, pulley_speed_rad_s=omega))
-    if problems:
-        raise InputError(problems)
-    return tuple(resting)
-
-
-def belt_speed(config: Config) -> float:
-    """Return the speed of the belt of a running rig [m/s]."""
-    if config.rig.belt_speed_m_s is None:
-        text = "rig.belt_speed_m_s is not set, must be the speed of the belt to simulate"
-        raise InputError(f"{text} a running rig [m/s]")
-    return config.rig.belt_speed_m_s
-
-
-def momentum_N(config: Config) -> float:
-    """Return the momentum part m v_b² of the tensions of a running belt [N]."""
-    return config.belt.mass_per_length_kg_m * belt_speed(config) ** 2
+def refuse_running(config: Config) -> None:
+    """Raise an error for a running belt, which no simulated rig has."""
+    if config.rig.kind == "running":
+        raise InputError(NOT_SIMULATED)
 
 
 def _matching(

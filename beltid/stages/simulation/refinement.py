@@ -19,6 +19,7 @@ from beltid.rigsim.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.simulation.campaign import RIG_USES
+from beltid.stages.simulation.planned_runs import refuse_running
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign
@@ -86,6 +87,7 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
             f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
             "together with a torque; must be rig.kind: torque"
         )
+    refuse_running(config)
     rig = config.rig_params()
     initial = np.asarray(columns["initial_tension_N"], dtype=float)
     if rig.given_force == "none" and not np.isfinite(initial).any():

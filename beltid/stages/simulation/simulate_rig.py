@@ -32,10 +32,10 @@ from beltid.stages.simulation.campaign import (
 from beltid.stages.simulation.planned_runs import (
     Picked,
     PlannedRun,
-    as_resting,
     differing_settings,
     measured_settings,
     planned_runs,
+    refuse_running,
 )
 from beltid.stages.tables import friction_of, press_law, surface_of
 from beltid.stages.uncertainties import standard_uncertainties
@@ -105,6 +105,7 @@ def run(
         Number of parallel runs in this process if no workers are given.
     """
     model = config.config
+    refuse_running(model)
     settings = simulation_settings(model, method)
     inputs = _with_friction(inputs)
     measured = None
@@ -185,11 +186,6 @@ def _outcome(
             "measured range of the surface: the nearest measured value was used"
         )
     notes += guided_weight(config, [run.point for run in runs])
-    if config.rig.kind == "running":
-        notes.append(
-            "a running belt is simulated at rest: the table shows the effective tensions, which "
-            "press it onto the pulley; the recording holds the full tensions"
-        )
     return Outcome(
         kind=KIND,
         columns=recording_columns(runs, results, config),
@@ -227,7 +223,7 @@ def _uncertainty(
     numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
     rig_sources = all_sources(standard_uncertainties(campaign.config), len(arcs), press.has_scatter)
     sources = with_rig_sources(sources_of(stored.get("sources", ())), rig_sources)
-    points = [run.point for run in as_resting(campaign.config, runs)]
+    points = [run.point for run in runs]
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
     kind = rig_kind(campaign.config)
     calls = [

@@ -42,7 +42,7 @@ class SimulatedRun:
     Attributes
     ----------
     tension_tight_N, tension_slack_N : float
-        Support forces while sliding [N]; on a running rig without the momentum part.
+        Support forces while sliding [N].
     mu : float
         Friction coefficient by Eq. (6) from these tensions [-].
     normal_force_N_m : float
@@ -128,7 +128,7 @@ def simulate_rig(
     model = load_config(config)
     run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
     settings = simulation_settings(model, method, elements)
-    ((_, result),) = simulated_results(model, bench_of(model, surface, law), [run], settings, 1)
+    ((_, result),) = simulated_results(bench_of(model, surface, law), [run], settings, 1)
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(
