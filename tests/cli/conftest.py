@@ -31,7 +31,7 @@ PUBLISHED = ("stiffness", "slip", "friction", "surface", "simulated", "compare")
 
 @pytest.fixture(scope="session")
 def recordings(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Any) -> Path:
-    """Folder with the recordings: 16 of 120 runs of the friction rig, 9 of 51 of the drive."""
+    """Folder with the recordings: 16 of 120 runs of the friction rig, 8 of 48 of the drive."""
     folder = tmp_path_factory.mktemp("recordings")
     shutil.copy(DATA / "press.csv", folder)
     header, *lines = (DATA / "speedloss.csv").read_text().splitlines(keepends=True)

@@ -27,12 +27,12 @@ COMMANDS = {
 }
 ROWS = {
     "stiffness": 5,
-    "slip": 9,
+    "slip": 8,
     "friction": 16,
     "surface": None,
     "simulated": None,
     "compare": 16,
-    "compare_drive": 9,
+    "compare_drive": 8,
 }
 
 
