@@ -117,8 +117,6 @@ class Clock:
     ----------
     name : str
         Name of the channel, for messages.
-    zone : str
-        Time zone of time stamps without a zone, such as "Europe/Berlin"; None: no conversion.
     first : str
         The first time as written.
     dated, zoned : bool
@@ -133,7 +131,6 @@ class Clock:
     """
 
     name: str
-    zone: str | None = None
     first: str = ""
     dated: bool = False
     zoned: bool = False
@@ -189,12 +186,7 @@ class Clock:
         )
         seconds = whole / per_second
         seconds[np.asarray(times.is_null())] = np.nan
-        wrong = {}
-        if self.dated and not self.zoned and self.zone:
-            ahead, unclear = _ahead_of_utc(seconds[filled] + self.first_day * DAY_S, self.zone)
-            seconds[filled] -= ahead
-            wrong = {TWICE: filled[unclear]} if unclear.any() else {}
-        return seconds, wrong
+        return seconds, {}
 
     def _of_texts(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         seconds = np.full(len(times), np.nan)
@@ -218,7 +210,7 @@ class Clock:
                 wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
                 values += (days - self.first_day) * DAY_S
                 read = np.flatnonzero(~(bad | no_day | unclear))
-                zone = self.zone if match["zone"] is None else match["place"]
+                zone = match["place"]
                 if zone and not _is_zone(zone):
                     wrong.setdefault(UNKNOWN_ZONE, []).append(rows)
                 elif zone:
@@ -356,8 +348,6 @@ class Clock:
             return []
         what = "time stamps" if self.dated else "times of day"
         notes = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
-        if self.zone and self.dated and not self.zoned:
-            notes.append(f"{self.name} is read as times of {self.zone}, as the config states")
         if self.midnights:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
             notes.append(f"{self.name} passes midnight {times}: the seconds continue")
