@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import gzip
 import io
-import tempfile
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -380,28 +379,34 @@ class Opened:
 
 def open_sources(sources: Sequence[Source], options: ReadOptions) -> list[Opened]:
     """Open files; those of formats whose readers may crash are read together in a child process."""
+    from beltid.bench.formats.isolated.process import read_isolated, temporary_folder
+
     opened: list[Opened] = []
     jobs: dict[int, tuple[str, Path]] = {}
-    with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
+    folder: Path | None = None
+    with contextlib.ExitStack() as stack:
         for number, source in enumerate(sources):
             try:
-                opened_file = _opened(source, options, Path(folder, str(number)))
+                found = _opened(source, options)
+                if isinstance(found, tuple):
+                    format_name, file = found
+                    if isinstance(file, bytes):
+                        folder = folder or Path(stack.enter_context(temporary_folder()))
+                        (folder / str(number)).write_bytes(file)
+                        file = folder / str(number)
+                    jobs[number] = format_name, file
+                    found = Opened(source.name)
             except InputError as error:
-                opened_file = Opened(source.name, wrong=error.problems)
-            if isinstance(opened_file, tuple):
-                jobs[number] = opened_file
-                opened_file = Opened(source.name)
-            opened.append(opened_file)
-        if jobs:
-            from beltid.bench.formats.isolated.process import read_isolated
-
-            for number, contents in zip(jobs, read_isolated(list(jobs.values())), strict=True):
-                name = sources[number].name
-                opened[number] = (
-                    Opened(name, wrong=tuple(contents.at(name)))
-                    if isinstance(contents, InputError)
-                    else Opened(name, channels=contents)
-                )
+                found = Opened(source.name, wrong=error.problems)
+            opened.append(found)
+        contents_of_jobs = read_isolated(list(jobs.values())) if jobs else []
+        for number, contents in zip(jobs, contents_of_jobs, strict=True):
+            name = sources[number].name
+            opened[number] = (
+                Opened(name, wrong=tuple(contents.at(name)))
+                if isinstance(contents, InputError)
+                else Opened(name, channels=contents)
+            )
     return opened
 
 
@@ -422,8 +427,8 @@ def read_opened(opened: Opened, context: MappingContext) -> list[RawTable]:
     return []
 
 
-def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple[str, Path]:
-    """Open a file, or return the format and the path that the child process must read."""
+def _opened(source: Source, options: ReadOptions) -> Opened | tuple[str, Path | bytes]:
+    """Open a file, or return the format and the file or bytes that the child process must read."""
     data = plain = source.read()
     name = source.inside.name.removesuffix(".gz")
     format_name = sniff(data, name)
@@ -433,8 +438,7 @@ def _opened(source: Source, options: ReadOptions, spare: Path) -> Opened | tuple
     if format_name in ISOLATED:
         if plain is data and not source.is_member:
             return format_name, source.path
-        spare.write_bytes(plain)
-        return format_name, spare
+        return format_name, plain
     if format_name == LVM:
         from beltid.bench.formats import lvm
 

@@ -23,6 +23,10 @@ from beltid.cli.process import (
 )
 from beltid.errors import EXIT_INPUT, printable
 
+FOLDER_GONE: Final = (
+    "the working folder no longer exists: "
+    "change to another one, or name all files by absolute paths"
+)
 MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
@@ -286,7 +290,18 @@ def main() -> None:
         app()
     except OSError as error:
         if error.filename is None:
-            raise
-        # such as a file name that is too long, before the work starts
-        typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
+            if not _is_folder_gone():
+                raise
+            typer.echo(f"error: {FOLDER_GONE}", err=True)
+        else:  # such as a file name that is too long, before the work starts
+            typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
         sys.exit(EXIT_INPUT)
+
+
+def _is_folder_gone() -> bool:
+    """Return whether the working folder was deleted: relative paths lead nowhere."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False

@@ -208,17 +208,6 @@ def text_encoding(value: Any) -> str:
     return str(value)
 
 
-def time_zone_name(value: Any) -> str:
-    """Check the name of a time zone."""
-    import zoneinfo
-
-    try:
-        zoneinfo.ZoneInfo(value)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, TypeError, OSError):
-        raise complain("the name of a time zone such as Europe/Berlin or US/Eastern") from None
-    return str(value)
-
-
 def separating_character(value: Any) -> str:
     """Check the character that separates cells; the word tab stands for a tab."""
     if value == "tab":

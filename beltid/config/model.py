@@ -16,7 +16,6 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     BeforeValidator,
-    Strict,
     create_model,
     field_serializer,
 )
@@ -37,7 +36,6 @@ from beltid.config.fields import (
     plain_words,
     separating_character,
     text_encoding,
-    time_zone_name,
 )
 from beltid.tables.columns import Column
 from beltid.tables.schemas import RECORDINGS, SETTINGS, table
@@ -173,15 +171,23 @@ class RunsSection(_Runs):
 
 
 class DialectSection(Section):
-    """Dialect of the bench's CSV files; null: detected from the file."""
+    """Dialect of the bench's CSV files; null: detected from the file.
+
+    `names` are those of the columns of files without a header.
+    """
 
     separator: Annotated[str, BeforeValidator(separating_character)] | None = None
     decimal: Literal[".", ","] | None = None
     thousands: Literal[".", ",", "'", " "] | None = None
     encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
-    time_zone: Annotated[str, BeforeValidator(time_zone_name)] | None = None
     skip_lines: Annotated[int, Count(0, 10_000)] = 0
-    units_row: Annotated[bool, Strict()] = False
+    names: (
+        Annotated[
+            tuple[Annotated[str, Text()], ...],
+            ListOf("names of columns", "[run, time_s, force_N]", longest=2000),
+        ]
+        | None
+    ) = None
 
 
 class BeltSection(Section):

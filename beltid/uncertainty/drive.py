@@ -178,7 +178,7 @@ def without_bending(results: Sequence[DriveResult]) -> Array:
 
     The ribs of a string seat at once, those of a rod over some length, on which they slip: the
     error grows with the seating part S of the loss L, and in full slip with its slip part X. It is
-    ``u = hypot(0.14 sqrt(|S L|), 0.5 X)``, relative to the speed and for the pulley where it is
+    ``u = hypot(0.14 sqrt(|S L|), X)``, relative to the speed and for the pulley where it is
     largest. S/L contains the radius, the span forces and the stiffness of the bed.
 
     Parameters

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import zoneinfo
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -102,61 +101,10 @@ def test_the_end_of_summer_time(tmp_path):
     ]
     recording = read(press(tmp_path, zones))
     np.testing.assert_allclose(recording.columns["time_s"], [0.0, 0.02, 0.04], atol=1e-9)
-    named = [z.replace("+02:00", " MESZ").replace("+01:00", " MEZ") for z in zones]
-    np.testing.assert_allclose(read(press(tmp_path, named)).columns["time_s"], [0, 0.02, 0.04])
     assert problems(press(tmp_path, [z[:-6] for z in zones])) == [
         "P1.csv:3: Uhrzeit goes back from 02:59:59.980 to 02:00:00 without passing midnight, "
         "must not go backwards"
     ]
-
-
-@pytest.mark.parametrize("zone", ["Europe/Berlin", "US/Eastern", "Australia/Lord_Howe"])
-@pytest.mark.parametrize("stated", [True, False])
-def test_summer_time_begins_in_a_named_zone(tmp_path, zone, stated):
-    # the truth is UTC: Python's own conversion of instants to what the clocks of the zone show
-    begin = {
-        "Europe/Berlin": datetime.datetime(2026, 3, 29, 0, 59, 59, 900000),
-        "US/Eastern": datetime.datetime(2026, 3, 8, 6, 59, 59, 900000),
-        "Australia/Lord_Howe": datetime.datetime(2026, 10, 3, 15, 29, 59, 900000),
-    }[zone]
-    shown = [
-        t.replace(tzinfo=datetime.UTC).astimezone(zoneinfo.ZoneInfo(zone)).replace(tzinfo=None)
-        for t in stamps(begin)
-    ]
-    assert shown[-1] - shown[0] > datetime.timedelta(minutes=30)  # the clock is set forward
-    times = [t.isoformat(" ", "microseconds") + f" {zone}" * (not stated) for t in shown]
-    config = {"dialect": {"time_zone": zone}} if stated else {}
-    recording = read(press(tmp_path, times), config)
-    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
-    note = f"Uhrzeit is read as times of {zone}, as the config states"
-    assert (note in recording.notes) == stated
-
-
-@pytest.mark.parametrize("kind", ["zone beside", "config", "parquet"])
-def test_the_hour_that_comes_twice_is_refused_with_its_line(tmp_path, kind):
-    last = datetime.datetime(2026, 10, 25, 1, 59, 59, 900000)  # five samples before 2:00
-    path, config = tmp_path / "P1.csv", {"dialect": {"time_zone": "Europe/Berlin"}}
-    if kind == "parquet":
-        path = tmp_path / "press.parquet"
-        columns = {"test": ["a"] * N, "temperature_degC": [22.0] * N}
-        columns |= {"time_s": stamps(last), "displacement_mm": T, "force_N": 1000 * T}
-        pq.write_table(pa.table(columns), path)
-    else:
-        named = " Europe/Berlin" * (kind == "zone beside")
-        press(tmp_path, [t.isoformat(" ") + named for t in stamps(last)])
-    with pytest.raises(InputError, match="occurs twice or never in its time zone") as error:
-        read(path, {} if kind == "zone beside" else config)
-    where = "press.parquet, row 6: " if kind == "parquet" else "P1.csv:7: "
-    assert where in str(error.value)
-    assert f"({N - 6} more like it)" in str(error.value)
-
-
-def test_a_zone_that_is_not_known(tmp_path):
-    press(tmp_path, [t.isoformat(" ") + " Europe/Aachen" for t in stamps()])
-    assert "P1.csv:2: Uhrzeit" in problems(tmp_path / "P1.csv")[0]
-    assert "must be one such as Europe/Berlin" in problems(tmp_path / "P1.csv")[0]
-    with pytest.raises(InputError, match=r"dialect.time_zone .*must be the name of a time zone"):
-        load_config({"dialect": {"time_zone": "Europe/Aachen"}})
 
 
 @pytest.mark.parametrize("dates", ["date", "text", "stamp"])

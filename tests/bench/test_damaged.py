@@ -142,3 +142,20 @@ def test_bombs(tmp_path):
         archive.writestr("xl/workbook.xml", b"0" * (8 << 20))
     with pytest.raises(InputError, match="damaged"):
         read_recording(book, "rig")
+
+
+@pytest.mark.parametrize("name", ["semicolons", "mat5"])
+def test_only_formats_read_by_a_child_need_a_temporary_folder(tmp_path, monkeypatch, name):
+    def none_usable() -> str:
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    path = WRITERS[name](tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setattr("tempfile._get_default_tempdir", none_usable)
+    result = CliRunner().invoke(app, ["fit-friction", str(path), "-q"])
+    assert "Traceback" not in result.stderr
+    if name == "semicolons":
+        assert result.exit_code == 0, result.output
+    else:
+        assert result.exit_code == 2
+        assert "TMPDIR" in result.stderr

@@ -168,6 +168,32 @@ def test_comments_and_a_preamble_before_the_header(tmp_path):
     np.testing.assert_array_equal(stated.columns["time_s"], recording.columns["time_s"])
 
 
+@pytest.mark.parametrize("sign", [",", ";", "\t", " "])
+def test_a_file_without_a_header_is_read_by_stated_names(tmp_path, sign):
+    truth = read_recording(write(tmp_path, [HEADER, *rows()]), "rig").columns
+    point = "," if sign == ";" else "."
+    cells = [line.replace(",", sign).replace(".", point) for line in rows()]
+    (found,) = problems(write(tmp_path, cells))
+    assert found.startswith("rig.csv:1: ")
+    assert all(word in found for word in ("numbers", "8 columns", "dialect: {names:"))
+    for before in ([], ["rig 3", "monday"]):
+        path = write(tmp_path, [*before, *cells])
+        dialect = {"names": HEADER.split(","), "skip_lines": len(before)}
+        columns = read_recording(path, "rig", load_config({"dialect": dialect})).columns
+        for name, values in truth.items():
+            np.testing.assert_array_equal(columns[name], values)
+    short = {"dialect": {"names": HEADER.split(",")[:-1]}}
+    (found,) = problems(write(tmp_path, cells), config=short)
+    assert found.startswith("rig.csv:1: 8 cells")
+    assert "7 names" in found
+
+
+def test_a_sample_that_the_config_calls_the_header_is_not_lost(tmp_path):
+    first = dict(zip(HEADER.split(","), rows()[0].split(","), strict=True))
+    (found,) = problems(write(tmp_path, rows()), config={"columns": {"rig": first}})
+    assert "names" in found
+
+
 def test_a_row_of_units_converts(tmp_path):
     units = "-,ms,kN,[kN],1/min,°F,rad,N"
     lines = [
@@ -177,27 +203,25 @@ def test_a_row_of_units_converts(tmp_path):
         "R1,520,0.31,0.15,2,71.6,1.5,270",
     ]
     path = write(tmp_path, lines)
-    columns = read_recording(path, "rig", load_config({"dialect": {"units_row": True}})).columns
+    columns = read_recording(path, "rig").columns
     assert columns["time_s"][0] == pytest.approx(0.5, rel=1e-14)
     assert columns["tension_slack_N"][0] == pytest.approx(150.0, rel=1e-14)
     assert columns["pulley_speed_rad_s"][0] == pytest.approx(2 * 2 * np.pi / 60, rel=1e-14)
     assert columns["temperature_degC"][0] == pytest.approx(22.0, abs=1e-10)
     assert columns["arc_deg"][0] == pytest.approx(np.degrees(1.5), rel=1e-14)
-    seen = read_recording(path, "rig").columns  # known units are plain to see
-    np.testing.assert_array_equal(seen["arc_deg"], columns["arc_deg"])
     write(tmp_path, [lines[0], "-,x,bar,?,a,b,c,d", *lines[2:]])
     assert 'rig.csv:2: time_s = "x", must be a number' in problems(path)
 
 
 def test_the_header_keeps_its_line_above_a_row_of_units(tmp_path):
     lines = ["", HEADER.replace("time_s", "clock"), "-,s,N,N,rad/s,C,deg,N", *rows()]
-    found = problems(write(tmp_path, lines), config={"dialect": {"units_row": True}})
+    found = problems(write(tmp_path, lines))
     assert found[0] == "rig.csv:2: column time_s is missing"
 
 
 def test_an_unknown_unit_in_the_row_of_units(tmp_path):
     lines = [HEADER, "-,s,kPa,N,rad/s,C,deg,N", *rows()]
-    found = problems(write(tmp_path, lines), config={"dialect": {"units_row": True}})
+    found = problems(write(tmp_path, lines))
     assert found[0].startswith("rig.csv:2: tension_tight_N is in kPa, must be one of N, mN, daN")
 
 

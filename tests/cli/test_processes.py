@@ -48,6 +48,27 @@ def test_same_input_same_bytes_in_another_process_and_folder(
     assert made == (finished / "friction.parquet").read_bytes()
 
 
+@pytest.mark.parametrize("named", ["speedloss.csv", "absolute"])
+def test_a_working_folder_that_was_deleted(beside: Path, named: str) -> None:
+    gone = beside / "gone"
+    gone.mkdir()
+    file = str(beside / "speedloss.csv") if named == "absolute" else named
+    call = f"import os, sys; os.rmdir({str(gone)!r}); sys.argv[1:] = ['fit-slip', {file!r}]"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{call}; from beltid.cli import main; main()"],
+        cwd=gone,
+        capture_output=True,
+        env=environment(),
+    )
+    assert b"Traceback" not in done.stderr
+    if named == "absolute":
+        assert done.returncode == 0
+        assert (beside / "slip.parquet").is_file()
+    else:
+        assert done.returncode == 2
+        assert b"working folder" in done.stderr
+
+
 def test_a_terminal_without_the_letters_gets_substitutes(beside: Path) -> None:
     done = run(beside, "config", "show", "--all", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.returncode == 0, done.stderr

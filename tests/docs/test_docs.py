@@ -249,7 +249,7 @@ def test_the_page_of_columns_and_keys_is_that_of_this_program() -> None:
     written = runpy.run_path(str(ROOT / "docs" / "reference.py"))["text"]()
     page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     assert page == written, "write it again: python docs/reference.py"
-    for name in ("momentum_N", "time_zone", "mass_per_length_rel", "torque_with"):
+    for name in ("momentum_N", "skip_lines", "mass_per_length_rel", "torque_with"):
         assert f"`{name}`" in page
 
 

@@ -218,7 +218,7 @@ class _Clocks:
     ) -> None:
         self.groups, self.mappings, self.values = groups, mappings, values
         self.context = context
-        self.clock = Clock("", context.options.dialect.time_zone)
+        self.clock = Clock("")
         """Reads all clock times of the file, so that they count from the same midnight."""
         self.chosen: dict[int, ChannelMapping | None] = {}
         self.times: dict[int, np.ndarray] = {}

@@ -155,9 +155,7 @@ def wanted_of(mappings: Mapping[str, ChannelMapping], context: MappingContext) -
             mapping.candidate.key,
             context.table.column(role).dtype == "string",
             mapping.shown,
-            Clock(mapping.candidate.name, context.options.dialect.time_zone)
-            if mapping.is_clock
-            else None,
+            Clock(mapping.candidate.name) if mapping.is_clock else None,
             None if mapping.date is None else mapping.date.key,
         )
         for role, mapping in mappings.items()

@@ -6,9 +6,7 @@ dates, with or without a zone, and the times and time stamps of Arrow. Dates are
 
 from __future__ import annotations
 
-import datetime
 import re
-import zoneinfo
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -28,24 +26,15 @@ _TIME: Final = (
     r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:(?:[.,]|:(?=(?:\d{3}){1,2}(?!\d)))(?P<f>\d{1,30}))?"
 )
 _HALF: Final = r"(?:\s*(?P<half>[AaPp])\.?\s?[Mm]\.?)?"
-_OFFSET: Final = r"(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?(?:\[[\w+/-]+\])?"
-_PLACE: Final = r"(?P<place>[A-Z][A-Za-z]+(?:/[A-Z][A-Za-z_]+){1,2})"
-_ZONE: Final = rf"(?:\s*(?P<zone>Z|UTC|GMT|CEST|CET|MESZ|MEZ|{_OFFSET}|{_PLACE}))?"
+_OFFSET: Final = r"(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?"
+_ZONE: Final = rf"(?:\s*(?P<zone>Z|UTC|GMT|{_OFFSET}))?"
 _CLOCK: Final = re.compile(rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_HALF}{_ZONE}\s*", re.ASCII)
 _CLOCK_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
 """A clock time cut by a spreadsheet: minutes and seconds, or hours and minutes."""
 _DATE_ALONE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
-_QUARTER_S: Final = 900
-"""Clocks change to summer time and back at full quarters of an hour."""
-_ZONES_MIN: Final = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 60, "MEZ": 60, "CEST": 120, "MESZ": 120}
 
 NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
 UNLIKE: Final = "must be like the first time: with or without a date, with or without a zone"
-UNKNOWN_ZONE: Final = "is in an unknown time zone, must be one such as Europe/Berlin"
-TWICE: Final = (
-    "occurs twice or never in its time zone, because the clock is changed: write times with their "
-    "offset, such as +02:00"
-)
 DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
@@ -91,8 +80,6 @@ class Clock:
     ----------
     name : str
         Name of the channel, for messages.
-    zone : str
-        Time zone of time stamps without a zone, such as "Europe/Berlin"; None: no conversion.
     first : str
         The first time as written.
     dated, zoned : bool
@@ -107,7 +94,6 @@ class Clock:
     """
 
     name: str
-    zone: str | None = None
     first: str = ""
     dated: bool = False
     zoned: bool = False
@@ -163,12 +149,7 @@ class Clock:
         )
         seconds = whole / per_second
         seconds[np.asarray(times.is_null())] = np.nan
-        wrong = {}
-        if self.dated and not self.zoned and self.zone:
-            ahead, unclear = _ahead_of_utc(seconds[filled] + self.first_day * DAY_S, self.zone)
-            seconds[filled] -= ahead
-            wrong = {TWICE: filled[unclear]} if unclear.any() else {}
-        return seconds, wrong
+        return seconds, {}
 
     def _of_texts(self, times: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         seconds = np.full(len(times), np.nan)
@@ -191,14 +172,6 @@ class Clock:
                 wrong.setdefault(NOT_READ, []).append(rows[no_day])
                 wrong.setdefault(DAY_OR_MONTH, []).append(rows[unclear])
                 values += (days - self.first_day) * DAY_S
-                read = np.flatnonzero(~(bad | no_day | unclear))
-                zone = self.zone if match["zone"] is None else match["place"]
-                if zone and not _is_zone(zone):
-                    wrong.setdefault(UNKNOWN_ZONE, []).append(rows)
-                elif zone:
-                    ahead, twice = _ahead_of_utc(values[read] + self.first_day * DAY_S, zone)
-                    values[read] -= ahead
-                    wrong.setdefault(TWICE, []).append(rows[read[twice]])
             seconds[rows] = values
         return seconds, {why: rows for why, parts in wrong.items() if (rows := _joined(parts)).size}
 
@@ -316,8 +289,6 @@ class Clock:
             return []
         what = "time stamps" if self.dated else "times of day"
         notes = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
-        if self.zone and self.dated and not self.zoned:
-            notes.append(f"{self.name} is read as times of {self.zone}, as the config states")
         if self.midnights:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
             notes.append(f"{self.name} passes midnight {times}: the seconds continue")
@@ -332,42 +303,6 @@ def _are_dated(times: Any) -> bool:
         return bool(pa.types.is_timestamp(times.type))
     match = _CLOCK.fullmatch(next((t.as_py() for t in times if t.is_valid), ""))
     return match is not None and match["a"] is not None
-
-
-def _is_zone(name: str) -> bool:
-    """Whether a time zone of this name exists."""
-    try:
-        zoneinfo.ZoneInfo(name)
-    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
-        return False
-    return True
-
-
-def _ahead_of_utc(local_s: np.ndarray, zone: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the offset of a zone from UTC [s], and a mask of times that occur twice or never.
-
-    Parameters
-    ----------
-    local_s : ndarray
-        Local clock time [s] from 1970-01-01, shape (n,).
-    zone : str
-        Name of the zone.
-    """
-    place, start = zoneinfo.ZoneInfo(zone), datetime.datetime(1970, 1, 1)
-    quarters, which = np.unique(local_s // _QUARTER_S, return_inverse=True)
-    before, after = (
-        np.array(
-            [
-                (start + datetime.timedelta(seconds=q * _QUARTER_S))
-                .replace(tzinfo=place, fold=fold)
-                .utcoffset()
-                for q in quarters.tolist()
-            ],
-            dtype="timedelta64[s]",
-        ).astype(float)
-        for fold in (0, 1)
-    )
-    return before[which], (before != after)[which]
 
 
 def _plain(values: Any) -> Any:
@@ -434,8 +369,6 @@ def _time_of_day(match: re.Match[str], signs: np.ndarray) -> tuple[np.ndarray, n
         if match["zm"]:
             ahead += _number(signs, match.span("zm")) * 60
         values -= ahead if match["sign"] == "+" else -ahead
-    elif match["zone"] in _ZONES_MIN:
-        values -= _ZONES_MIN[match["zone"]] * 60
     return values, bad
 
 

@@ -162,30 +162,35 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
     names, skipped = set(wanted), dialect.skip_lines
     top = _whole_cells(text.split("\n", skipped + TOP)[: skipped + TOP], skipped)
     at = _header_row(top, skipped, name, notes)
-    separator = dialect.separator or best_separator(top[at], names)
-    if not dialect.separator and _is_separated_by_blanks(top, at):
-        separator = BLANK
-    row = top[at].strip() if separator == BLANK else top[at]
-    header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
     fields: tuple[Field, ...] = ()
-    units_at = at + 1
-    if not skipped and not names <= set(header):
-        titled = _search(top[:SEARCHED], dialect.separator)
-        if titled is not None:
-            if (titled[0].header_row, titled[1]) != (at, separator):
-                notes.append(f"header found in line {titled[0].header_row + 1}")
-            head, separator = titled
-            at, header, fields = head.header_row, head.names, head.fields
-            units_at = head.below
+    if dialect.names:
+        header, units_at = dialect.names, at
+        separator = _separator_of_names(top[at], dialect, f"{name}:{at + 1}")
+    else:
+        separator = dialect.separator or best_separator(top[at], names)
+        if not dialect.separator and _is_separated_by_blanks(top, at):
+            separator = BLANK
+        row = top[at].strip() if separator == BLANK else top[at]
+        header = tuple(cell.strip() for cell in _cells(row, separator, f"{name}:{at + 1}"))
+        units_at = at + 1
+        if not skipped and not names <= set(header):
+            titled = _search(top[:SEARCHED], dialect.separator)
+            if titled is not None:
+                if (titled[0].header_row, titled[1]) != (at, separator):
+                    notes.append(f"header found in line {titled[0].header_row + 1}")
+                head, separator = titled
+                at, header, fields = head.header_row, head.names, head.fields
+                units_at = head.below
+        while header and not header[-1]:  # a separator at the end of the line
+            header = header[:-1]
+        _refuse_sample(top, at, dialect.separator, names, name)
     fields = fields or fields_of([[row] for row in top[:at] if row.startswith("#")])
-    while header and not header[-1]:  # a separator at the end of the line
-        header = header[:-1]
     if separator != "," and not dialect.separator:
         notes.append(f"separator {_NAMES.get(separator, repr(separator))} found in the header")
     place = f"{name}:{at + 1}"
     if len(header) > MAX_COLUMNS:
         raise InputError(f"{place}: {len(header)} columns, must be at most {MAX_COLUMNS}")
-    unit_cells, first = _units_row(top, units_at, separator, stated=dialect.units_row)
+    unit_cells, first = _units_row(top, units_at, separator)
     body = "".join(text.split("\n", first)[first:])
     if not body.strip():
         raise NoRowsError(f"{name}: holds no samples, only a header in line {at + 1}")
@@ -201,7 +206,7 @@ def layout(text: str, name: str, dialect: DialectSection, wanted: Iterable[str])
         (),
         at + 1,
         fields,
-        tuple(row.encode() for row in top[at:first] if row.strip()),
+        () if dialect.names else tuple(row.encode() for row in top[at:first] if row.strip()),
     )
     signs = _number_signs(unsigned, dialect, notes, place)
     return replace(unsigned, signs=signs, notes=tuple(notes))
@@ -251,6 +256,51 @@ def _header_row(top: Sequence[str], skip: int, name: str, notes: list[str]) -> i
     raise NoRowsError(f"{name}: holds no header in {len(top)} lines ({skip} of them skipped)")
 
 
+def _separator_of_names(row: str, dialect: DialectSection, place: str) -> str:
+    """Return the separator that splits the first row into as many cells as there are names."""
+    names = dialect.names or ()
+    counts = {sign: len(_row_cells(row, sign)) for sign in _separators(dialect.separator)}
+    for sign, count in counts.items():
+        if count == len(names):
+            return sign
+    raise InputError(
+        f"{place}: {max(counts.values())} cells, but dialect.names states {len(names)} names"
+    )
+
+
+def _refuse_sample(
+    top: Sequence[str], at: int, stated: str | None, wanted: set[str], name: str
+) -> None:
+    """Refuse a sample in place of the header: like the row below it, at least half numbers."""
+    below = next((row for row in top[at + 1 :] if row.strip()), top[at])
+    for sign in _separators(stated):
+        first, second = _row_cells(top[at], sign), _row_cells(below, sign)
+        is_value = [_is_value(cell) for cell in first]
+        if sum(is_value) < 2 or 2 * sum(is_value) < len(first):
+            continue
+        cells = zip(first, second, is_value, strict=False)
+        named = any(a in wanted and a != b and not value for a, b, value in cells)
+        if is_value == [_is_value(cell) for cell in second] and not named:
+            raise InputError(
+                f"{name}:{at + 1}: line {at + 1} holds numbers, not names: state the names of the "
+                f"{len(first)} columns, dialect: {{names: [...]}}"
+            )
+
+
+def _separators(stated: str | None) -> tuple[str, ...]:
+    return (stated,) if stated else (*SEPARATORS, BLANK)
+
+
+def _row_cells(row: str, separator: str) -> list[str]:
+    """Return the cells of a row without empty ones at its end."""
+    if separator == BLANK:
+        return row.split()
+    cells = [cell.strip() for cell in cells_or_line(row, separator)]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
 def _is_separated_by_blanks(top: Sequence[str], at: int) -> bool:
     """Whether only blanks separate the header and the rows, into equally many cells."""
     below = next((row for row in top[at + 1 :] if row.strip()), "")
@@ -259,15 +309,13 @@ def _is_separated_by_blanks(top: Sequence[str], at: int) -> bool:
     return not has_separator and cells > 1 and len(below.split()) == cells
 
 
-def _units_row(
-    top: Sequence[str], start: int, separator: str, *, stated: bool
-) -> tuple[tuple[str, ...], int]:
-    """Return the row of units below the header, stated or detected, and where the rows begin."""
+def _units_row(top: Sequence[str], start: int, separator: str) -> tuple[tuple[str, ...], int]:
+    """Return the row of units below the header, if there is one, and where the rows begin."""
     below = next((i for i in range(start, len(top)) if top[i].strip()), None)
     if below is None:
         return (), start
     cells = tuple(cell.strip() for cell in cells_or_line(top[below], separator))
-    return (cells, below + 1) if stated or is_units_row(cells) else ((), below)
+    return (cells, below + 1) if is_units_row(cells) else ((), below)
 
 
 def _search(top: Sequence[str], stated: str | None) -> tuple[TableHead, str] | None:

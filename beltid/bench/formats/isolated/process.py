@@ -7,13 +7,14 @@ pickled objects), or ``i.json`` with the reason of the failure.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -66,13 +67,27 @@ def read_isolated(jobs: Sequence[tuple[str, Path]]) -> list[BenchFile | InputErr
     return results + [untried] * (len(jobs) - len(results))
 
 
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[str]:
+    """Create a temporary folder; `InputError` if no folder for temporary files is usable."""
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="beltid-")
+    except OSError as error:
+        raise InputError(
+            "TDMS, MDF, MATLAB, HDF5 and Excel files need a temporary folder: "
+            f"{error.strerror or error}; name one that can be written as TMPDIR"
+        ) from None
+    with folder as name:
+        yield name
+
+
 def _one_child(jobs: Sequence[tuple[str, Path]]) -> tuple[list[BenchFile | InputError], str]:
     """Read files in one child; return the results up to a file that ended it, and how it ended."""
     sizes = [path.stat().st_size for _, path in jobs]
     memory = BASE_MEMORY + MEMORY_PER_BYTE * max(sizes)
     cpu_s = BASE_CPU_S + CPU_S_PER_MB * (sum(sizes) >> 20) + 2 * len(jobs)
     one_thread = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_IO_THREADS")
-    with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
+    with temporary_folder() as folder:
         # -P: nothing is imported from the folder of the recordings
         command = [sys.executable, "-P", "-m", __name__, folder, str(memory), str(cpu_s)]
         request = json.dumps([[name, str(path.absolute())] for name, path in jobs])
