@@ -53,21 +53,16 @@ from beltid._version import __version__
 if TYPE_CHECKING:
     from beltid.config import Config, load_config
     from beltid.errors import (
-        ArgumentTypeError,
         ArtifactError,
         BeltidError,
         BeltidWarning,
         ConfigError,
-        ConvergenceError,
-        FitError,
         InputError,
         NumericsError,
-        TooFewSettings,
     )
     from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
-    from beltid.laws.uncertain_surface import UncertainSurface
     from beltid.stages.drive.simulate_drive import simulate_drive
     from beltid.stages.identification.build_surface import build_surface
     from beltid.stages.identification.fit_friction import fit_friction
@@ -75,28 +70,22 @@ if TYPE_CHECKING:
     from beltid.stages.identification.fit_stiffness import fit_stiffness
     from beltid.stages.identification.recordings import read_press, read_rig, read_speedloss
     from beltid.stages.simulation.compare import compare, predict_held_out
-    from beltid.stages.simulation.plan import PlannedRuns, plan_runs
+    from beltid.stages.simulation.plan import plan_runs
     from beltid.stages.simulation.refine_surface import refine_surface
     from beltid.stages.simulation.simulated_runs import simulate_campaign, simulate_rig
     from beltid.stages.tables import load_law, load_stiffness, load_surface
 
 __all__ = [
-    "ArgumentTypeError",
     "ArtifactError",
     "BeltidError",
     "BeltidWarning",
     "Config",
     "ConfigError",
     "ContactLaw",
-    "ConvergenceError",
-    "FitError",
     "FrictionSurface",
     "InputError",
     "NormalLaw",
     "NumericsError",
-    "PlannedRuns",
-    "TooFewSettings",
-    "UncertainSurface",
     "__version__",
     "build_surface",
     "compare",
@@ -125,23 +114,18 @@ _HOMES = {
     "load_config": "config",
     **dict.fromkeys(
         (
-            "ArgumentTypeError",
             "ArtifactError",
             "BeltidError",
             "BeltidWarning",
             "ConfigError",
-            "ConvergenceError",
-            "FitError",
             "InputError",
             "NumericsError",
-            "TooFewSettings",
         ),
         "errors",
     ),
     "ContactLaw": "export.law",
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
-    "UncertainSurface": "laws.uncertain_surface",
     "build_surface": "stages.identification.build_surface",
     "refine_surface": "stages.simulation.refine_surface",
     "compare": "stages.simulation.compare",
@@ -149,7 +133,7 @@ _HOMES = {
     "fit_slip": "stages.identification.fit_slip",
     "fit_stiffness": "stages.identification.fit_stiffness",
     "predict_held_out": "stages.simulation.compare",
-    **dict.fromkeys(("PlannedRuns", "plan_runs"), "stages.simulation.plan"),
+    "plan_runs": "stages.simulation.plan",
     **dict.fromkeys(
         ("read_press", "read_rig", "read_speedloss"), "stages.identification.recordings"
     ),

@@ -201,7 +201,7 @@ def test_wrong_arguments_of_the_drive_and_of_a_comparison_are_named(
         (friction, law, "surface = result of kind friction, must be a FrictionSurface"),
         (0.8, 6.5e7, "law = float, must be a NormalLaw"),
     ):
-        with pytest.raises(beltid.ArgumentTypeError, match=said):
+        with pytest.raises(beltid.InputError, match=said):
             beltid.simulate_drive(drive, surface, normal)
     for pair, argument in (((friction, None), "simulated"), ((None, friction), "friction")):
         with pytest.raises(beltid.InputError, match=f"^{argument}: is a NoneType, must be a Data"):

@@ -30,7 +30,7 @@ FOLDER_GONE: Final = (
 MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
-From bench recordings to a friction law that is validated on a simulated copy of the bench
+From bench recordings to a friction law that is proven on a simulated copy of the bench
 (method of Cepon, Manin and Boltezar, 2010):
 
 \b

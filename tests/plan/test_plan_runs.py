@@ -76,7 +76,7 @@ def test_from_results_it_goes_on_from_their_uncertainty():
 
 def test_what_a_plan_cannot_go_on_from_is_refused():
     grid = beltid.FrictionSurface([1000.0, 2000.0], [0.01], [[1.0], [0.9]])
-    with pytest.raises(beltid.ArgumentTypeError, match="must be the result of refine_surface"):
+    with pytest.raises(beltid.InputError, match="must be the result of refine_surface"):
         beltid.plan_runs(grid, LAW, CONFIG)
     with pytest.raises(beltid.InputError, match="goal-u = 2, must be in"):
         beltid.plan_runs(config=CONFIG, goal_u=2.0)
