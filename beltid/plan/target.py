@@ -80,15 +80,5 @@ def surface_target(
     share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
     weight = np.repeat(share / share.sum() / PLACES, PLACES)
     places = np.tile(f, v.size), np.repeat(v, PLACES)
-    return Target(*places, weight, _rows(curves, *places))
-
-
-def _rows(curves: Curves, f: Array, v: Array) -> Array:
-    """Build rows (q, size) that give ln mu at points (q,): splines over ln f, linear in ln v.
-
-    Beyond the knots and speeds the nearest one applies, as in the refined surface.
-    """
-    speeds = curves.log_speed
-    basis = curves.basis(np.log(f))
-    hats = np.stack([np.interp(np.log(v), speeds, unit) for unit in np.eye(speeds.size)], axis=1)
-    return np.asarray((hats[:, :, None] * basis[:, None, :]).reshape(f.size, -1))
+    rows = np.kron(np.eye(inside.size)[inside], curves.basis(np.log(f)))
+    return Target(*places, weight, rows)

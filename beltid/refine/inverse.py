@@ -50,7 +50,7 @@ __all__ = ["MeasuredRun", "RefinedSurface", "refine_surface"]
 
 Array = NDArray[np.float64]
 
-KNOTS = 12  # over the range of the surface
+KNOTS = 12  # over the range of the surface, and its nodes over the force
 FINER_MESH = 1.5  # number of elements over the default, so that the mesh adds no bias
 MODEL_ERROR = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
@@ -96,8 +96,6 @@ class RefinedSurface:
         surface.
     weight : ndarray, shape (n,)
         Weight of the runs in the fit [-]: 1, less for outliers.
-    force_range : ndarray, shape (m, 2)
-        Range of the line force in the contact at each speed [N/m].
     errors : ndarray, shape (n,)
         Standard errors of ln mu of the runs as used in the fit, including noise scale, run-to-run
         scatter and weight.
@@ -133,7 +131,6 @@ class RefinedSurface:
     misfit_before: Array
     misfit_after: Array
     weight: Array
-    force_range: Array
     errors: Array
     noise_scale: float
     J: Array
@@ -180,7 +177,6 @@ def refine_surface(
     bench: Bench,
     runs: Sequence[MeasuredRun],
     speeds: Array,
-    nodes: int = 12,
     *,
     stated: Array | None = None,
     reference_degC: float | None = None,
@@ -195,8 +191,6 @@ def refine_surface(
         The measured runs at all arcs.
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
-    nodes : int
-        Number of force nodes of the resulting surface.
     stated : ndarray, shape (n, K), optional
         Change of measured minus simulated ln mu of each run for one standard uncertainty of each
         error that runs share. The effects are what these errors do not explain.
@@ -220,7 +214,7 @@ def refine_surface(
     lowest, low = acting[:, :2].min(axis=0)
     high = acting[:, 2].max()
     curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
-    forces = np.geomspace(low, high, nodes)
+    forces = np.geomspace(low, high, KNOTS)
     grid_f, grid_v = np.exp(curves.log_force), rig.speeds
     start = np.log(bench.surface.mu(grid_f[None, :], grid_v[:, None])).ravel()
     measured = np.log([run.mu for run in runs])
@@ -249,7 +243,6 @@ def refine_surface(
         misfit_before=np.expm1(fit.log_mu_before - measured),
         misfit_after=np.expm1(last.log_mu - measured),
         weight=fit.weight,
-        force_range=acting[:, 1:],
         errors=errors * np.sqrt(variance / fit.weight),
         noise_scale=float(np.sqrt(np.mean(variance))),
         J=last.J,

@@ -18,7 +18,6 @@ from beltid.params import OperatingPoint
 from beltid.rigsim.model import Bench, RigModel, Workspace
 from beltid.rigsim.profile import ContactState, steady_contact
 from beltid.rigsim.reference.step import march_by_lemke
-from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
 from beltid.rigsim.steady import StaticState, lay_on, slide
 from beltid.rigsim.step import march
 from beltid.rigsim.transient_run import Plan, TransientRun, run_transient
@@ -47,8 +46,6 @@ class SimulationSettings:
     friction_solver : {"newton", "lemke"}
         Stick and slip by the active set (semismooth Newton), or by Lemke's method on the Delassus
         matrix: the reference, about ten times slower, and compiled in its first run.
-    sensitivities : bool
-        Also compute the sensitivities of the tensions to mu (steady method only).
     profile_times_s : tuple of float
         Times after the start of rotation at which the contact along the arc is stored [s]
         (transient method only), at the end of the step that contains the time.
@@ -58,7 +55,6 @@ class SimulationSettings:
     elements: int | None = None
     steps: int = DEFAULT_STEPS
     friction_solver: Literal["newton", "lemke"] = "newton"
-    sensitivities: bool = False
     profile_times_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -130,8 +126,6 @@ class RunResult:
         The sliding state; its profile is :attr:`profile`.
     snapshots : tuple of (float, ContactState)
         Time [s] and contact at the requested times (transient).
-    sensitivity : TensionSensitivity, optional
-        Derivatives of the tensions with respect to mu, if requested.
     """
 
     tension_tight_N: float
@@ -140,7 +134,6 @@ class RunResult:
     record: SolverRecord
     sliding: ContactState
     snapshots: tuple[tuple[float, ContactState], ...] = ()
-    sensitivity: TensionSensitivity | None = None
 
     @property
     def mu(self) -> float:
@@ -198,7 +191,6 @@ def _simulate_laid(
         marcher = march_by_lemke if settings.friction_solver == "lemke" else march
         plan = Plan(settings.steps, bench.contact.sticking_ratio, settings.profile_times_s)
         return _transient_result(model, run_transient(model, laid, sliding, plan, marcher))
-    sensitivity = tension_sensitivity(model, sliding) if settings.sensitivities else None
     record = SolverRecord(
         elements=model.nodes.size - 1,
         steps=0,
@@ -211,8 +203,7 @@ def _simulate_laid(
         clamped_lookups=sliding.outside,
         lookups=sliding.lookups,
     )
-    state = steady_contact(model, sliding)
-    return RunResult(sliding.T_A, sliding.T_B, None, record, state, (), sensitivity)
+    return RunResult(sliding.T_A, sliding.T_B, None, record, steady_contact(model, sliding))
 
 
 def _transient_result(model: RigModel, run: TransientRun) -> RunResult:

@@ -15,7 +15,8 @@ from beltid.rigsim.banded import HALF
 from beltid.rigsim.contact.points import STICK, Points, new_points
 from beltid.rigsim.model import Bench, RigModel
 from beltid.rigsim.profile import ContactState
-from beltid.rigsim.steady import StaticState, lay_on
+from beltid.rigsim.sensitivity import TensionSensitivity, tension_sensitivity
+from beltid.rigsim.steady import StaticState, lay_on, slide
 from beltid.rigsim.step import (
     Drive,
     Kinematics,
@@ -58,6 +59,14 @@ def bench(
 
 def at(arc_deg: float = 82.0, T_0: float = 270.0, omega: float = 0.21) -> OperatingPoint:
     return OperatingPoint(math.radians(arc_deg), T_0, omega)
+
+
+def sensitivity_of(
+    rig: Bench, point: OperatingPoint, elements: int | None = None
+) -> TensionSensitivity:
+    """Derivatives of the tensions of the sliding state in mu."""
+    model = rig.model(point, elements)
+    return tension_sensitivity(model, slide(model, lay_on(model)))
 
 
 def true_surface_5pk(n_f: int = 120, n_v: int = 40) -> FrictionSurface:

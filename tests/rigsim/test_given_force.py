@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from rig_bench import LAW_5PK, at, bench, true_surface_5pk
+from rig_bench import LAW_5PK, at, bench, sensitivity_of, true_surface_5pk
 from scipy.optimize import brentq
 
 from beltid.errors import InputError
@@ -155,9 +155,8 @@ def test_sensitivities_are_differences_of_the_tensions(given: GivenForce, suppor
     def shifted(sign: float) -> FrictionSurface:
         return FrictionSurface(f, v, surface.mu_nodes + sign * step * shape[:, None])
 
-    settings = SimulationSettings("steady", sensitivities=True)
-    found = simulate(rig, at(82, W), settings).sensitivity
-    assert found is not None
+    settings = SimulationSettings("steady")
+    found = sensitivity_of(rig, at(82, W))
     up, down = (simulate(replace(rig, surface=shifted(s)), at(82, W), settings) for s in (1, -1))
     force, speed = found.normal_force_N_m, 0.21 * 0.05
     change = (shifted(1).mu(force, speed) - shifted(-1).mu(force, speed)) / (2 * step)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from rig_bench import LAW_5PK, at, bench, true_surface_5pk
+from rig_bench import LAW_5PK, at, bench, sensitivity_of, true_surface_5pk
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.results import Simulator
@@ -41,7 +41,8 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_what_is_compiled_ahead_is_what_the_rig_calls() -> None:
     first_call()
     rig = bench(law=LAW_5PK, mu=true_surface_5pk(30, 12))
-    simulate(rig, at(), SimulationSettings("steady", sensitivities=True))
+    simulate(rig, at(), SimulationSettings("steady"))
+    sensitivity_of(rig, at())
     simulate(rig, at(), SimulationSettings("transient", steps=52))
     assert len(march.signatures) == 1
 

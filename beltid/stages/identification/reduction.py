@@ -50,8 +50,6 @@ from beltid.uncertainty.sources import StandardUncertainties
 NOT_REDUCED = ("mu_sliding_u", "normal_force_u_N_m")
 """Columns that depend on the calibration of the bench, so that the reduction does not fill them."""
 
-CELL_KEYS: Final = tuple(f"friction.tension_{s}_{e}" for s in SPANS for e in CELL_RANGES)
-"""Keys of a config for the known errors of the load cells."""
 TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
