@@ -265,7 +265,7 @@ def test_what_dead_writers_left_is_cleared_and_nothing_else(tmp_path: Path) -> N
 
 
 def test_parts_of_a_parquet_folder_changed_while_they_are_read_are_noticed(tmp_path: Path) -> None:
-    part, out = tmp_path / "rig" / "arc_deg=82" / "a.parquet", tmp_path / "slip.parquet"
+    part, out = tmp_path / "rig" / "a.parquet", tmp_path / "slip.parquet"
     write_bytes(part, b"one")
     recipe = ("slip", ConfigSource(Config(), "test"), ("rig",), {"speedloss": tmp_path / "rig"})
 
