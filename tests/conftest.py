@@ -27,6 +27,7 @@ settings.load_profile("tests")
 ROOT = Path(__file__).parents[1]
 FIRST = (
     "chain/test_batch.py",  # it compiles the kernels, those that follow need none of them at once
+    "golden/test_chain.py",  # it makes what other goldens wait for
     "report",
     "docs",
     "cli/test_commands.py",  # it makes what all of cli waits for
@@ -37,6 +38,7 @@ FIRST = (
     "stages",
     "identify",
     "hostile",
+    "golden",
     "uncertainty",
     "refine",
     "test_",

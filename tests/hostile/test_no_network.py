@@ -60,6 +60,7 @@ def test_the_guard_sees_who_asks(guarded, asks):
     assert log.exists()
 
 
+@pytest.mark.long
 def test_no_command_asks_for_the_network(guarded, tmp_path):
     assert {command.split()[0] for command in every_command.COMMANDS} == set(COMMANDS)
     environment, log = guarded
