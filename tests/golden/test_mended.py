@@ -1,4 +1,4 @@
-"""What the frozen tree did wrong in silence: every test here was red with it (synthetic data)."""
+"""What the frozen tree did wrong in silence, by command, file or import (synthetic data)."""
 
 from __future__ import annotations
 
