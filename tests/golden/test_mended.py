@@ -189,34 +189,27 @@ def test_a_damaged_report_is_written_again(bench: Path) -> None:
     assert (bench / "report.html").read_text() == page
 
 
-def test_a_deleted_working_directory(tmp_path: Path) -> None:
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    program = f"import os, sys; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r});"
-    program += "from beltid.__main__ import main; sys.argv = ['beltid', 'fit-stiffness', 'p.csv'];"
-    program += "main()"
-    said = subprocess.run(
-        [sys.executable, "-c", program],
+def fit_after(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Call `fit-stiffness press.csv` in a process of its own, after some code."""
+    call = "from beltid.__main__ import main; sys.argv = ['beltid', 'fit-stiffness', 'press.csv']"
+    return subprocess.run(
+        [sys.executable, "-c", f"import os, sys, tempfile\n{code}\n{call}\nmain()"],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
+        cwd=folder,
         capture_output=True,
         text=True,
     )
+
+
+def test_a_deleted_working_directory(tmp_path: Path) -> None:
+    said = fit_after("os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')", tmp_path)
     assert said.returncode == 2, said.stderr
     assert "Traceback" not in said.stderr
 
 
 def test_a_plain_file_needs_no_temporary_folder(tmp_path: Path) -> None:
     benches.press().to_csv(tmp_path / "press.csv", index=False)
-    program = "import tempfile, sys; tempfile._candidate_tempdir_list = lambda: ['/nowhere'];"
-    program += "from beltid.__main__ import main; sys.argv = ['beltid', 'fit-stiffness',"
-    program += "'press.csv', '-q']; main()"
-    said = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
+    said = fit_after("tempfile._candidate_tempdir_list = lambda: ['/nowhere']", tmp_path)
     assert said.returncode == 0, said.stderr
 
 

@@ -58,20 +58,6 @@ def written_as(cells: Sequence[str]) -> str:
     return "clock" if cells and (is_clock(cells[0]) or _CLOCK_CUT.fullmatch(cells[0])) else ""
 
 
-def holds_clock(kind: Any) -> bool:
-    """Whether an Arrow type holds times of day, time stamps, or texts that may be either."""
-    import pyarrow as pa
-
-    is_a = pa.types
-    kind = kind.value_type if is_a.is_dictionary(kind) else kind
-    return bool(
-        is_a.is_timestamp(kind)
-        or is_a.is_time(kind)
-        or is_a.is_string(kind)
-        or is_a.is_large_string(kind)
-    )
-
-
 @dataclass(slots=True)
 class Clock:
     """Reader of the clock times of one channel, block by block; the first time sets the form.
