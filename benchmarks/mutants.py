@@ -40,7 +40,7 @@ from benchmarks.mutant_reach import Reach, trace, trial
 ROOT: Final = Path(__file__).parents[1]
 COPIED: Final = ("beltid", "tests", "rigdata", "pyproject.toml")
 TESTS: Final = {
-    "laws": ["tests/laws", "tests/uncertainty/test_uncertain_surface.py"],
+    "laws": ["tests/laws"],
     "identify": ["tests/identify"],
     "refine": ["tests/refine"],
     "uncertainty": ["tests/uncertainty"],

@@ -46,7 +46,6 @@ from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, simulate_candidates
 from beltid.plan.design import RunRows, choose_runs
@@ -301,8 +300,8 @@ def error_and_uncertainty(bench: SyntheticBench, measured: Measured) -> tuple[Ar
     )
     sources = all_sources(bench.given, int(measured.arc.max()) + 1, False)
     found = refined_campaign(campaign, speeds, sources)
-    surface = UncertainSurface(
-        found.refined.surface, np.concatenate(changes_and_scatter(found), axis=-1)
+    surface = found.refined.surface.with_covariance(
+        np.concatenate(changes_and_scatter(found), axis=-1)
     )
     f, v = target_points(bench)
     return (

@@ -12,7 +12,6 @@ from beltid.artifacts.metadata_models import Origin
 from beltid.config.fields import FOLDER_NAME, PLAIN_WORDS, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
@@ -191,7 +190,7 @@ class ContactLaw(Part):
     provenance: Provenance
 
     @property
-    def surface(self) -> UncertainSurface:
+    def surface(self) -> FrictionSurface:
         """The friction surface with its uncertainty."""
         return _surface(self.friction)
 
@@ -207,12 +206,12 @@ class ContactLaw(Part):
 
 
 @lru_cache(maxsize=8)
-def _surface(part: FrictionPart) -> UncertainSurface:
+def _surface(part: FrictionPart) -> FrictionSurface:
     se = None
     if part.mu_se is not None:
         se = [[float("nan") if cell is None else cell for cell in row] for row in part.mu_se]
     surface = FrictionSurface(part.normal_force_N_m, part.slip_speed_m_s, part.mu, se)
-    return UncertainSurface(surface, part.factor, part.sources)
+    return surface.with_covariance(part.factor, part.sources)
 
 
 def friction_part(
@@ -226,7 +225,7 @@ def friction_part(
     Parameters
     ----------
     surface : FrictionSurface
-        The surface; an `UncertainSurface` also supplies its covariance.
+        The surface; also supplies its covariance.
     method : str
         Identification method.
     budget : tuple of Contribution
@@ -236,8 +235,7 @@ def friction_part(
     """
     tables = surface.tables()
     se = surface.mu_se_nodes
-    uncertain = surface if isinstance(surface, UncertainSurface) else UncertainSurface(surface)
-    factor = uncertain.factor
+    factor = surface.factor
     return FrictionPart(
         method=method,
         normal_force_N_m=_plain(surface.normal_force_N_m),
@@ -247,7 +245,7 @@ def friction_part(
         mu_se=None if se is None else _plain(se, none_for_nan=True),
         budget=budget,
         factor=None if factor is None else _plain(factor),
-        sources=uncertain.sources,
+        sources=surface.sources,
         sticking_ratio=None if sticking is None else sticking[0],
         sticking_ratio_sd=None if sticking is None else sticking[1],
         x_nodes=_plain(tables.x_nodes),

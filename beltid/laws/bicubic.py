@@ -74,18 +74,9 @@ def patches(x: Array, y: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
-    """Evaluate a natural cubic spline that stays between the values of neighbouring points.
+    """Evaluate a natural cubic spline that stays between neighbouring points, z at x (n,).
 
-    Parameters
-    ----------
-    x, z : ndarray (n,)
-        Points, strictly increasing in x; a single point has its value everywhere.
-    at : ndarray (m,)
-        Positions, within the range of the points.
-
-    Returns
-    -------
-    ndarray (m,)
+    Positions ``at`` (m,) lie within the points; a single point has its value everywhere.
     """
     if x.size == 1:
         return np.full(at.shape, z[0])
@@ -98,10 +89,7 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
 
 
 def _nodal_derivatives(x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Return the derivatives z_x, z_y, z_xy of the tensor spline at the nodes, each (nx, ny).
-
-    With not-a-knot ends, scipy's spline is a parabola through three nodes and a line through two.
-    """
+    """Return z_x, z_y, z_xy of the tensor spline; a parabola of three nodes, a line of two."""
     zx = CubicSpline(x, z, axis=0)(x, 1)
     zy = CubicSpline(y, z, axis=1)(y, 1)
     zxy = CubicSpline(y, zx, axis=1)(y, 1)

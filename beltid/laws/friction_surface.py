@@ -2,20 +2,27 @@
 
 Between the nodes, bicubic splines interpolate (:mod:`beltid.laws.bicubic`). Outside them the
 nearest measured value applies; the surface never extrapolates.
+
+The errors of ln mu at the nodes are correlated: an error of a load cell moves the whole surface. A
+standard error per node is therefore not enough. A surface may have a factor S of the covariance
+``S S'`` of ln mu at all nodes, with one column for each shared source and more columns for the
+scatter. Any later use (a simulation, a band in a figure) follows from S.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from beltid.errors import InputError
 from beltid.laws.bicubic import patches
-from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, log_nodes
+from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, locate, log_nodes
 
 Array = NDArray[np.float64]
 
@@ -41,6 +48,12 @@ class FrictionSurface:
         Friction coefficient at the nodes [-], > 0.
     mu_se : array_like (nf, nv), optional
         Standard errors of the node values [-], >= 0; nan where unknown.
+    factor : array_like (nf, nv, r), optional
+        Factor of the covariance of ln mu at the nodes. Without it, the only uncertainty is the
+        standard error of each node.
+    sources : sequence of str
+        Names of the first columns of the factor, which are errors common to all nodes. The other
+        columns are scatter.
 
     Raises
     ------
@@ -63,6 +76,8 @@ class FrictionSurface:
     slip_speed_m_s: Array
     mu_nodes: Array
     mu_se_nodes: Array | None
+    factor: Array | None
+    sources: tuple[str, ...]
     limited: NDArray[np.bool_]
     _tables: SurfaceTables = field(repr=False)
 
@@ -72,36 +87,40 @@ class FrictionSurface:
         slip_speed_m_s: ArrayLike,
         mu: ArrayLike,
         mu_se: ArrayLike | None = None,
+        factor: ArrayLike | None = None,
+        sources: Sequence[str] = (),
     ) -> None:
         f = _to_array("normal_force_N_m", normal_force_N_m)
         v = _to_array("slip_speed_m_s", slip_speed_m_s)
         z = _to_array("mu", mu)
         se = None if mu_se is None else _to_array("mu_se", mu_se)
+        S = None if factor is None else _to_array("factor", factor)
         problems = _axis_problems("normal_force_N_m", f) + _axis_problems("slip_speed_m_s", v)
         problems += _value_problems(f, v, z, se)
+        shape = (f.size, v.size)
+        if S is not None and (S.shape[:2] != shape or S.ndim != 3 or S.shape[2] < len(sources)):
+            problems.append(f"factor: shape {S.shape}, must be {(*shape, '>= sources')}")
         if problems:
             raise InputError(problems)
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
         C, limited = patches(x, y, z)
-        tables = SurfaceTables(x, y, f_ref, v_ref, C)
         # read-only: numba would compile its kernels a second time for writable arrays
-        for array in (f, v, z, se, limited, x, y, C):
+        for array in (f, v, z, se, S, limited, x, y, C):
             if array is not None:
                 array.flags.writeable = False
-        values = (f, v, z, se, limited, tables)
+        tables = SurfaceTables(x, y, f_ref, v_ref, C)
+        values = (f, v, z, se, S, tuple(sources), limited, tables)
         for attribute, value in zip(fields(FrictionSurface), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 
     @classmethod
     def constant(cls, mu: float) -> Self:
-        """Create a surface with the same friction coefficient everywhere.
-
-        Parameters
-        ----------
-        mu : float
-            Friction coefficient [-], > 0.
-        """
+        """Create a surface with the same friction coefficient `mu` [-], > 0, everywhere."""
         return cls([0.0], [0.0], np.full((1, 1), mu, dtype=float))
+
+    def with_covariance(self, factor: ArrayLike | None, sources: Sequence[str] = ()) -> Self:
+        """Return the same surface with another covariance; parameters as of the class."""
+        return type(self)(*self._given, factor=factor, sources=sources)
 
     @property
     def degree(self) -> tuple[int, int]:
@@ -163,14 +182,12 @@ class FrictionSurface:
         InputError
             If an argument is not numeric, or the shapes cannot be broadcast.
         """
-        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
-        cell = by_f.cell, by_v.cell, by_f.local, by_v.local
-        mu, _, _ = evaluate_cell(self._tables.C, *cell)
+        (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
+        mu, _, _ = evaluate_cell(self._tables.C, i, j, s, t)
         mu = np.clip(mu, self.mu_nodes.min(), self.mu_nodes.max())
         # the polynomial matches its node only to rounding: return the node value itself
-        corner = by_f.cell + (by_f.local == 1.0), by_v.cell + (by_v.local == 1.0)
-        mu = np.where(by_f.on_node & by_v.on_node, self.mu_nodes[corner], mu)
-        return np.where(valid, mu, np.nan)[()]
+        at_node = (s % 1.0 == 0.0) & (t % 1.0 == 0.0)
+        return np.where(at_node, self.mu_nodes[i + (s == 1.0), j + (t == 1.0)], mu)[()]
 
     def gradient(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
@@ -181,11 +198,10 @@ class FrictionSurface:
         the derivative from inside. mu is an even function of the speed, so its derivative is odd
         (at zero speed, the derivative from above).
         """
-        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
-        cell = by_f.cell, by_v.cell, by_f.local, by_v.local
-        _, mu_s, mu_t = evaluate_cell(self._tables.C, *cell)
-        nan_mask = np.where(valid, 0.0, np.nan)
-        return (mu_s * by_f.slope + nan_mask)[()], (mu_t * by_v.slope + nan_mask)[()]
+        f, v = _points(normal_force_N_m, slip_speed_m_s)
+        (i, s, ds_df), (j, t, dt_dv) = self._places(f, v)
+        _, mu_s, mu_t = evaluate_cell(self._tables.C, i, j, s, t)
+        return (mu_s * ds_df)[()], (mu_t * dt_dv * np.where(v < 0.0, -1.0, 1.0))[()]
 
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points lie within the measured range, where no input is clamped."""
@@ -197,37 +213,79 @@ class FrictionSurface:
         return ((f >= f_low) & (f <= f_high) & (v >= v_low) & (v <= v_high))[()]
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Interpolate the standard error of mu [-] bilinearly; nan where unknown."""
+        """Interpolate the standard error of mu from scatter [-] bilinearly; nan where unknown."""
         unknown = np.full(self.mu_nodes.shape, np.nan)
         se = unknown if self.mu_se_nodes is None else self.mu_se_nodes
         return self._bilinear(se[..., None], normal_force_N_m, slip_speed_m_s)[..., 0][()]
+
+    def mu_u(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Compute the combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
+
+        Outside the range it is that of the nearest node, like mu itself. Without a covariance, the
+        standard error is all that is known.
+        """
+        if self.factor is None:
+            return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
+        rows = self.factor_at(normal_force_N_m, slip_speed_m_s)
+        mu = self.mu(normal_force_N_m, slip_speed_m_s)
+        return np.asarray(mu * np.sqrt(np.sum(np.square(rows), axis=-1)))[()]
+
+    def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
+        """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
+
+        The covariance of two points is the product of their rows, ``cov = row_1 . row_2``.
+
+        Raises
+        ------
+        InputError
+            If the surface has no factor.
+        """
+        if self.factor is None:
+            raise InputError("the surface has no covariance: it was built without uncertainties")
+        return self._bilinear(self.factor, normal_force_N_m, slip_speed_m_s)
+
+    def band(
+        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
+    ) -> tuple[Array, Array]:
+        """Compute the limits of mu [-] that cover the truth with a probability of `level`.
+
+        Based on the combined standard uncertainty of ln mu, so that the lower limit is positive.
+
+        Raises
+        ------
+        InputError
+            If the level is not in (0, 1).
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level = {level!r}, must be in (0, 1)")
+        mu = self.mu(normal_force_N_m, slip_speed_m_s)
+        k = float(ndtri(0.5 + 0.5 * level))
+        width = np.exp(k * self.mu_u(normal_force_N_m, slip_speed_m_s) / mu)
+        return np.asarray(mu / width)[()], np.asarray(mu * width)[()]
 
     def tables(self) -> SurfaceTables:
         """Return the plain float64 arrays for compiled kernels."""
         return self._tables
 
-    def _locate(
-        self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
-    ) -> tuple[_Place, _Place, NDArray[np.bool_]]:
-        """Find points along force and signed speed, and whether both inputs are numbers."""
-        f, v = _points(normal_force_N_m, slip_speed_m_s)
-        valid = ~(np.isnan(f) | np.isnan(v))
-        f, v = np.where(valid, f, 0.0), np.where(valid, v, 0.0)
-        T = self._tables
-        by_f = _along_axis(f, self.normal_force_N_m, T.x_nodes, T.f_ref)
-        by_v = _along_axis(np.abs(v), self.slip_speed_m_s, T.y_nodes, T.v_ref)
-        return by_f, by_v._replace(slope=np.where(v < 0.0, -by_v.slope, by_v.slope)), valid
+    def _places(self, f: Array, v: Array) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+        """Locate points on both axes; nan in one variable makes both local coordinates nan."""
+        T, unknown = self._tables, 0.0 * (f + v)
+        i, s, ds_df = locate(T.x_nodes, T.f_ref, f)
+        j, t, dt_dv = locate(T.y_nodes, T.v_ref, np.abs(v))
+        return (i, s + unknown, ds_df), (j, t + unknown, dt_dv)
 
     def _bilinear(
         self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
     ) -> Array:
         """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""
-        by_f, by_v, valid = self._locate(normal_force_N_m, slip_speed_m_s)
-        total = np.where(valid[..., None], np.zeros(nodes.shape[2]), np.nan)
-        for i, weight_f in ((by_f.cell, 1.0 - by_f.local), (by_f.cell + 1, by_f.local)):
-            for j, weight_v in ((by_v.cell, 1.0 - by_v.local), (by_v.cell + 1, by_v.local)):
+        (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
+        total = np.zeros((*s.shape, nodes.shape[2])) + 0.0 * (s + t)[..., None]
+        for row, weight_f in ((i, 1.0 - s), (i + 1, s)):
+            for column, weight_v in ((j, 1.0 - t), (j + 1, t)):
                 weight = (weight_f * weight_v)[..., None]
-                corner = nodes[np.minimum(i, len(nodes) - 1), np.minimum(j, nodes.shape[1] - 1)]
+                corner = nodes[
+                    np.minimum(row, len(nodes) - 1), np.minimum(column, nodes.shape[1] - 1)
+                ]
                 # ignore a nan neighbour with zero weight
                 total = total + np.where(weight > 0.0, weight * corner, 0.0)
         return total
@@ -261,7 +319,7 @@ class FrictionSurface:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # rebuild from the nodes: unpickled arrays would be writable
-        return type(self), self._given
+        return type(self), (*self._given, self.factor, self.sources)
 
 
 def _to_array(name: str, values: ArrayLike) -> Array:
@@ -321,30 +379,6 @@ def _points(normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> tuple[Arr
             "together, must be equal or broadcast"
         ) from None
     return f, v
-
-
-class _Place(NamedTuple):
-    """Places of points along an axis, all in the broadcast shape."""
-
-    cell: NDArray[np.intp]
-    local: Array  # coordinate in the cell, 0 to 1
-    slope: Array  # its derivative with respect to the value
-    on_node: NDArray[np.bool_]  # whether the clamped value is a node
-
-
-def _along_axis(value: Array, nodes: Array, coordinates: Array, reference: float) -> _Place:
-    """Find values on an axis with the given nodes and their logarithmic coordinates."""
-    if nodes.size == 1:
-        zero = np.zeros(value.shape)
-        return _Place(zero.astype(np.intp), zero, zero, np.ones(value.shape, dtype=bool))
-    inside = np.clip(value, nodes[0], nodes[-1])
-    cell = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, nodes.size - 2)
-    width = coordinates[cell + 1] - coordinates[cell]
-    local = np.clip((np.log1p(inside / reference) - coordinates[cell]) / width, 0.0, 1.0)
-    lower, upper = inside == nodes[cell], inside == nodes[cell + 1]
-    local = np.where(lower, 0.0, np.where(upper, 1.0, local))
-    slope = np.where(inside == value, 1.0 / (width * (reference + inside)), 0.0)
-    return _Place(cell, local, slope, lower | upper)
 
 
 def _range_of(nodes: Array) -> tuple[float, float]:

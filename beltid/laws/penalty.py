@@ -94,26 +94,13 @@ class NormalLaw:
             for name, value in zip(names, values, strict=True)
             if not (value >= 0 and np.isfinite(value))
         ]
-        if not problems and max(values) == 0.0:
-            problems = [
-                "k_linear_N_m2 and k_quadratic_N_m3 are both 0: the contact has no stiffness"
-            ]
+        if not any(values):
+            problems = [f"{' and '.join(names)} are both 0: the contact has no stiffness"]
         if problems:
             raise InputError(problems)
 
     def force(self, penetration_m: ArrayLike) -> NDArray[np.float64]:
-        """Compute the line force at a penetration, Eq. (3); zero without contact.
-
-        Parameters
-        ----------
-        penetration_m : array_like
-            Penetration delta = -g_N [m]; negative values mean an open gap.
-
-        Returns
-        -------
-        ndarray
-            Normal force per length of belt [N/m], >= 0.
-        """
+        """Compute the line force [N/m] at a penetration [m], Eq. (3); zero in an open gap, < 0."""
         delta = np.maximum(np.asarray(penetration_m, dtype=float), 0.0)
         return elastic_force(delta, self.k_linear_N_m2, self.k_quadratic_N_m3)
 
@@ -124,17 +111,7 @@ class NormalLaw:
         return np.where(delta > 0.0, slope, 0.0)
 
     def penetration(self, force_N_m: ArrayLike) -> NDArray[np.float64]:
-        """Compute the penetration under a line force, the inverse of :meth:`force`.
-
-        Parameters
-        ----------
-        force_N_m : array_like
-            Normal force per length of belt [N/m], >= 0.
-
-        Returns
-        -------
-        ndarray
-            Penetration [m]. This form of the root has no cancellation as k_quadratic goes to zero.
+        """Compute the penetration [m] under a line force [N/m] >= 0, the inverse of :meth:`force`.
 
         Raises
         ------
@@ -145,5 +122,5 @@ class NormalLaw:
         if np.any(f < 0):
             raise InputError(f"force_N_m = {float(np.min(f)):g}, must be >= 0: contact only pushes")
         k1, k2 = self.k_linear_N_m2, self.k_quadratic_N_m3
-        root = k1 + stiffness_under(f, k1, k2)
+        root = k1 + stiffness_under(f, k1, k2)  # no cancellation as k2 goes to zero
         return np.divide(2.0 * f, root, out=np.zeros_like(f), where=root > 0.0)

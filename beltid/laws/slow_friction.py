@@ -3,8 +3,8 @@
 A belt drive mostly slides more slowly than the rig, at speeds where no bench has measured friction.
 There are two limits: mu keeps its value at the slowest speed (share 0), or it continues with its
 trend there (share 1). Half of the trend is the mean if the truth is equally likely anywhere between
-them, and their difference over sqrt(12) the standard uncertainty. The measured part and its range
-do not change.
+them, and their difference over sqrt(12) the standard uncertainty. The surface itself stays as it
+is: it never extrapolates, a drive does.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ PLACES: Final = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])
 def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTables:
     """Continue a surface below its slowest speed, (D14).
 
+    ``mu = mu_1 [(v/v_1 + REST)/(1 + REST)]^(share p)`` with ``p = d ln mu/d ln v`` at the slowest
+    speed ``v_1``: positive, monotonic, and smooth down to rest.
+
     Parameters
     ----------
     surface : FrictionSurface
@@ -40,11 +43,6 @@ def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTab
     -------
     SurfaceTables
         The tables of the surface itself if it has one speed, or if its slowest speed is 0.
-
-    Notes
-    -----
-    ``mu = mu_1 [(v/v_1 + REST)/(1 + REST)]^(share p)`` with ``p = d ln mu/d ln v`` at the slowest
-    speed ``v_1``: positive, monotonic, and smooth down to rest.
     """
     tables, f, v = surface.tables(), surface.normal_force_N_m, surface.slip_speed_m_s
     if v.size == 1 or v[0] == 0.0:
@@ -54,7 +52,7 @@ def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTab
     p = share * np.clip(v[0] * by_v / mu, -STEEPEST, STEEPEST)
     x, nodes = tables.x_nodes, np.stack([mu, mu_x, p])[..., None]
     if f.size == 1:  # as in bicubic.patches
-        x, nodes = np.array([0.0, 1.0]), np.repeat(nodes, 2, axis=1)
+        x, nodes = np.array([0.0, 1.0]), np.repeat(np.nan_to_num(nodes), 2, axis=1)
     mu, mu_x, p = nodes
     p_x = np.gradient(p, x, axis=0)
     log, log_y = np.log((PLACES + REST) / (1.0 + REST)), (PLACES + 1.0) / (PLACES + REST)

@@ -1,8 +1,8 @@
-"""A friction surface as plain tables, and the functions that evaluate them.
+"""A friction surface as plain tables, and the two functions that evaluate it everywhere.
 
 Compiled kernels cannot take objects, so they take the arrays of :class:`SurfaceTables`. The bodies
-of :func:`locate` and :func:`evaluate_cell` use only indexing and ``math``, so they can be compiled
-unchanged.
+of :func:`locate` and :func:`evaluate_cell` hold for numbers and for arrays: kernels compile them
+unchanged for one point, :class:`beltid.laws.friction_surface.FrictionSurface` calls them with many.
 """
 
 from __future__ import annotations
@@ -59,44 +59,40 @@ def log_nodes(nodes: Array) -> tuple[Array, float]:
     """
     positive = nodes[nodes > 0.0]
     reference = float(positive[0]) if positive.size else math.inf
-    # math.log1p, as in locate: both must give a node the same coordinate to the last bit
-    return np.array([math.log1p(node / reference) for node in nodes]), reference
+    return np.log1p(nodes / reference), reference
 
 
-def locate(nodes: Any, reference: float, value: float) -> tuple[int, float, float]:
-    """Find the cell and the local coordinate of a value on one axis of the tables.
+def locate(nodes: Any, reference: float, value: Any) -> tuple[Any, Any, Any]:
+    """Find the cell and the local coordinate of values on one axis; outside, of the nearest node.
 
     Parameters
     ----------
-    nodes : sequence of float (n,)
+    nodes : ndarray (n,)
         Coordinates of the nodes [-].
     reference : float
         ``f_ref`` or ``v_ref`` of the axis.
-    value : float
+    value : float or ndarray
         Force [N/m] or magnitude of the speed [m/s].
 
     Returns
     -------
-    cell : int
+    cell : int or ndarray
         Index of the cell.
-    local : float
-        Coordinate in the cell, in [0, 1].
-    slope : float
+    local : float or ndarray
+        Coordinate in the cell, in [0, 1]; nan where the value is nan.
+    slope : float or ndarray
         Derivative of the local coordinate with respect to the value; 0 outside the nodes.
     """
-    last = len(nodes) - 1
-    if value < 0.0 or last == 0:
-        return 0, 0.0, 0.0
-    x = math.log1p(value / reference)
-    if x < nodes[0]:
-        return 0, 0.0, 0.0
-    if x > nodes[last]:
-        return last - 1, 1.0, 0.0
+    x = np.log1p(np.maximum(value, 0.0) / reference)
     cell = 0
-    while cell < last - 1 and x >= nodes[cell + 1]:
-        cell += 1
+    if nodes.size == 1:
+        return cell, 0.0 * x, 0.0 * x
+    inside = np.minimum(np.maximum(x, nodes[0]), nodes[-1])
+    for node in nodes[1:-1]:
+        cell = cell + (inside >= node)
     width = nodes[cell + 1] - nodes[cell]
-    return cell, (x - nodes[cell]) / width, 1.0 / (width * (reference + value))
+    is_inside = 1.0 * ((x == inside) & (value >= 0.0))
+    return cell, (inside - nodes[cell]) / width, is_inside / (width * (reference + value))
 
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:

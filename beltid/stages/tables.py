@@ -23,7 +23,6 @@ from beltid.export.law_file import law_from_text
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.stages.outcome import Outcome
 from beltid.tables import schemas
 from beltid.uncertainty.press_law import PressLaw
@@ -62,10 +61,10 @@ def load_law(path: str | Path) -> ContactLaw:
     return law_from_text(text, str(path))
 
 
-def load_surface(path: str | Path) -> UncertainSurface:
+def load_surface(path: str | Path) -> FrictionSurface:
     """Load the averaged friction surface of a surface artifact.
 
-    It is a `FrictionSurface` with its uncertainty: ``.mu_u(f, v)``, the combined standard
+    It has its uncertainty: ``.mu_u(f, v)``, the combined standard
     uncertainty, and ``.band(f, v, level)``.
 
     Parameters
@@ -83,7 +82,7 @@ def load_surface(path: str | Path) -> UncertainSurface:
     return surface_of(read_artifact(path, "surface"))
 
 
-def surface_of(artifact: Artifact) -> UncertainSurface:
+def surface_of(artifact: Artifact) -> FrictionSurface:
     """Return the averaged friction surface of a surface artifact, with its covariance."""
     columns = artifact.columns
     try:
@@ -99,8 +98,7 @@ def surface_of(artifact: Artifact) -> UncertainSurface:
         return np.asarray(columns[name][rows].reshape(*surface.mu_nodes.shape, -1))
 
     uncertainty = artifact.metadata.uncertainty or {}
-    return UncertainSurface(
-        surface,
+    return surface.with_covariance(
         on_grid("mu_factor"),
         [source["name"] for source in uncertainty.get("sources", ())],
     )

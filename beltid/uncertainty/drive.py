@@ -20,7 +20,6 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import ADHESION, DriveResult, Method, Simulator
 from beltid.errors import ConvergenceError
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.refined import factor_of
 from beltid.uncertainty.sources import Errors, Source
@@ -121,7 +120,7 @@ def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
 
     The signs are those of more friction: with less a drive may have no steady state.
     """
-    if not isinstance(surface, UncertainSurface) or surface.factor is None:
+    if surface.factor is None:
         return []
     nodes = surface.factor.reshape(surface.mu_nodes.size, -1)
     changes = factor_of(nodes @ nodes.T)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint, Rig
 from beltid.refine.effects import arc_effect
 from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
@@ -175,7 +174,7 @@ def simulated_uncertainty(
     Parameters
     ----------
     bench : Bench
-        The bench; only an `UncertainSurface` contributes the shared errors of its surface.
+        The bench; only a surface with a covariance contributes its shared errors.
     press : PressLaw
         Its contact law with the fit to the press.
     points : sequence of OperatingPoint
@@ -237,7 +236,7 @@ def _of_surface(
     surface: FrictionSurface, force: Array, speed: float, weight: Array
 ) -> tuple[Array, float]:
     """Return the change of ln mu of a run by each source of its surface, and by scatter."""
-    if isinstance(surface, UncertainSurface) and surface.factor is not None:
+    if surface.factor is not None:
         columns = weight @ surface.factor_at(force, speed)
         shared = len(surface.sources)
         return columns[:shared], float(np.linalg.norm(columns[shared:]))

@@ -14,7 +14,6 @@ from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Belt
 from beltid.uncertainty.drive import (
     change_by_slower_friction,
@@ -41,10 +40,10 @@ def drive_on(surface: FrictionSurface) -> Drive:
     return Drive(belt, LAW, surface, pulleys, installation="slack_force")
 
 
-def uncertain(level: float, u: float) -> UncertainSurface:
+def uncertain(level: float, u: float) -> FrictionSurface:
     """Friction known to u in ln mu, all nodes together: a factor on the coefficient."""
     surface = rising(level)
-    return UncertainSurface(surface, np.full((*surface.mu_nodes.shape, 1), u))
+    return surface.with_covariance(np.full((*surface.mu_nodes.shape, 1), u))
 
 
 def test_the_friction_surface_acts_by_its_covariance() -> None:
@@ -61,7 +60,7 @@ def test_the_friction_surface_acts_by_its_covariance() -> None:
     assert found.surface[0, 1] == pytest.approx(abs(change), rel=1e-3)
     # two changes of every node that are one: the covariance counts, not its columns
     half = np.full((*drive.surface.mu_nodes.shape, 2), 0.01 / math.sqrt(2.0))
-    twice = replace(drive, surface=UncertainSurface(drive.surface, half))
+    twice = replace(drive, surface=drive.surface.with_covariance(half))
     again = drive_uncertainty(twice, points, results, PRESS, ())
     assert again.surface == pytest.approx(found.surface, rel=1e-6)
 

@@ -16,7 +16,6 @@ import beltid
 from beltid.errors import ArtifactError, InputError
 from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
 from beltid.export.law_file import law_from_text, law_text, schema
-from beltid.laws.uncertain_surface import UncertainSurface
 
 
 def test_round_trip_is_exact(law: ContactLaw) -> None:
@@ -73,7 +72,7 @@ def test_unknown_standard_errors_and_a_law_without_range_come_back() -> None:
 def test_the_covariance_comes_back_to_the_bit(law: ContactLaw) -> None:
     rng = np.random.default_rng(2)
     factor = 0.01 * rng.normal(size=(8, 5, 4))
-    surface = UncertainSurface(law.surface, factor, ["gain", "radius"])
+    surface = law.surface.with_covariance(factor, ["gain", "radius"])
     known = law.model_copy(update={"friction": friction_part(surface, "refined")})
     document = json.loads(law_text(known))
     VALIDATOR.validate(document)

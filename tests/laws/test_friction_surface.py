@@ -184,9 +184,11 @@ def test_equality_hash_copy_and_pickle() -> None:
     assert noisy(1) != noisy(2)
     assert noisy(1) != noisy(1, se=False)
     assert noisy(1) != "surface"
-    for twin in (pickle.loads(pickle.dumps(noisy())), copy.deepcopy(noisy())):
-        assert twin == noisy()
-        assert not twin.mu_nodes.flags.writeable
+    for surface in (noisy(), with_covariance()):
+        for twin in (pickle.loads(pickle.dumps(surface)), copy.deepcopy(surface)):
+            assert twin == surface
+            assert twin.sources == surface.sources
+            assert not twin.mu_nodes.flags.writeable
     assert "8 x 5 nodes" in repr(noisy())
     assert "with mu_se" in repr(noisy())
 
@@ -246,3 +248,56 @@ def test_a_surface_that_is_not_constant_does_not_say_so() -> None:
     by_speed_alone = FrictionSurface([0.0], [0.01, 0.02], [[0.9, 1.0]])
     assert "1 x 1 nodes, normal_force_N_m 5000..5000" in repr(single)
     assert "1 x 2 nodes, normal_force_N_m 0..inf" in repr(by_speed_alone)
+
+
+FACTOR = np.zeros((3, 2, 3))
+FACTOR[..., 0] = 0.004  # one error that moves all nodes
+FACTOR[0, 0, 1] = FACTOR[2, 1, 2] = 0.003
+
+
+def with_covariance() -> FrictionSurface:
+    mu = np.array([[1.0, 1.1], [0.9, 1.0], [0.8, 0.9]])
+    f, v = [1000.0, 2000.0, 4000.0], [0.01, 0.02]
+    return FrictionSurface(f, v, mu, 0.003 * mu).with_covariance(FACTOR, ["gain"])
+
+
+def test_combined_uncertainty_at_nodes_and_beyond() -> None:
+    surface = with_covariance()
+    assert surface.mu_u(1000.0, 0.01) == pytest.approx(0.005)
+    assert surface.mu_u(2000.0, 0.02) == pytest.approx(0.004)
+    assert surface.mu_u(90.0, 0.001) == pytest.approx(0.005)  # that of the nearest node
+    assert surface.mu_se_at(2000.0, 0.02) == pytest.approx(0.003)
+    assert np.isnan(surface.mu_u(np.nan, 0.01))
+    one_force = FrictionSurface([1000.0], [0.01, 0.02], [[1.0, 1.1]], None, FACTOR[:1])
+    assert one_force.mu_u(9000.0, 0.02) == pytest.approx(1.1 * 0.004)
+    plain = FrictionSurface([1000.0], [0.01], [[1.0]], [[0.01]])
+    assert plain.mu_u(1000.0, 0.01) == pytest.approx(0.01)
+    with pytest.raises(InputError, match="no covariance"):
+        plain.factor_at(1000.0, 0.01)
+
+
+def test_bands_hold_their_level() -> None:
+    low, high = with_covariance().band(2000.0, 0.01)  # mu = 0.9, u(ln mu) = 0.4 %
+    assert (low, high) == pytest.approx(0.9 * np.exp(1.959964 * np.array([-0.004, 0.004])))
+    for level in (1.5, 1.0, 0.0, -0.1):
+        with pytest.raises(InputError, match=f"level = {level}"):
+            with_covariance().band(1000.0, 0.01, level=level)
+
+
+def test_the_factor_is_bilinear_between_nodes_in_the_coordinates_of_the_surface() -> None:
+    # ln(1 + f / 1000 N/m) of the nodes: ln 2, ln 3, ln 5; a middle is a geometric mean
+    middle_v = 0.01 * (np.sqrt(2 * 3) - 1)
+    low, high = 1000 * (np.sqrt(2 * 3) - 1), 1000 * (np.sqrt(3 * 5) - 1)
+    found = with_covariance().factor_at([low, high, np.nan], middle_v)
+    np.testing.assert_allclose(found[0], [0.004, 0.003 / 4, 0.0], rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(found[1], [0.004, 0.0, 0.003 / 4], rtol=1e-12, atol=1e-18)
+    assert np.isnan(found[2]).all()
+
+
+@pytest.mark.parametrize(
+    ("factor", "sources"),
+    [(np.zeros((2, 2, 1)), ()), (FACTOR[..., :1], ("gain", "zero")), (FACTOR[..., 0], ())],
+)
+def test_a_covariance_of_another_shape_is_refused(factor: np.ndarray, sources: object) -> None:
+    with pytest.raises(InputError, match="factor: shape"):
+        with_covariance().with_covariance(factor, sources)  # type: ignore[arg-type]

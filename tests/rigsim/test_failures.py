@@ -19,7 +19,6 @@ from rig_bench import LAW_5PK, at, bench, start, true_surface_5pk
 import beltid
 from beltid.errors import EXIT_NUMERICS, ConvergenceError, InputError, NumericsError
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import OperatingPoint
 from beltid.rigsim import compiled
 from beltid.rigsim.banded import HALF, WIDTH, factorize
@@ -142,7 +141,7 @@ def test_wrong_settings_are_refused(settings: dict[str, object], problem: str) -
 def test_whole_numbers_and_surfaces_from_another_process_compile_nothing_anew() -> None:
     steady = SimulationSettings("steady")
     surface = true_surface_5pk()
-    uncertain = UncertainSurface(surface, np.zeros((*surface.mu_nodes.shape, 1)), ("gain",))
+    uncertain = surface.with_covariance(np.zeros((*surface.mu_nodes.shape, 1)), ("gain",))
     simulate(bench(law=LAW_5PK, mu=surface), OperatingPoint(1.5, 270.5, 0.5), steady)
     for mu in (surface, uncertain):
         sent = pickle.loads(pickle.dumps(mu))

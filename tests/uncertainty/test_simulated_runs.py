@@ -10,7 +10,6 @@ import pytest
 from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.params import Contact, OperatingPoint
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
@@ -77,7 +76,7 @@ def test_an_error_of_the_surface_acts_as_on_runs_simulated_anew(
     sources = rig_sources(GIVEN, 2)
     names = [source.error for source in sources]
     factor = np.stack([SHARE * nodes, 0.0 * nodes, OWN * nodes], axis=-1)
-    found = doubt(UncertainSurface(scaled(1.0), factor, names[:2]))
+    found = doubt(scaled(1.0).with_covariance(factor, names[:2]))
     change = found.simulated - plain.simulated
     np.testing.assert_allclose(change[:, 0], SHARE * by_sensitivity, rtol=0.02)
     np.testing.assert_allclose(change[:, 1:], 0.0, atol=1e-12)

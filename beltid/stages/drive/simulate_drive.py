@@ -25,7 +25,6 @@ from beltid.drive.rod_level import short_spans
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.report.conditions import series_of
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built
@@ -162,7 +161,7 @@ def _outcome(
     stated_shear = config.belt.shear_stiffness_N_m2 is not None
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
     good, failed = _solve_points(Simulator(drive, method), points)
-    has_covariance = isinstance(surface, UncertainSurface) and surface.factor is not None
+    has_covariance = surface.factor is not None
     uncertainty, sources = _uncertainty(config, drive, good, press)
     by_string = [
         labelled.run

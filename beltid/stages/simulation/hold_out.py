@@ -14,7 +14,6 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, between_speeds, folds
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC
 from beltid.refine.evidence import BENDING_BEFORE
 from beltid.stages.outcome import flat
@@ -116,7 +115,7 @@ def predict(
     solution = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
     rest_uncertainty = refined_uncertainty(solution)
     names = [source.name for source in solution.sources]
-    surface = UncertainSurface(solution.refined.surface, rest_uncertainty.factor, names)
+    surface = solution.refined.surface.with_covariance(rest_uncertainty.factor, names)
 
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)

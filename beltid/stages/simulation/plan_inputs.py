@@ -14,7 +14,6 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
 from beltid.plan.present import KnownSurface, sources_of_plan
 from beltid.stages.identification.reduction import rig_kind
@@ -153,7 +152,7 @@ def known_of_result(surface: Any) -> KnownSurface:
 def _known(surface: FrictionSurface, metadata: Metadata, name: str) -> KnownSurface:
     assert isinstance(metadata, SurfaceMetadata)
     stored = metadata.uncertainty
-    if not isinstance(surface, UncertainSurface) or surface.factor is None or stored is None:
+    if surface.factor is None or stored is None:
         raise InputError(f"{name}: has no covariance; build it again")
     sources = sources_of(stored["sources"])
     return KnownSurface(

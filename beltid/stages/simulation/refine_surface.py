@@ -14,7 +14,6 @@ from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import counted, percent
 from beltid.laws.penalty import NormalLaw
-from beltid.laws.uncertain_surface import UncertainSurface
 from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import RefinedSurface
 from beltid.report.summary import Summary
@@ -91,9 +90,9 @@ class Refinement:
 
     @property
     def surface(self) -> Any:
-        """The refined surface with its covariance, an `UncertainSurface`."""
+        """The refined surface with its covariance."""
         names = [source.name for source in self.uncertainty.sources]
-        return UncertainSurface(self.refined.surface, self.uncertainty.factor, names)
+        return self.refined.surface.with_covariance(self.uncertainty.factor, names)
 
     def outliers(self) -> tuple[str, ...]:
         """Return a sentence for each run that lost its weight."""
