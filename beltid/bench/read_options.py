@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from beltid.config import Config
-from beltid.config.model import DialectSection, RigSection, RunsOfKind, RunsSection
+from beltid.config.layout import RUNS
+from beltid.config.model import DialectSection, RigSection
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -25,8 +27,8 @@ class ReadOptions:
         Our column -> its unit in the file, or the calibration of its sensor.
     dialect : DialectSection
         Separators and encoding of tables; those that are null are detected from the file.
-    runs : RunsOfKind
-        Where to find label and settings of the runs.
+    runs : mapping
+        Where to find label and settings of the runs: pattern, table, fields, values.
     rig : RigSection
         The friction rig: its kind determines the channels of a recording.
     """
@@ -34,7 +36,7 @@ class ReadOptions:
     names: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
     dialect: DialectSection = field(default_factory=DialectSection)
-    runs: RunsOfKind = field(default_factory=lambda: RunsSection().of("rig"))
+    runs: Mapping[str, Any] = field(default_factory=lambda: RUNS({})["rig"])
     rig: RigSection = field(default_factory=RigSection)
 
     @classmethod
@@ -48,8 +50,14 @@ class ReadOptions:
             raise InputError(
                 f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
             )
-        names, units = config.columns.of(kind), config.units.of(kind)
-        return cls(names, units, dialect, config.runs.of(kind), config.rig)
+        names, units = config.columns[kind], config.units[kind]
+        if kind == "points":  # what is stated of the rig serves its plateaus, too
+            names, units = config.columns["rig"] | names, config.units["rig"] | units
+        calibrated = {
+            name: unit if isinstance(unit, str) else Calibration(unit["factor"], unit["offset"])
+            for name, unit in units.items()
+        }
+        return cls(names, calibrated, dialect, config.runs[kind], config.rig)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

@@ -4,14 +4,14 @@
 Module           Responsibility
 ================ =========================================================
 ``model``        the sections and keys with their defaults (the 5PK rig of the paper)
-``drive``        the sections of a belt drive
-``fields``       types of values: numbers with bounds and units, names, lists
-``yaml_source``  YAML text -> plain values with their places
+``checks``       checks of values: numbers with bounds and units, names, lists
+``fields``       keys: default, check and meaning, stated once
+``layout``       what a config says about the files of a bench, by column
+``source``       YAML text with line and column of every key and value
 ``messages``     texts of the errors
 ``name_pattern`` settings in file names, by a pattern or a regular expression
 ``loading``      file or dict -> `Config`; config of a recording; its values
-``writing``      `Config` -> YAML text
-``template``     `Config` -> commented YAML text for a new belt
+``writing``      `Config` -> YAML text, also commented for a new belt
 ================ =========================================================
 """
 
