@@ -16,7 +16,6 @@ from beltid.config.model import Config
 from beltid.config.source import KeyPath, Source, read_source
 from beltid.errors import ConfigError
 
-
 SHOWN = 40
 ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
 FILE_NAME = "beltid.yaml"
@@ -93,12 +92,12 @@ def _plain(value: Any) -> Any:
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
     files = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
-    tables = {
+    runs = {
         kind: {**config.runs[kind], "table": _shorten(folder / table)}
         for kind, table in config.run_tables.items()
     }
     data = config.data.model_copy(update=files)
-    return config.model_copy(update={"data": data, "runs": config.runs | tables})
+    return config.model_copy(update={"data": data, "runs": config.runs | runs})
 
 
 def _shorten(path: Path) -> Path:
@@ -109,17 +108,7 @@ def _shorten(path: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class ConfigSource:
-    """A config and its origin.
-
-    Attributes
-    ----------
-    config : Config
-        The config.
-    origin : str
-        Description of its origin, for the user and the results.
-    path : Path or None
-        The file, or None for the built-in rig.
-    """
+    """A config, its origin for the user and the results, and its file (None: built in)."""
 
     config: Config
     origin: str
@@ -154,13 +143,11 @@ def find_config(
     if explicit is not None:
         path = Path(explicit)
         return ConfigSource(load_config(path), f"{path} (--config)", path)
-    named = named_by_environment()
-    if named is not None:
+    if (named := named_by_environment()) is not None:
         return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
-    if recording_path is not None:
-        for candidate in _candidates(Path(recording_path)):
-            if os.path.isfile(candidate):  # False, too, in a folder that may not be read
-                return _load_found(candidate, f"found for {Path(recording_path).name}")
+    for candidate in _candidates(recording_path) if recording_path is not None else ():
+        if os.path.isfile(candidate):  # False, too, in a folder that may not be read
+            return _load_found(candidate, f"found for {Path(str(recording_path)).name}")
     return ConfigSource(Config(), BUILT_IN)
 
 
@@ -179,8 +166,8 @@ def _load_found(path: Path, how: str) -> ConfigSource:
         ) from None
 
 
-def _candidates(recording: Path) -> Iterator[Path]:
-    recording = Path(os.path.abspath(recording))
+def _candidates(recording_path: str | Path) -> Iterator[Path]:
+    recording = Path(os.path.abspath(recording_path))
     stem = Path(recording.name.removesuffix(".gz")).stem
     for folder in recording.parents:
         if stem:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,53 +39,46 @@ def config_text(config: Config, *, complete: bool = True) -> str:
     complete : bool
         Whether to write the defaults too, not only what is stated.
     """
-    lines: list[str] = []
-    above: KeyPath = ()
-    for path, value, is_stated in effective_values(config):
-        if not (complete or is_stated):
-            continue
-        for depth, name in enumerate(path[:-1]):
-            if path[: depth + 1] != above[: depth + 1]:
-                lines.append(f"{'' if depth or not lines else chr(10)}{'  ' * depth}{name}:")
-        above = path[:-1]
-        lines.append(_line(config, path, value))
-    return "\n".join(lines or ["{}  # nothing is stated"]) + "\n"
+    values = effective_values(config)
+    shown = {path: "" for path, _, is_stated in values if complete or is_stated}
+    return "\n".join(_lines(config, shown) if shown else ["{}  # nothing is stated"]) + "\n"
 
 
 def template_text(config: Config, sources: Mapping[str, str]) -> str:
-    """Write a config as text for a new belt; `load_config` reads it back to the same values.
+    """Write a config for a new belt: what is stated, with its source; the rest commented out.
 
-    Parameters
-    ----------
-    config : Config
-        The values. Keys that are not written must have their defaults.
-    sources : dict of str to str
-        Keys (``section.key``) that are stated, and a comment on what states them. The others are
-        commented out and so stay defaults: an uncertainty that is not stated is an assumption.
+    What is commented out stays a default: an uncertainty that is not stated is an assumption.
     """
-    lines = [HEAD.format(name=config.belt.name)]
-    for name in SECTIONS:
-        section: Section = getattr(config, name)
-        lines.append(f"{name + ':':<44}# {str(section.__doc__).splitlines()[0]}")
-        for path, value, _ in effective_values(section, (name,)):
-            source = sources.get(format_path(path))
-            value = str(value) if isinstance(value, Path) else value  # as the user names it
-            lines.append(_line(config, path, value, "# " if source is None else "", source or ""))
-        lines.append("")
-    return "\n".join(lines)
+    paths = [path for path, _, _ in effective_values(config) if path[0] in SECTIONS]
+    shown = {path: sources.get(format_path(path)) for path in paths}
+    files = {kind: str(path) for kind, path in config.data.files.items()}  # as the user names them
+    config = config.model_copy(update={"data": config.data.model_copy(update=files)})
+    return "\n".join([HEAD.format(name=config.belt.name), *_lines(config, shown)]) + "\n"
 
 
-def _line(config: Config, path: KeyPath, value: Any, sign: str = "", source: str = "") -> str:
-    """Return the line of a key, with its meaning, its range and what states it."""
-    notes, section = [source], config
-    for name in path[:-1]:
-        section = getattr(section, str(name), None)
-    if isinstance(section, Section):
-        of, name = type(section), str(path[-1])
-        notes = [key_of(of, name).meaning, allowed(of, name), source]
-    line = f"{'  ' * (len(path) - 1)}{sign}{value_text(path[-1])}: {value_text(value)}"
-    comment = "; ".join(filter(None, notes))
-    return f"{line:<43} # {comment}" if comment else line
+def _lines(config: Config, shown: Mapping[KeyPath, str | None]) -> Iterator[str]:
+    """Yield the lines of some keys, each with a note; keys without one are commented out."""
+    above: KeyPath = ()
+    for path, value, _ in effective_values(config):
+        if path not in shown:
+            continue
+        section: Any = config
+        for depth, name in enumerate(path[:-1]):
+            section = getattr(section, str(name), None)
+            if path[: depth + 1] != above[: depth + 1]:
+                yield from [""] * (depth == 0 and above != ())
+                title = str(section.__doc__).splitlines()[0] if isinstance(section, Section) else ""
+                yield _line(f"{'  ' * depth}{name}:", title)
+        above, name, note = path[:-1], str(path[-1]), shown[path]
+        of = type(section)
+        declared = (key_of(of, name).meaning, allowed(of, name)) if section is not None else ()
+        sign = "# " if note is None else ""
+        line = f"{'  ' * len(above)}{sign}{name}: {value_text(value)}"
+        yield _line(line, "; ".join(filter(None, (*declared, note))))
+
+
+def _line(text: str, comment: str) -> str:
+    return f"{text:<43} # {comment}" if comment else text
 
 
 def value_text(value: Any) -> str:
