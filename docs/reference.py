@@ -19,10 +19,9 @@ PAGE = Path(__file__).with_name("reference.md")
 HEAD = """\
 # All columns and keys
 
-Looked up here: every column of a recording and of an artifact, and every key of a config, with
-unit, range and default. Recordings may use other names and units, see [](formats.md); how the
-commands make one table from another, [](commands.md) shows. A column is float64 if no type is
-told; *may be missing*: empty in some rows; *optional*: the whole column may be missing.
+Every column of a recording and of an artifact, and every key of a config. Recordings may use other
+names and units, see [](formats.md). A column is float64 if no type is told; *may be missing*: empty
+in some rows; *optional*: the whole column may be missing.
 """
 
 
@@ -79,7 +78,8 @@ def _keys(section: type[Section], above: str) -> Iterator[list[str]]:
         if part is not field.annotation:
             default = "required" if field.is_required() else value_text(field.default)
             meaning = key_of(section, name).meaning
-            yield [f"`{above}{name}`", default, allowed(section, name), meaning]
+            allows = allowed(section, name).replace(" | ", ", ")
+            yield [f"`{above}{name}`", default, allows, meaning]
         if part is not None:
             yield from _keys(part, f"{above}{name}.")
 

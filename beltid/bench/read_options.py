@@ -21,10 +21,8 @@ class ReadOptions:
 
     Attributes
     ----------
-    names : mapping
-        Our column -> its name in the file.
-    units : mapping
-        Our column -> its unit in the file, or the calibration of its sensor.
+    names, units : mapping
+        Our column -> its name in the file; its unit, or the calibration of its sensor.
     dialect : DialectSection
         Separators and encoding of tables; those that are null are detected from the file.
     runs : mapping
@@ -50,14 +48,13 @@ class ReadOptions:
             raise InputError(
                 f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
             )
-        names, units = config.columns[kind], config.units[kind]
-        if kind == "points":  # what is stated of the rig serves its plateaus, too
-            names, units = config.columns["rig"] | names, config.units["rig"] | units
-        calibrated = {
+        also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
+        names = config.columns[also] | config.columns[kind]
+        units = {
             name: unit if isinstance(unit, str) else Calibration(unit["factor"], unit["offset"])
-            for name, unit in units.items()
+            for name, unit in (config.units[also] | config.units[kind]).items()
         }
-        return cls(names, calibrated, dialect, config.runs[kind], config.rig)
+        return cls(names, units, dialect, config.runs[kind], config.rig)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

@@ -123,8 +123,8 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     """
     path = Path(path)
     options = ReadOptions.of(config, kind)
-    tables = [table] if (table := options.runs["table"]) else []
-    return recording_from(sources_of(path, tables), path, kind, options)
+    tables = filter(None, [options.runs["table"]])
+    return recording_from(sources_of(path, [*tables]), path, kind, options)
 
 
 def is_big(path: Path) -> bool:

@@ -7,10 +7,12 @@ that is printed cannot differ.
 from __future__ import annotations
 
 import codecs
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -170,10 +172,7 @@ def file_path(value: Any) -> Path:
     is_path = isinstance(value, (str, Path)) and 1 <= len(str(value)) <= 4096
     if not is_path or not str(value).isprintable():
         raise complain("the path of a file")
-    try:
-        return Path(value).expanduser()
-    except RuntimeError:  # no home folder
-        return Path(value)
+    return Path(os.path.expanduser(value))
 
 
 def pattern_of_names(value: Any) -> str:
@@ -187,25 +186,16 @@ def pattern_of_names(value: Any) -> str:
     raise complain(f"a pattern with a name in braces ({reason})")
 
 
-def folder_name(value: Any) -> str:
-    """Check a name that must be a safe folder name on every system."""
-    return _plain(value, FOLDER_NAME, "", "it names the folder of the results")
-
-
-def plain_words(value: Any) -> str:
-    """Check words that must be harmless in a comment of every programming language."""
-    return _plain(value, PLAIN_WORDS, " and blanks", "it stands in exported programs")
-
-
-def _plain(value: Any, pattern: str, more: str, why: str) -> str:
-    if not isinstance(value, str):
-        raise complain("a name (put it in quotes)")
-    if not re.fullmatch(pattern, value):
-        raise complain(
-            f"1 to 40 of the characters A-Z a-z 0-9 . _ -{more}, beginning with a letter or "
-            f"digit: {why}"
-        )
+def _plain(pattern: str, rule: str, value: Any) -> str:
+    """Check words that are harmless as a folder, or in a comment of any programming language."""
+    if not isinstance(value, str) or not re.fullmatch(pattern, value):
+        quotes = "" if isinstance(value, str) else " (put it in quotes)"
+        raise complain(f"1 to 40 of the characters A-Z a-z 0-9 . _ -{rule}{quotes}")
     return value
+
+
+folder_name = partial(_plain, FOLDER_NAME, ", beginning with a letter or digit: it names a folder")
+plain_words = partial(_plain, PLAIN_WORDS, " and blanks, beginning with a letter or digit")
 
 
 def text_encoding(value: Any) -> str:

@@ -83,7 +83,7 @@ def count(default: Any, low: int, high: int, meaning: str, *, even: bool = False
     return key(default, meaning, Number(low, high, whole=True, even=even))
 
 
-def settings(default: Any, high: float, unit: str, meaning: str, example: str) -> Any:
+def settings(high: float, unit: str, example: str, default: Any, meaning: str) -> Any:
     """Declare a list of different numbers > 0; an angle is below its bound."""
     bounds = Number(0, high, unit, open_low=True, open_high=unit == "°")
     return key(default, meaning, ListOf(example, check=bounds, distinct=True))

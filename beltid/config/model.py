@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,16 +28,9 @@ TENSIONS = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
 SPEEDS = (0.05, 0.10, 0.21, 0.42, 0.84)
 
 
-def _arcs(default: Any, meaning: str) -> Any:
-    return settings(default, 360, "°", meaning, "[40, 68, 82]")
-
-
-def _tensions(default: Any, meaning: str) -> Any:
-    return settings(default, 1e5, "N", meaning, "[100, 270, 410]")
-
-
-def _speeds(default: Any, meaning: str) -> Any:
-    return settings(default, 1e4, "rad/s", meaning, "[0.05, 0.21, 0.84]")
+_arcs = partial(settings, 360, "°", "[40, 68, 82]")
+_tensions = partial(settings, 1e5, "N", "[100, 270, 410]")
+_speeds = partial(settings, 1e4, "rad/s", "[0.05, 0.21, 0.84]")
 
 
 def _share(default: float, meaning: str, high: float = 0.5, *, open_low: bool = False) -> Any:
@@ -45,14 +39,6 @@ def _share(default: float, meaning: str, high: float = 0.5, *, open_low: bool = 
 
 def _tolerance(default: float, meaning: str) -> Any:
     return _share(default, meaning, 10, open_low=True)
-
-
-def _metres(default: Any, low: float, high: float, meaning: str) -> Any:
-    return number(default, low, high, "m", meaning)
-
-
-def _degC(default: float | None, meaning: str) -> Any:
-    return number(default, -60, 200, "°C", meaning)
 
 
 class BeltSection(Section):
@@ -74,7 +60,7 @@ class PressSection(Section):
     """Compression press: a segment of belt pressed into a grooved plate."""
 
     segment_length_cm: float = number(4.0, 0.1, 100, "cm", "length of belt under the press")
-    reference_temperature_degC: float = _degC(22.0, "the law is given at this temperature")
+    reference_temperature_degC: float = number(22.0, -60, 200, "°C", "that the law is given at")
     machine_compliance_mm_N: float = number(0.0, 0, 1e-2, "mm/N", "deflection of the press itself")
     cycles: Literal["last", "first", "all"] = key("last", "used; new rubber is stiffer at first")
 
@@ -89,8 +75,8 @@ class RigSection(Section):
     running_measures: MeasuredKind = key("two_cells", "running: what it measures")
     belt_speed_m_s: float | None = number(None, 0, 1e3, "m/s", "running; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
-    pulley_radius_m: float = _metres(0.05, 0.002, 5, "radius of the belt's centreline on it")
-    span_length_m: float = _metres(0.1, 0.002, 10, "free belt from a load cell to the pulley")
+    pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
+    span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")
     supports: Literal["pinned", "clamped"] = key("pinned", "how the cells hold the belt")
     arcs_deg: Numbers = _arcs((40.0, 68.0, 82.0), "contact arcs; default: of the recording")
     initial_tensions_N: Numbers = _tensions(TENSIONS, "before the pulley turns; likewise")
@@ -173,7 +159,7 @@ class UncertaintySection(Section):
     arc_deg: float = number(0.1, 0, 20, "°", "contact arc, the same error in all runs")
     arc_setting_deg: float = number(0.2, 0, 20, "°", "contact arc, a new error at each setting")
     pulley_radius_rel: float = _share(0.002, "radius of the belt's centreline")
-    span_length_m: float = _metres(5e-4, 0, 1, "length of the free spans")
+    span_length_m: float = number(5e-4, 0, 1, "m", "length of the free spans")
     pulley_speed_rel: float = _share(0.002, "speed of the pulley")
     bending_stiffness_rel: float = _share(0.05, "EI")
     axial_stiffness_rel: float = _share(0.05, "EA")
@@ -182,7 +168,7 @@ class UncertaintySection(Section):
     segment_length_rel: float = _share(0.005, "length of belt under the press")
     machine_compliance_mm_N: float = number(1e-6, 0, 1e-2, "mm/N", "compliance of the press")
     drive_radius_rel: float = _share(0.002, "radius of each pulley of a drive")
-    drive_centres_m: float = _metres(5e-4, 0, 1, "position of each pulley of a drive")
+    drive_centres_m: float = number(5e-4, 0, 1, "m", "position of each pulley of a drive")
     initial_tension_rel: float = _share(0.01, "belt tension of a drive at rest")
     torque_rel: float = _share(0.005, "torque of the speed-loss bench")
 
@@ -195,7 +181,7 @@ class FrictionSection(Section):
     tension_tight_gain: float = number(1.0, 0.1, 10, "", "of the tight cell")
     tension_slack_gain: float = number(1.0, 0.1, 10, "", "of the slack cell")
     correct_temperature: bool = key(False, "refine-surface refers all runs to one temperature")
-    reference_temperature_degC: float | None = _degC(None, "to this; null: mean of the runs")
+    reference_temperature_degC: float | None = number(None, -60, 200, "°C", "null: their mean")
 
 
 class SimulationSection(Section):
@@ -211,9 +197,9 @@ class PulleySection(Section):
     """A pulley of a drive."""
 
     name: str = key(..., "its name", checks.text)
-    x_m: float = _metres(..., -100, 100, "centre")
-    y_m: float = _metres(..., -100, 100, "centre")
-    radius_m: float = _metres(..., 0.002, 5, "radius of the belt's centreline")
+    x_m: float = number(..., -100, 100, "m", "centre")
+    y_m: float = number(..., -100, 100, "m", "centre")
+    radius_m: float = number(..., 0.002, 5, "m", "radius of the belt's centreline")
     side: Side = key("rib", "side of the belt in contact")
 
 
@@ -224,7 +210,7 @@ class TensionerSection(Section):
     pivot_m: tuple[float, float] = key(
         ..., "its axis", checks.ListOf("[-0.18, 0.10]", 2, checks.Number(-100, 100, "m"))
     )
-    arm_m: float = _metres(..., 0.001, 10, "its length")
+    arm_m: float = number(..., 0.001, 10, "m", "its length")
     free_angle_deg: float = number(..., -360, 360, "°", "of the pulley about the pivot, at the end")
     preload_N_m: float = number(..., 0, 1e4, "N m", "moment at that angle")
     rate_N_m_deg: float = number(..., 0, 1e3, "N m/°", "its growth")
@@ -347,30 +333,18 @@ class Config(Section):
     def belt_params(self) -> params.Belt:
         """Return the section properties of the belt."""
         b = self.belt
-        return params.Belt(
-            EA=b.axial_stiffness_N,
-            EI=b.bending_stiffness_N_m2,
-            rhoA=b.mass_per_length_kg_m,
-            damping_time=b.damping_time_s,
-        )
+        stiffness = b.axial_stiffness_N, b.bending_stiffness_N_m2
+        return params.Belt(*stiffness, b.mass_per_length_kg_m, b.damping_time_s)
 
     def rig_params(self) -> params.Rig:
         """Return the geometry of the rig."""
         r = self.rig
-        return params.Rig(
-            R=r.pulley_radius_m,
-            span=r.span_length_m,
-            supports=r.supports,
-            given_force=r.given_force,
-        )
+        return params.Rig(r.pulley_radius_m, r.span_length_m, r.supports, r.given_force)
 
     def contact_params(self) -> params.Contact:
         """Return the settings of the contact."""
-        return params.Contact(
-            C_P=self.contact.damping_N_s_m,
-            points_per_element=self.contact.points_per_element,
-            sticking_ratio=self.simulation.sticking_ratio,
-        )
+        contact, ratio = self.contact, self.simulation.sticking_ratio
+        return params.Contact(contact.damping_N_s_m, contact.points_per_element, ratio)
 
     @property
     def sha256(self) -> str:
