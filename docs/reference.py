@@ -19,7 +19,7 @@ PAGE = Path(__file__).with_name("reference.md")
 HEAD = """\
 # All columns and keys
 
-Every column of a recording and of an artifact, and every key of a config. Recordings may use other
+Columns of recordings and artifacts, keys of a config. Recordings may use other
 names and units, see [](formats.md). A column is float64 if no type is told; *may be missing*: empty
 in some rows; *optional*: the whole column may be missing.
 """
@@ -30,9 +30,8 @@ PER_RECORDING = ("columns", "units", "runs")
 PER_RECORDING_TEXT = """
 ### columns, units, runs
 
-Per recording, `press`, `rig`, `speedloss` or `points`: under `columns` and `units` any of its
-columns above; under `runs` the keys `pattern`, `table`, `fields` and `values`. [](formats.md)
-explains them.
+Per recording: under `columns` and `units` any of its columns above; under `runs` the keys
+`pattern`, `table`, `fields` and `values`, see [](formats.md).
 """
 
 

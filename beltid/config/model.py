@@ -204,7 +204,7 @@ class PulleySection(Section):
 
 
 class TensionerSection(Section):
-    """A sprung arm that carries one of the pulleys, whose coordinates are its mean position."""
+    """A sprung arm that carries a pulley, whose coordinates are its mean position."""
 
     pulley: str = key(..., "name of the pulley on it", checks.text)
     pivot_m: tuple[float, float] = key(

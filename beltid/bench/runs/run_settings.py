@@ -112,9 +112,7 @@ class RunSettings:
         settings: dict[str, str | float] = {}
         notes: list[str] = []
         self._from_header(raw, settings, notes, problems)
-        for role in SETTINGS:
-            if role in self.runs["values"]:
-                settings[role] = self.runs["values"][role]
+        settings |= self.runs["values"]
         self._from_fields(raw, settings, problems)
         self._from_name(raw, settings, problems)
         self._from_table(raw, settings, problems)
