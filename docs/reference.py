@@ -19,8 +19,8 @@ PAGE = Path(__file__).with_name("reference.md")
 HEAD = """\
 # All columns and keys
 
-Columns of recordings and artifacts, keys of a config. Recordings may use other
-names and units, see [](formats.md). A column is float64 if no type is told; *may be missing*: empty
+Columns of recordings and artifacts, keys of a config; other names and units:
+[](formats.md). A column is float64 if no type is told; *may be missing*: empty
 in some rows; *optional*: the whole column may be missing.
 """
 
