@@ -23,7 +23,7 @@ rig:
   span_lenght_m: 0.1
 """
 
-# text, then a tuple for each problem: place, and what must be named
+# text, then a tuple for each problem: place, and what must be named; more in the golden corpus
 WRONG = [
     (
         SEVERAL,
@@ -43,14 +43,11 @@ WRONG = [
         ("2:1", "belt ", "line 1"),
         *(("4:13", f"drive.pulleys[0].{key}", "missing") for key in ("x_m", "y_m", "radius_m")),
     ),
-    ("belt:\n  ribs: 5\n  ribs: 6\n", ("3:3", "belt.ribs", "line 2")),
     ("rig:\n  # three\n  arcs_deg:\n    - 400\n", ("4:7", "rig.arcs_deg[0] = 400")),
     ("belt: !!python/object/apply:os.system [ls]\n", ("1:7", "belt", "a list", "section")),
     ("belt: &a {ribs: *a}\n", ("1:7", "belt.ribs", "whole number")),
-    ("- belt\n", ("1:1", "list")),
     ("belt\n", ("1:1", "single value")),
     ("a: 1\n---\nb: 2\n", ("2:1", "another document")),
-    ("belt:\n\tribs: 5\n", ("2:1", "tab")),
     ("belt: ribs: 5\n", ("1:11", "':'")),
     ("belt: {ribs: 5\n", ("2:1", "not valid YAML")),
     ("belt: {ribs: ~}\n", ("1:14", "belt.ribs = empty", "whole number")),
@@ -60,22 +57,16 @@ WRONG = [
     ("belt: {axial_stiffness_N: .nan}\n", ("1:27", "[100, 1e+08] N")),
     ("belt: {axial_stiffness_N: " + "9" * 400 + "}\n", ("1:27", "[100, 1e+08] N")),
     ("belt: {ribs: " + "9" * 9999 + "}\n", ("", "5pk.yaml")),
-    ("rig:\n  span_length_m: 0,1\n", ("2:18", "the decimal sign is a point: 0.1")),
     ("rig: {span_length_m: 0,10}\n", ("1:22", "rig.span_length_m"), ("1:24", "decimal sign")),
-    ("press: {segment_length_cm: 1e5}\n", ("1:28", "press.segment_length_cm = 1e5", "cm")),
     ("rig: {arcs_deg: []}\n", ("1:17", "list", "1 to 200")),
-    ("rig: {arcs_deg: 40}\n", ("1:17", "list", "[40, 68, 82]")),
     ("rig: {kind: webbing}\n", ("1:13", "two_cells, dead_weight, torque, torque_hub or running")),
     ("friction: {correct_temperature: yes}\n", ("1:33", "true or false")),
-    ("conditions: {surface: oily}\n", ("1:23", "dry, wet or dusty")),
     ("tension_tight_gain: 5\n", ("1:1", "friction.tension_tight_gain")),
     ("units: {rig: {tension_tight_N: kPa}}\n", ("1:32", "kPa", "kN", "lbf", "N/V", "factor")),
     ("units: {rig: {time_s: {factor: 0}}}\n", ("1:23", "units.rig.time_s", "factor: 250")),
     ("units: {rig: {time_s: {factor: x}}}\n", ("1:32", "units.rig.time_s.factor", "number")),
     ("units: {rig: {run: s}}\n", ("1:15", "units.rig.run is not")),
-    ("columns: {rig: {tension_tight: F1}}\n", ("1:17", "did you mean tension_tight_N?")),
     ("columns: {rig: 7}\n", ("1:16", "columns.rig = 7", "section", "tension_tight_N")),
-    ("runs: {rig: {pattern: 5}}\n", ("1:23", "runs.rig.pattern", "{run}")),
     ("runs: {rig: {pattern: '(?P<run>'}}\n", ("1:23", "compile")),
     ("runs: {rig: {values: {arc_deg: 3601}}}\n", ("1:32", "3601", "in (0, 3600] °")),
     ("runs: {rig: {values: {initial_tension_N: 0}}}\n", ("1:42", "> 0 N")),
@@ -83,11 +74,9 @@ WRONG = [
     ("runs: {rig: {patern: x}}\n", ("1:14", "did you mean pattern?")),
     ("dialect: {encoding: klingon}\n", ("1:21", "encoding")),
     ("dialect: {encoding: base64}\n", ("1:21", "encoding")),
-    ("dialect: {separator: ab}\n", ("1:22", "one character", "tab")),
     ("data: {rig: 7}\n", ("1:13", "path")),
     ("drive: {operating_points: {torque_N_m: 4}}\n", ("1:40", "{driven: [4, 8]}")),
     ("drive: {operating_points: {power_W: {a: [1, x]}}}\n", ("1:45", "power_W.a[1]", "number")),
-    (b"", ("", "empty")),
     (b"# only a comment\n", ("", "empty")),
     (b"\0\0\0", ("", "not valid YAML")),
     (b'belt: "\\U99999999"', ("", "not valid YAML")),
