@@ -10,20 +10,18 @@ import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from beltid.config.fields import Section
+from beltid.config.fields import Section, allowed, key_of, section_in
 from beltid.config.model import Config
-from beltid.config.template import MEANINGS, SECTIONS
-from beltid.config.writing import allowed, value_text
+from beltid.config.writing import value_text
 from beltid.tables.schemas import ARTIFACTS, RECORDINGS, TABLES
 
 PAGE = Path(__file__).with_name("reference.md")
 HEAD = """\
 # All columns and keys
 
-Looked up here: every column of a recording and of an artifact, and every key of a config, with
-unit, range and default. Recordings may use other names and units, see [](formats.md); how the
-commands make one table from another, [](commands.md) shows. A column is float64 if no type is
-told; *may be missing*: empty in some rows; *optional*: the whole column may be missing.
+Columns of recordings and artifacts, keys of a config; other names and units:
+[](formats.md). A column is float64 if no type is told; *may be missing*: empty
+in some rows; *optional*: the whole column may be missing.
 """
 
 
@@ -32,9 +30,8 @@ PER_RECORDING = ("columns", "units", "runs")
 PER_RECORDING_TEXT = """
 ### columns, units, runs
 
-Per recording, `press`, `rig`, `speedloss` or `points`: under `columns` and `units` any of its
-columns above; under `runs` the keys `pattern`, `table`, `fields` and `values`. [](formats.md)
-explains them.
+Per recording: under `columns` and `units` any of its columns above; under `runs` the keys
+`pattern`, `table`, `fields` and `values`, see [](formats.md).
 """
 
 
@@ -67,22 +64,23 @@ def _table(kind: str) -> str:
 
 
 def _section(name: str) -> str:
-    section = Config.model_fields[name].default
-    lead = SECTIONS.get(name) or inspect.cleandoc(type(section).__doc__ or "")
-    rows = list(_keys(section, name, ""))
+    section = type(Config.model_fields[name].default)
+    lead = inspect.cleandoc(section.__doc__ or "").partition("\n\n")[0]
+    rows = list(_keys(section, ""))
     return f"\n### {name}\n\n{lead}\n\n" + _rows(("key", "default", "allowed", "meaning"), rows)
 
 
-def _keys(section: Section, path: str, prefix: str) -> Iterator[list[str]]:
-    for name, field in type(section).model_fields.items():
-        value = getattr(section, name)
-        if isinstance(value, Section):
-            yield from _keys(value, path, f"{prefix}{name}.")
-            continue
-        key = f"{prefix}{name}"
-        default = value_text(value) if field.default is not None else "null"
-        meaning = MEANINGS.get(f"{path}.{key}", "")
-        yield [f"`{key}`", default, allowed(field.annotation, field.metadata), meaning]
+def _keys(section: type[Section], above: str) -> Iterator[list[str]]:
+    """Yield a row for every key of a section, then those of its parts."""
+    for name, field in section.model_fields.items():
+        part = section_in(field.annotation)
+        if part is not field.annotation:
+            default = "required" if field.is_required() else value_text(field.default)
+            meaning = key_of(section, name).meaning
+            allows = allowed(section, name).replace(" | ", ", ")
+            yield [f"`{above}{name}`", default, allows, meaning]
+        if part is not None:
+            yield from _keys(part, f"{above}{name}.")
 
 
 if __name__ == "__main__":

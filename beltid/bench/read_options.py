@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from beltid.config import Config
-from beltid.config.model import DialectSection, RigSection, RunsOfKind, RunsSection
+from beltid.config.layout import RUNS
+from beltid.config.model import DialectSection, RigSection
 from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -19,14 +21,12 @@ class ReadOptions:
 
     Attributes
     ----------
-    names : mapping
-        Our column -> its name in the file.
-    units : mapping
-        Our column -> its unit in the file, or the calibration of its sensor.
+    names, units : mapping
+        Our column -> its name in the file; its unit, or the calibration of its sensor.
     dialect : DialectSection
         Separators and encoding of tables; those that are null are detected from the file.
-    runs : RunsOfKind
-        Where to find label and settings of the runs.
+    runs : mapping
+        Where to find label and settings of the runs: pattern, table, fields, values.
     rig : RigSection
         The friction rig: its kind determines the channels of a recording.
     """
@@ -34,7 +34,7 @@ class ReadOptions:
     names: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
     dialect: DialectSection = field(default_factory=DialectSection)
-    runs: RunsOfKind = field(default_factory=lambda: RunsSection().of("rig"))
+    runs: Mapping[str, Any] = field(default_factory=lambda: RUNS({})["rig"])
     rig: RigSection = field(default_factory=RigSection)
 
     @classmethod
@@ -48,8 +48,13 @@ class ReadOptions:
             raise InputError(
                 f'config: dialect.decimal and dialect.thousands are both "{sign}", must differ',
             )
-        names, units = config.columns.of(kind), config.units.of(kind)
-        return cls(names, units, dialect, config.runs.of(kind), config.rig)
+        also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
+        names = config.columns[also] | config.columns[kind]
+        units = {
+            name: unit if isinstance(unit, str) else Calibration(unit["factor"], unit["offset"])
+            for name, unit in (config.units[also] | config.units[kind]).items()
+        }
+        return cls(names, units, dialect, config.runs[kind], config.rig)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

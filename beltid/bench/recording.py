@@ -123,8 +123,8 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     """
     path = Path(path)
     options = ReadOptions.of(config, kind)
-    tables = [] if options.runs.table is None else [options.runs.table]
-    return recording_from(sources_of(path, tables), path, kind, options)
+    tables = filter(None, [options.runs["table"]])
+    return recording_from(sources_of(path, [*tables]), path, kind, options)
 
 
 def is_big(path: Path) -> bool:
@@ -167,7 +167,7 @@ def sources_read_at_once(path: Path, options: ReadOptions) -> list[Source] | Non
     """
     runs = options.runs
     in_rows = runs == ReadOptions().runs
-    tables = [] if runs.table is None else [runs.table]
+    tables = [table] if (table := runs["table"]) else []
     if is_many(path):
         sources = sources_of(path, tables)
         return None if in_rows and size_of(sources) >= BIG and are_parquet(sources) else sources
@@ -304,8 +304,8 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         options = ReadOptions(rig=options.rig)  # names and units are ours already
         frame = frame.columns if isinstance(frame, Recording) else frame
-    constant_settings = {"values": options.runs.values}  # a frame has no name and no header
-    options = replace(options, runs=ReadOptions().runs.model_copy(update=constant_settings))
+    values = options.runs["values"]  # a frame has no name and no header
+    options = replace(options, runs={**ReadOptions().runs, "values": values})
     table = options.table(kind)
     arrow = arrow_of(frame, "frame", {options.names.get(name, name) for name in table.names})
     part = ParquetTable("frame", path, arrow, arrow.schema)

@@ -1,18 +1,7 @@
 """Configs: YAML -> frozen model, with errors that carry file, line and column.
 
-================ =========================================================
-Module           Responsibility
-================ =========================================================
-``model``        the sections and keys with their defaults (the 5PK rig of the paper)
-``drive``        the sections of a belt drive
-``fields``       types of values: numbers with bounds and units, names, lists
-``yaml_source``  YAML text -> plain values with their places
-``messages``     texts of the errors
-``name_pattern`` settings in file names, by a pattern or a regular expression
-``loading``      file or dict -> `Config`; config of a recording; its values
-``writing``      `Config` -> YAML text
-``template``     `Config` -> commented YAML text for a new belt
-================ =========================================================
+`model` states the keys, by `fields` and `checks`; `layout` those about files of a bench. `source`
+reads YAML with its places, `messages` words the errors, `loading` loads, `writing` writes.
 """
 
 from beltid.config.loading import ConfigSource, find_config, load_config

@@ -11,10 +11,16 @@ from typing import Any
 from pydantic import ValidationError
 
 from beltid.config.fields import Section
-from beltid.config.messages import note_problems
+from beltid.config.messages import UNKNOWN, message
 from beltid.config.model import Config
-from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
+from beltid.config.source import KeyPath, Source, read_source
 from beltid.errors import ConfigError
+
+SHOWN = 40
+ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
+FILE_NAME = "beltid.yaml"
+LAYOUT = ("columns", "units", "runs")
+BUILT_IN = "the built-in 5PK rig of the paper"
 
 
 def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -> Config:
@@ -41,30 +47,35 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
     if isinstance(source, Config):
         return source
     if isinstance(source, Mapping):
-        return _checked(Source(values=_plain(source)))
+        return _checked(Source(_plain(source)))
     if not isinstance(source, (str, Path)):
         raise ConfigError(
             f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
         )
     path = Path(source)
-    config = _checked(parse(read_text(path), str(path)))
-    return _with_paths_from(config, path.parent)
+    return _with_paths_from(_checked(read_source(path)), path.parent)
 
 
 def _checked(source: Source) -> Config:
-    """Validate the values of a source; raise the problems of all of them."""
+    """Validate the values of a source; raise all problems, in the order of the file."""
     # an empty section, such as `compare:` with all keys commented out, means its defaults
     values = {
         key: value
         for key, value in source.values.items()
         if value is not None or key not in Config.model_fields
     }
-    config = Config()
+    config, problems = Config(), list(source.repeated)
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        note_problems(error, Config, source)
-    source.raise_if_any()
+        for detail in error.errors(include_url=False):
+            place = source.place(tuple(detail["loc"]), key=detail["type"] in UNKNOWN)
+            problems.append((place, message(detail, Config, source)))
+    problems.sort(key=lambda problem: problem[0])
+    lines = [f"{source.at(place)}{text}" for place, text in problems]
+    hidden = lines[SHOWN:]
+    if lines:
+        raise ConfigError([*lines[:SHOWN], f"and {len(hidden)} more"] if hidden else lines)
     return config
 
 
@@ -80,17 +91,13 @@ def _plain(value: Any) -> Any:
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
-    resolved = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
-    tables = {
-        kind: config.runs.of(kind).model_copy(update={"table": _shorten(folder / table)})
-        for kind, table in config.runs.tables.items()
+    files = {kind: _shorten(folder / path) for kind, path in config.data.files.items()}
+    runs = {
+        kind: {**config.runs[kind], "table": _shorten(folder / table)}
+        for kind, table in config.run_tables.items()
     }
-    return config.model_copy(
-        update={
-            "data": config.data.model_copy(update=resolved),
-            "runs": config.runs.model_copy(update=tables),
-        }
-    )
+    data = config.data.model_copy(update=files)
+    return config.model_copy(update={"data": data, "runs": config.runs | runs})
 
 
 def _shorten(path: Path) -> Path:
@@ -99,24 +106,9 @@ def _shorten(path: Path) -> Path:
     return Path(short) if os.path.realpath(short) == os.path.realpath(path) else path
 
 
-ENVIRONMENT_VARIABLE = "BELTID_CONFIG"
-FILE_NAME = "beltid.yaml"
-BUILT_IN = "the built-in 5PK rig of the paper"
-
-
 @dataclass(frozen=True, slots=True)
 class ConfigSource:
-    """A config and its origin.
-
-    Attributes
-    ----------
-    config : Config
-        The config.
-    origin : str
-        Description of its origin, for the user and the results.
-    path : Path or None
-        The file, or None for the built-in rig.
-    """
+    """A config, its origin for the user and the results, and its file (None: built in)."""
 
     config: Config
     origin: str
@@ -151,13 +143,11 @@ def find_config(
     if explicit is not None:
         path = Path(explicit)
         return ConfigSource(load_config(path), f"{path} (--config)", path)
-    named = named_by_environment()
-    if named is not None:
+    if (named := named_by_environment()) is not None:
         return _load_found(named, f"named by ${ENVIRONMENT_VARIABLE}")
-    if recording_path is not None:
-        for candidate in _candidates(Path(recording_path)):
-            if _is_file(candidate):
-                return _load_found(candidate, f"found for {Path(recording_path).name}")
+    for candidate in _candidates(recording_path) if recording_path is not None else ():
+        if os.path.isfile(candidate):  # False, too, in a folder that may not be read
+            return _load_found(candidate, f"found for {Path(str(recording_path)).name}")
     return ConfigSource(Config(), BUILT_IN)
 
 
@@ -176,8 +166,8 @@ def _load_found(path: Path, how: str) -> ConfigSource:
         ) from None
 
 
-def _candidates(recording: Path) -> Iterator[Path]:
-    recording = Path(os.path.abspath(recording))
+def _candidates(recording_path: str | Path) -> Iterator[Path]:
+    recording = Path(os.path.abspath(recording_path))
     stem = Path(recording.name.removesuffix(".gz")).stem
     for folder in recording.parents:
         if stem:
@@ -185,18 +175,17 @@ def _candidates(recording: Path) -> Iterator[Path]:
         yield folder / FILE_NAME
 
 
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a folder without read permission is skipped
-        return False
+def effective_values(
+    values: Section | Mapping[str, Any], above: KeyPath = ()
+) -> Iterator[tuple[KeyPath, Any, bool]]:
+    """Yield the path of every key of a config, its value, and whether it is stated, in order.
 
-
-def effective_values(section: Section, above: KeyPath = ()) -> Iterator[tuple[str, Any, bool]]:
-    """Yield every key of a config with its value, and whether it is stated, in model order."""
-    for name in type(section).model_fields:
-        value, path = getattr(section, name), (*above, name)
-        if isinstance(value, Section):
+    Of the layout of files (`columns`, `units`, `runs`), only what is stated.
+    """
+    stated = values.model_fields_set if isinstance(values, Section) else values
+    for name, value in dict(values).items():
+        path = (*above, name)
+        if isinstance(value, Section) or (path[0] in LAYOUT and isinstance(value, Mapping)):
             yield from effective_values(value, path)
-        else:
-            yield format_path(path), value, name in section.model_fields_set
+        elif value is not None or path[0] not in LAYOUT:
+            yield path, value, name in stated

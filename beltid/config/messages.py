@@ -1,58 +1,37 @@
-"""Error messages of a config: the place, what was found, what is allowed.
-
-The model checks the values; this module rewrites the errors of the validation library for the
-person who wrote the config.
-"""
+"""Error messages of a config: what was found, what is allowed, the nearest known key."""
 
 from __future__ import annotations
 
 import difflib
-import types
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, Union, get_args, get_origin
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from beltid.config.fields import Section, section_in
+from beltid.config.source import KeyPath, Source, format_path
 
-from beltid.config.yaml_source import KeyPath, Source, format_path
-
-SECTION_TYPES: Final = ("model_type", "model_attributes_type", "dict_type")
-WORDS: Final = dict.fromkeys(SECTION_TYPES, "must be a section") | {
-    "tuple_type": "must be a list",
-    "string_type": "must be a text",
-    "bool_type": "must be true or false",
-    "int_type": "must be a whole number",
-}
-"""Error type of pydantic -> what the value must be, where pydantic's message is unsuitable."""
+UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")
+"""Error types of a key that does not exist; of others, the value is wrong."""
 
 
-def note_problems(error: ValidationError, model: type[BaseModel], source: Source) -> None:
-    """Add every problem that the model found to the source.
-
-    Parameters
-    ----------
-    error : ValidationError
-        Errors of the model.
-    model : type
-        The model, which lists the known keys.
-    source : Source
-        The values and their places.
-    """
-    for detail in error.errors(include_url=False):
-        path: KeyPath = tuple(detail["loc"])
-        unknown = detail["type"] in ("extra_forbidden", "invalid_key")
-        text = (
-            _unknown_key(path, model)
-            if unknown
-            else _found_and_allowed(path, detail, model, source)
-        )
-        source.complain(source.place(path, key=unknown), text)
+def message(detail: Mapping[str, Any], model: type[Section], source: Source) -> str:
+    """Describe an error of the model: key path, what was found, what is allowed."""
+    path, kind = tuple(detail["loc"]), detail["type"]
+    if kind in UNKNOWN:
+        known = detail.get("ctx", {}).get("known") or _keys_at(path[:-1], model)
+        return f"{format_path(path)} is not a known key{_remedy(path, known, model)}"
+    if kind == "missing":
+        return f"{format_path(path)} is missing"
+    found = f"{format_path(path)} = {_found(path, detail['input'], source)}"
+    if kind in ("model_type", "model_attributes_type"):
+        return f"{found}, must be a section with the keys {', '.join(_keys_at(path, model))}"
+    return f"{found}, {requirement(detail)}"
 
 
 def requirement(detail: Mapping[str, Any]) -> str:
-    """Return what a value must be, such as ``must be a list``, from a pydantic error."""
+    """Return what a value must be, such as ``must be last or first``, from a pydantic error."""
     if detail["type"] == "literal_error":
         return "must be " + str(detail["ctx"]["expected"]).replace("'", "")
-    return WORDS.get(detail["type"], detail["msg"].replace("Input should be", "must be"))
+    return str(detail["msg"]).replace("Input should be", "must be")
 
 
 def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
@@ -62,82 +41,36 @@ def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
     return f"{format_path(place)} = {repr(detail['input'])[:60]}, {requirement(detail)}"
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return ``, did you mean pulley_radius_m?`` if a known word is similar, else ""."""
-    by_lower = {name.lower(): name for name in known}
-    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    if not close:
-        stems = [low for low in by_lower if low.startswith(word.lower() + "_")]
-        close = stems[:1]
-    return f", did you mean {by_lower[close[0]]}?" if close else ""
-
-
-def _unknown_key(path: KeyPath, model: type[BaseModel]) -> str:
+def _remedy(path: KeyPath, known: Iterable[str], model: type[Section]) -> str:
+    """Name the nearest known key, or that of another section, or all known keys."""
     word = str(path[-1])
-    known = _keys_at(path[:-1], model)
-    where = f"{format_path(path[:-1])} has" if path[:-1] else "a config has"
-    hint = suggestion(word, known) or _other_section(word, model)
-    if not hint and word.isdigit() and path[:-1]:
-        hint = " (the decimal sign is a point)"  # {span_length_m: 0,10} reads as a key 10
-    if word != word.strip():
-        hint = " (it begins or ends with blanks that YAML does not count as such)"
-    text = f"{format_path(path)} is not a known key"
-    return f"{text}{hint}" if hint else f"{text}, {where} " + ", ".join(known)
+    by_lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    near = near or [low for low in by_lower if low.startswith(word.lower() + "_")]
+    homes = [name for name in model.model_fields if word in _keys_at((name,), model)]
+    if near or homes:
+        return f", did you mean {by_lower[near[0]] if near else f'{homes[0]}.{word}'}?"
+    if word.isdigit() and path[:-1]:  # {span_length_m: 0,10} reads as a key 10
+        return " (the decimal sign is a point)"
+    return f", known are {', '.join(by_lower.values())}"
 
 
-def _other_section(word: str, model: type[BaseModel]) -> str:
-    """Suggest the section that a misplaced key belongs to."""
-    for name in model.model_fields:
-        if word in _keys_at((name,), model):
-            return f", did you mean {name}.{word}?"
-    return ""
-
-
-def _found_and_allowed(
-    path: KeyPath, detail: Mapping[str, Any], model: type[BaseModel], source: Source
-) -> str:
-    if detail["type"] == "missing":
-        return f"{format_path(path)} is missing"
-    allowed = requirement(detail)
-    if detail["type"] in SECTION_TYPES:
-        allowed += " with the keys " + ", ".join(_keys_at(path, model))
-    return f"{format_path(path)} = {_value_text(path, detail['input'], source)}, {allowed}"
-
-
-def _value_text(path: KeyPath, value: Any, source: Source) -> str:
-    """Return a value as the user wrote it, shortened."""
-    if path in source.texts:
-        text = source.texts[path] or "empty"
-    elif value is None:
-        text = "empty"
-    elif isinstance(value, Mapping):
-        return "a section"
-    elif isinstance(value, (list, tuple)):
-        text = "[" + ", ".join(repr(item) for item in value[:8]) + (", ...]" * (len(value) > 8))
-        text = text if text.endswith("]") else text + "]"
-    elif isinstance(value, bool):
-        text = str(value).lower()
-    elif isinstance(value, str):
-        text = f'"{value}"'
-    else:
-        text = repr(value)
-    text = "".join(c if c.isprintable() else "?" for c in text)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _keys_at(path: KeyPath, model: type[BaseModel]) -> tuple[str, ...]:
+def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:
     """Return the keys of the section at a path."""
-    here: Any = model
+    here: type[Section] | None = model
     for part in path:
-        if isinstance(part, str):
-            field = here.model_fields.get(part) if _is_model(here) else None
-            if field is None:
-                return ()
-            here = field.annotation
-        if isinstance(part, int) or get_origin(here) in (Union, types.UnionType):
-            here = next((arg for arg in get_args(here) if _is_model(arg)), None)
-    return tuple(here.model_fields) if _is_model(here) else ()
+        if isinstance(part, str) and here is not None:
+            here = section_in(here.model_fields[part].annotation)
+    return tuple(here.model_fields) if here else ()
 
 
-def _is_model(annotation: Any) -> bool:
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+def _found(path: KeyPath, value: Any, source: Source) -> str:
+    """Return a value as the user wrote it, shortened."""
+    if isinstance(value, (Mapping, list, tuple)):
+        return "a section" if isinstance(value, Mapping) else "a list"
+    if value is None:
+        return "empty"
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    text = source.written(path) if number else f'"{value}"' if isinstance(value, str) else ""
+    text = "".join(c if c.isprintable() else "?" for c in text or str(value))
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,257 +1,86 @@
 """The config model: belt, benches and their files, and the settings of every stage.
 
 The model is closed (an unknown key is an error) and frozen. The defaults are the rig of the paper
-with a 5PK belt, so an empty config is complete. The sections `columns`, `units` and `runs`, which
-describe how bench files differ from ours, have one key per column of a recording; they are built
-from the table definitions.
+with a 5PK belt, so an empty config is complete.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Literal
 
-from pydantic import (
-    BeforeValidator,
-    create_model,
-    field_serializer,
-)
+from pydantic import field_serializer
 
 from beltid import params
-from beltid.config.drive import CompareDriveSection, DriveSection
-from beltid.config.fields import (
-    Count,
-    ListOf,
-    Number,
-    Section,
-    Text,
-    UnitOf,
-    Unstated,
-    file_path,
-    folder_name,
-    pattern_of_names,
-    plain_words,
-    separating_character,
-    text_encoding,
-)
-from beltid.tables.columns import Column
-from beltid.tables.schemas import RECORDINGS, SETTINGS, table
-from beltid.tables.units import Calibration
-
-SHOWN: Final = {"deg": "°", "degC": "°C"}
-"""Unit of a column -> its symbol in a config."""
-
-
-def _create_section(name: str, base: type[Section], keys: dict[str, Any]) -> Any:
-    """Create a section class in this module, where pickle finds it in worker processes."""
-    section = create_model(name, __base__=base, __module__=__name__, **keys)
-    globals()[name] = section
-    return section
-
-
-def _of_columns(name: str, columns: Iterable[Column], allowed: Callable[[Column], Any]) -> Any:
-    """Create a section with an optional key for each column."""
-    keys = {column.name: (allowed(column) | None, None) for column in columns}
-    return _create_section(name, Unstated, keys)
-
-
-def _per_kind(name: str, section_of: Callable[[str], Any]) -> Any:
-    """Create a section with a subsection for each kind of recording."""
-    sections = {kind: section_of(kind) for kind in RECORDINGS}
-    return _create_section(name, Section, {kind: (of, of()) for kind, of in sections.items()})
-
-
-def _settings(kind: str) -> list[Column]:
-    columns = {column.name: column for column in table(kind).columns}
-    return [columns[name] for name in SETTINGS if name in columns]
-
-
-def _name(column: Column) -> Any:
-    return Annotated[str, Text()]
-
-
-def _unit(column: Column) -> Any:
-    return Annotated[Any, UnitOf(column.unit)]
-
-
-def _value(column: Column) -> Any:
-    if column.dtype == "string":
-        return Literal[column.choices] if column.choices else _name(column)
-    unit = SHOWN.get(column.unit, column.unit)
-    return Annotated[
-        float, Number(column.low, column.high, unit, column.open_low, column.open_high)
-    ]
-
-
-def _names(kind: str) -> Any:
-    return _of_columns(f"_{kind}_names", table(kind).columns, _name)
-
-
-def _units(kind: str) -> Any:
-    numbers = [column for column in table(kind).columns if column.dtype == "float64"]
-    return _of_columns(f"_{kind}_units", numbers, _unit)
-
-
-_Names: Any = _per_kind("_Names", _names)
-_Units: Any = _per_kind("_Units", _units)
-
-
-class ColumnsSection(_Names):
-    """Our name of a column -> its name in the file, per kind of recording."""
-
-    def of(self, kind: str) -> dict[str, str]:
-        """Return the columns with a different name in files of this kind."""
-        return _stated(getattr(self, kind))
-
-
-class UnitsSection(_Units):
-    """Our name of a column -> its unit in the file, per kind of recording."""
-
-    def of(self, kind: str) -> dict[str, str | Calibration]:
-        """Return the columns in another unit, or as a raw signal, in files of this kind."""
-        return _stated(getattr(self, kind))
-
-
-def _stated(section: Section) -> dict[str, Any]:
-    return {name: value for name, value in section if value is not None}
-
-
-class RunsOfKind(Section):
-    """Where to find label and settings of a run if every run is a separate file, group or sheet.
-
-    Attributes
-    ----------
-    pattern : str or None
-        Pattern of the file names (or of the group names, if one file has all runs).
-    table : Path or None
-        CSV file with one row per file.
-    fields : Section
-        Names of the header fields with label and settings.
-    values : Section
-        Settings that apply to every run.
-    """
-
-    pattern: Annotated[str, BeforeValidator(pattern_of_names)] | None = None
-    table: Annotated[Path, BeforeValidator(file_path)] | None = None
-    fields: Any
-    values: Any
-
-    @field_serializer("table", when_used="json")
-    def _table_name(self, table: Path | None) -> str | None:
-        """Return the name without folder: results depend on the content, not on the place."""
-        return None if table is None else table.name
-
-
-def _runs(kind: str) -> Any:
-    label = table(kind).column(table(kind).label)
-    fields = _of_columns(f"_{kind}_fields", [label, *_settings(kind)], _name)
-    values = _of_columns(f"_{kind}_values", _settings(kind), _value)
-    keys = {"fields": (fields, fields()), "values": (values, values())}
-    return _create_section(f"_{kind}_runs", RunsOfKind, keys)
-
-
-_Runs: Any = _per_kind("_Runs", _runs)
-
-
-class RunsSection(_Runs):
-    """Label and settings of runs whose recordings lack them, per kind of recording."""
-
-    def of(self, kind: str) -> RunsOfKind:
-        """Return the section of a kind of recording."""
-        runs: RunsOfKind = getattr(self, kind)
-        return runs
-
-    @property
-    def tables(self) -> dict[str, Path]:
-        """Paths of the stated tables, by kind of recording."""
-        return {kind: path for kind in RECORDINGS if (path := self.of(kind).table) is not None}
-
-
-class DialectSection(Section):
-    """Dialect of the bench's CSV files; null: detected from the file.
-
-    `names` are those of the columns of files without a header.
-    """
-
-    separator: Annotated[str, BeforeValidator(separating_character)] | None = None
-    decimal: Literal[".", ","] | None = None
-    thousands: Literal[".", ",", "'", " "] | None = None
-    encoding: Annotated[str, BeforeValidator(text_encoding)] | None = None
-    skip_lines: Annotated[int, Count(0, 10_000)] = 0
-    names: (
-        Annotated[
-            tuple[Annotated[str, Text()], ...],
-            ListOf("names of columns", "[run, time_s, force_N]", longest=2000),
-        ]
-        | None
-    ) = None
-
-
-class BeltSection(Section):
-    """The belt: its name, which is also the results folder, type and section properties."""
-
-    name: Annotated[str, BeforeValidator(folder_name)] = "5pk"
-    type: Annotated[str, BeforeValidator(plain_words)] = "5PK"
-    ribs: Annotated[int, Count(1, 100)] = 5
-    axial_stiffness_N: Annotated[float, Number(1e2, 1e8, "N")] = 1.0e5
-    bending_stiffness_N_m2: Annotated[float, Number(1e-8, 1e2, "N m²")] = 0.02
-    mass_per_length_kg_m: Annotated[float, Number(1e-4, 1e2, "kg/m")] = 0.10
-    damping_time_s: Annotated[float, Number(0, 1, "s")] = 1.0e-4
-    shear_stiffness_N_m2: Annotated[float, Number(1e5, 1e12, "N/m²")] | None = None
-
-
-class PressSection(Section):
-    """The compression press: segment, reference temperature, machine, cycles."""
-
-    segment_length_cm: Annotated[float, Number(0.1, 100, "cm")] = 4.0
-    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] = 22.0
-    machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 0.0
-    cycles: Literal["last", "first", "all"] = "last"
-
+from beltid.config import checks
+from beltid.config.fields import Section, count, key, number, settings
+from beltid.config.layout import COLUMNS, RUNS, UNITS
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 RigKind = Literal[MeasuredKind, "running"]
-Arcs = Annotated[
-    tuple[Annotated[float, Number(0, 360, open_low=True, open_high=True)], ...],
-    ListOf("contact arcs", "[40, 68, 82]"),
-]
-Tensions = Annotated[
-    tuple[Annotated[float, Number(0, 1e5, "N", open_low=True)], ...],
-    ListOf("tensions", "[100, 270, 410]"),
-]
-Speeds = Annotated[
-    tuple[Annotated[float, Number(0, 1e4, "rad/s", open_low=True)], ...],
-    ListOf("speeds", "[0.05, 0.21, 0.84]"),
-]
+Side = Literal["rib", "back"]
+Span = Literal["tight", "slack"]
+Numbers = tuple[float, ...]
+TENSIONS = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
+SPEEDS = (0.05, 0.10, 0.21, 0.42, 0.84)
+
+
+_arcs = partial(settings, 360, "°", "[40, 68, 82]")
+_tensions = partial(settings, 1e5, "N", "[100, 270, 410]")
+_speeds = partial(settings, 1e4, "rad/s", "[0.05, 0.21, 0.84]")
+
+
+def _share(default: float, meaning: str, high: float = 0.5, *, open_low: bool = False) -> Any:
+    return number(default, 0, high, "", meaning, open_low=open_low)
+
+
+def _tolerance(default: float, meaning: str) -> Any:
+    return _share(default, meaning, 10, open_low=True)
+
+
+class BeltSection(Section):
+    """The belt."""
+
+    name: str = key("5pk", "names the folder of the results", checks.folder_name)
+    type: str = key("5PK", "designation; 5PK: five ribs of the profile PK", checks.plain_words)
+    ribs: int = count(5, 1, 100, "number of ribs")
+    axial_stiffness_N: float = number(1e5, 1e2, 1e8, "N", "EA, from a tensile test")
+    bending_stiffness_N_m2: float = number(0.02, 1e-8, 1e2, "N m²", "EI; biases the rig's mu")
+    mass_per_length_kg_m: float = number(0.1, 1e-4, 1e2, "kg/m", "matters only in motion")
+    damping_time_s: float = number(1e-4, 0, 1, "s", "Kelvin-Voigt c/E; matters only in motion")
+    shear_stiffness_N_m2: float | None = number(
+        None, 1e5, 1e12, "N/m²", "of the ribs along the belt, in a drive of rods; null: rigid"
+    )
+
+
+class PressSection(Section):
+    """Compression press: a segment of belt pressed into a grooved plate."""
+
+    segment_length_cm: float = number(4.0, 0.1, 100, "cm", "length of belt under the press")
+    reference_temperature_degC: float = number(22.0, -60, 200, "°C", "that the law is given at")
+    machine_compliance_mm_N: float = number(0.0, 0, 1e-2, "mm/N", "deflection of the press itself")
+    cycles: Literal["last", "first", "all"] = key("last", "used; new rubber is stiffer at first")
 
 
 class RigSection(Section):
-    """The friction rig: what it measures, geometry, supports, and the settings of its runs.
+    """Friction rig: the belt lies still over a turning pulley."""
 
-    `weight_on` applies if one span carries a dead weight, `torque_with` if a torque and the tension
-    of one span are measured: the errors act differently on the tight and the slack span. `slide`
-    applies if a hub force is measured: the pulley moves freely under a constant force, as under a
-    weight, or is held by its load cell, so that the force grows. On a `running` rig the belt moves
-    at `belt_speed_m_s` (null: a column of the recording), and `running_measures` names the other
-    kind that has the same channels.
-    """
-
-    kind: RigKind = "two_cells"
-    weight_on: Literal["tight", "slack"] = "tight"
-    torque_with: Literal["tight", "slack"] = "slack"
-    slide: Literal["free", "held"] = "free"
-    running_measures: MeasuredKind = "two_cells"
-    belt_speed_m_s: Annotated[float, Number(0, 1e3, "m/s")] | None = None
-    force_resolution_N: Annotated[float, Number(0, 1e4, "N")] | None = None
-    pulley_radius_m: Annotated[float, Number(0.002, 5, "m")] = 0.05
-    span_length_m: Annotated[float, Number(0.002, 10, "m")] = 0.10
-    supports: Literal["pinned", "clamped"] = "pinned"
-    arcs_deg: Arcs = (40.0, 68.0, 82.0)
-    initial_tensions_N: Tensions = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
-    pulley_speeds_rad_s: Speeds = (0.05, 0.10, 0.21, 0.42, 0.84)
+    kind: RigKind = key("two_cells", "what the rig measures, see docs/formats.md")
+    weight_on: Span = key("tight", "dead_weight: the span that carries the weight")
+    torque_with: Span = key("slack", "torque: the span whose tension is also measured")
+    slide: Literal["free", "held"] = key("free", "torque_hub: constant force, or held by its cell")
+    running_measures: MeasuredKind = key("two_cells", "running: what it measures")
+    belt_speed_m_s: float | None = number(None, 0, 1e3, "m/s", "running; null: a column")
+    force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
+    pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
+    span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")
+    supports: Literal["pinned", "clamped"] = key("pinned", "how the cells hold the belt")
+    arcs_deg: Numbers = _arcs((40.0, 68.0, 82.0), "contact arcs; default: of the recording")
+    initial_tensions_N: Numbers = _tensions(TENSIONS, "before the pulley turns; likewise")
+    pulley_speeds_rad_s: Numbers = _speeds(SPEEDS, "pulley speeds; likewise")
 
     @property
     def measures(self) -> MeasuredKind:
@@ -272,38 +101,31 @@ class RigSection(Section):
 
 
 class ConditionsSection(Section):
-    """Conditions of the bench; null: not stated.
+    """Conditions of the rig, passed on with the results; null: not stated.
 
-    They are passed on with the data and change no number. A column of the recording states them
-    for each run and takes precedence. Runs on different surfaces, or on different sides of the
-    belt, are never combined into one friction surface.
+    They change no number. A column of the recording states them for each run and takes precedence.
+    Runs on different surfaces, or on different sides of the belt, are never combined into one
+    friction surface.
     """
 
-    surface: Literal["dry", "wet", "dusty"] | None = None
-    side: Literal["rib", "back"] | None = None
+    surface: Literal["dry", "wet", "dusty"] | None = key(None, "state of the contact surface")
+    side: Side | None = key(None, "side of the belt on the pulley")
 
 
 class ContactSection(Section):
-    """Settings of the simulated contact that no bench measures."""
+    """Contact of the simulated rig; no bench measures these."""
 
-    damping_N_s_m: Annotated[float, Number(0, 1e7, "N s/m")] = 300.0
-    points_per_element: Annotated[int, Count(1, 9)] = 5
-
-
-Recorded = Annotated[Path, BeforeValidator(file_path)] | None
+    damping_N_s_m: float = number(300.0, 0, 1e7, "N s/m", "C_P; sliding does not depend on it")
+    points_per_element: int = count(5, 1, 9, "contact points per belt element")
 
 
 class DataSection(Section):
-    """Paths of the recordings, and whether they are from a real bench.
+    """Recordings; relative paths start at the folder of this file."""
 
-    A relative path starts at the folder of the config. Results from synthetic recordings say so;
-    an origin that is not stated stays unknown.
-    """
-
-    origin: Literal["measured", "synthetic"] | None = None
-    press: Recorded = None
-    rig: Recorded = None
-    speedloss: Recorded = None
+    origin: Literal["measured", "synthetic"] | None = key(None, "results of synthetic data say so")
+    press: Path | None = key(None, "recording of the press", checks.file_path)
+    rig: Path | None = key(None, "recording of the friction rig", checks.file_path)
+    speedloss: Path | None = key(None, "of the two-pulley drive; optional", checks.file_path)
 
     @property
     def files(self) -> dict[str, Path]:
@@ -313,93 +135,168 @@ class DataSection(Section):
 
 
 class CompareSection(Section):
-    """Tolerances between simulated and measured friction coefficients.
+    """Tolerances of simulated against measured friction coefficients, as shares of mu."""
 
-    With `hold_out`, `run` leaves out the runs of each arc or speed in turn and predicts them from
-    the others.
-    """
-
-    max_rms_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.06
-    max_mean_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.05
-    max_relative_error: Annotated[float, Number(0, 10, open_low=True)] = 0.20
-    hold_out: Literal["none", "arc", "speed"] = "arc"
-
-
-Share = Annotated[float, Number(0, 0.5)]
+    max_rms_relative_error: float = _tolerance(0.06, "root mean square over all runs")
+    max_mean_relative_error: float = _tolerance(0.05, "mean magnitude")
+    max_relative_error: float = _tolerance(0.20, "largest")
+    hold_out: Literal["none", "arc", "speed"] = key("arc", "left out and predicted from the rest")
 
 
 class UncertaintySection(Section):
-    """Standard uncertainties (k = 1) of calibrations and settings of the benches.
+    """Standard uncertainties (k = 1) of benches and settings; _rel: share of value.
 
-    ``_rel`` means relative to the value. The defaults are assumptions about a typical bench, not
-    facts about this one: results show for each whether it was stated or assumed.
+    The defaults are assumptions about a typical bench, not facts about this one: results show for
+    each whether it was stated or assumed.
     """
 
-    tension_gain_rel: Share = 0.002
-    cell_gain_rel: Share = 0.001
-    cell_offset_N: Annotated[float, Number(0, 1e3, "N")] = 0.05
-    torque_gain_rel: Share = 0.005
-    bearing_drag_N_m: Annotated[float, Number(0, 1e3, "N m")] = 0.01
-    mass_per_length_rel: Share = 0.02
-    arc_deg: Annotated[float, Number(0, 20, "°")] = 0.1
-    arc_setting_deg: Annotated[float, Number(0, 20, "°")] = 0.2
-    pulley_radius_rel: Share = 0.002
-    span_length_m: Annotated[float, Number(0, 1, "m")] = 5.0e-4
-    pulley_speed_rel: Share = 0.002
-    bending_stiffness_rel: Share = 0.05
-    axial_stiffness_rel: Share = 0.05
-    press_force_rel: Share = 0.005
-    press_displacement_rel: Share = 0.002
-    segment_length_rel: Share = 0.005
-    machine_compliance_mm_N: Annotated[float, Number(0, 1e-2, "mm/N")] = 1.0e-6
-    drive_radius_rel: Share = 0.002
-    drive_centres_m: Annotated[float, Number(0, 1, "m")] = 5.0e-4
-    initial_tension_rel: Share = 0.01
-    torque_rel: Share = 0.005
+    tension_gain_rel: float = _share(0.002, "calibration that both load cells share")
+    cell_gain_rel: float = _share(0.001, "calibration of each load cell")
+    cell_offset_N: float = number(0.05, 0, 1e3, "N", "zero of each load cell")
+    torque_gain_rel: float = _share(0.005, "torque of the friction rig")
+    bearing_drag_N_m: float = number(0.01, 0, 1e3, "N m", "drag and zero left in that torque")
+    mass_per_length_rel: float = _share(0.02, "running: mass per length of the belt")
+    arc_deg: float = number(0.1, 0, 20, "°", "contact arc, the same error in all runs")
+    arc_setting_deg: float = number(0.2, 0, 20, "°", "contact arc, a new error at each setting")
+    pulley_radius_rel: float = _share(0.002, "radius of the belt's centreline")
+    span_length_m: float = number(5e-4, 0, 1, "m", "length of the free spans")
+    pulley_speed_rel: float = _share(0.002, "speed of the pulley")
+    bending_stiffness_rel: float = _share(0.05, "EI")
+    axial_stiffness_rel: float = _share(0.05, "EA")
+    press_force_rel: float = _share(0.005, "load cell of the press")
+    press_displacement_rel: float = _share(0.002, "travel of the press")
+    segment_length_rel: float = _share(0.005, "length of belt under the press")
+    machine_compliance_mm_N: float = number(1e-6, 0, 1e-2, "mm/N", "compliance of the press")
+    drive_radius_rel: float = _share(0.002, "radius of each pulley of a drive")
+    drive_centres_m: float = number(5e-4, 0, 1, "m", "position of each pulley of a drive")
+    initial_tension_rel: float = _share(0.01, "belt tension of a drive at rest")
+    torque_rel: float = _share(0.005, "torque of the speed-loss bench")
 
 
 class FrictionSection(Section):
-    """Reduction of a rig run to a friction coefficient.
+    """Reduction of a rig run: tension = gain (reading - tare), then zeros that show at rest."""
 
-    The calibration of the load cells is applied first: T = gain (reading - tare). Zeros that still
-    show at rest are corrected next.
-    """
-
-    tension_tight_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
-    tension_slack_tare_N: Annotated[float, Number(-1e4, 1e4, "N")] = 0.0
-    tension_tight_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    tension_slack_gain: Annotated[float, Number(0.1, 10)] = 1.0
-    correct_temperature: bool = False
-    reference_temperature_degC: Annotated[float, Number(-60, 200, "°C")] | None = None
+    tension_tight_tare_N: float = number(0.0, -1e4, 1e4, "N", "of the tight cell")
+    tension_slack_tare_N: float = number(0.0, -1e4, 1e4, "N", "of the slack cell")
+    tension_tight_gain: float = number(1.0, 0.1, 10, "", "of the tight cell")
+    tension_slack_gain: float = number(1.0, 0.1, 10, "", "of the slack cell")
+    correct_temperature: bool = key(False, "refine-surface refers all runs to one temperature")
+    reference_temperature_degC: float | None = number(None, -60, 200, "°C", "null: their mean")
 
 
 class SimulationSection(Section):
-    """Simulation of the rig; null: chosen by the program."""
+    """Simulation of the rig."""
 
-    method: Literal["transient", "steady"] = "transient"
-    elements: Annotated[int, Count(4, 2000, even=True)] | None = None
-    friction_solver: Literal["newton", "lemke"] = "newton"
-    sticking_ratio: Annotated[float, Number(1, 5)] = 1.0
+    method: Literal["transient", "steady"] = key("transient", "through time, or sliding alone")
+    elements: int | None = count(None, 4, 2000, "of the belt; null: as many as needed", even=True)
+    friction_solver: Literal["newton", "lemke"] = key("newton", "of each time step")
+    sticking_ratio: float = number(1.0, 1, 5, "", "static over slowest measured sliding friction")
 
 
-Minutes = Annotated[float, Number(0, 1e4)]
+class PulleySection(Section):
+    """A pulley of a drive."""
+
+    name: str = key(..., "its name", checks.text)
+    x_m: float = number(..., -100, 100, "m", "centre")
+    y_m: float = number(..., -100, 100, "m", "centre")
+    radius_m: float = number(..., 0.002, 5, "m", "radius of the belt's centreline")
+    side: Side = key("rib", "side of the belt in contact")
+
+
+class TensionerSection(Section):
+    """A sprung arm that carries a pulley, whose coordinates are its mean position."""
+
+    pulley: str = key(..., "name of the pulley on it", checks.text)
+    pivot_m: tuple[float, float] = key(
+        ..., "its axis", checks.ListOf("[-0.18, 0.10]", 2, checks.Number(-100, 100, "m"))
+    )
+    arm_m: float = number(..., 0.001, 10, "m", "its length")
+    free_angle_deg: float = number(..., -360, 360, "°", "of the pulley about the pivot, at the end")
+    preload_N_m: float = number(..., 0, 1e4, "N m", "moment at that angle")
+    rate_N_m_deg: float = number(..., 0, 1e3, "N m/°", "its growth")
+
+
+class OperatingPointsSection(Section):
+    """Operating points: lists of equal length; a single number applies to all points."""
+
+    driver_speed_rad_s: Numbers = key(
+        (62.8,),
+        "speed of the driver",
+        checks.ListOf("[22, 62.8]", 100_000, checks.Number(-1e4, 1e4, "rad/s")),
+    )
+    torque_N_m: dict[str, Numbers] = key({}, "taken off, by pulley", checks.lists_by_name)
+    power_W: dict[str, Numbers] = key({}, "taken off, by pulley", checks.lists_by_name)
+
+
+class DriveSection(Section):
+    """A belt drive: pulleys in the order of the belt, installation, operating points."""
+
+    method: Literal["string", "rod"] = key("rod", "rod: with bending stiffness")
+    installation: Literal["fixed_centres", "slack_force", "tensioner"] = key(
+        "fixed_centres", "what keeps the belt taut"
+    )
+    initial_tension_N: Numbers | None = _tensions(None, "at rest, or of the slack span")
+    pulleys: tuple[PulleySection, ...] = key(
+        (
+            PulleySection(name="driver", x_m=0.0, y_m=0.0, radius_m=0.05),
+            PulleySection(name="driven", x_m=0.25, y_m=0.0, radius_m=0.05),
+        ),
+        "in the order of the belt",
+        checks.ListOf("[{name: ...}]", 30),
+    )
+    driver: str | None = key(None, "null: the first pulley", checks.text)
+    tensioner: TensionerSection | None = key(None, "with installation: tensioner")
+    operating_points: OperatingPointsSection = OperatingPointsSection()
+    back_friction: float = number(0.5, 0.01, 5, "", "friction coefficient of the back")
+    idler_torque_N_m: float = number(0.0, 0, 1e3, "N m", "drag of a pulley without load")
+
+    @property
+    def driving(self) -> str:
+        """Name of the driving pulley: the first one unless another is stated."""
+        return self.driver or self.pulleys[0].name
+
+
+class CompareDriveSection(Section):
+    """Tolerance of predicted against measured speed loss of a drive."""
+
+    max_rms_relative_error: float = _tolerance(0.10, "root mean square over all judged points")
+    min_torque_share: float = _share(0.2, "of the largest; points below are not judged", 1)
 
 
 class PlanSection(Section):
     """Candidate settings of the next runs and the time they take; null: the settings under rig:."""
 
-    arcs_deg: Arcs | None = None
-    tension_N: Tensions | None = None
-    speed_rad_s: Speeds | None = None
-    minutes_per_run: Minutes = 5.0
-    minutes_per_arc_change: Minutes = 30.0
+    arcs_deg: Numbers | None = _arcs(None, "contact arcs")
+    tension_N: Numbers | None = _tensions(None, "initial tensions")
+    speed_rad_s: Numbers | None = _speeds(None, "pulley speeds")
+    minutes_per_run: float = number(5.0, 0, 1e4, "", "time of a run")
+    minutes_per_arc_change: float = number(30.0, 0, 1e4, "", "time to change the arc")
+
+
+class DialectSection(Section):
+    """Dialect of the bench's text files; null: detected from the file."""
+
+    separator: str | None = key(None, "character between cells", checks.separating_character)
+    decimal: Literal[".", ","] | None = key(None, "decimal sign")
+    thousands: Literal[".", ",", "'", " "] | None = key(None, "sign between thousands")
+    encoding: str | None = key(None, "such as utf-8 or cp1252", checks.text_encoding)
+    skip_lines: int = count(0, 0, 10_000, "lines before the table")
+    names: tuple[str, ...] | None = key(
+        None,
+        "of the columns of a file without a header",
+        checks.ListOf("[run, time_s, force_N]", 2000, checks.text),
+    )
 
 
 class Config(Section):
     """A belt, its benches, and the settings of every stage.
 
-    The defaults are the rig of the paper with a 5PK belt. Create it with
-    :func:`beltid.load_config`, which writes readable error messages.
+    Create it with :func:`beltid.load_config`, which writes readable error messages.
+
+    `columns`, `units` and `runs` say how the files of the bench differ from ours, by kind of
+    recording: ``config.columns["rig"]`` maps our name to theirs, ``config.units["rig"]`` our name
+    to a unit or to ``{"factor": ..., "offset": ...}``; ``config.runs["rig"]`` holds `pattern`,
+    `table`, `fields` and `values`.
     """
 
     belt: BeltSection = BeltSection()
@@ -415,61 +312,46 @@ class Config(Section):
     compare_drive: CompareDriveSection = CompareDriveSection()
     plan: PlanSection = PlanSection()
     uncertainty: UncertaintySection = UncertaintySection()
-    columns: ColumnsSection = ColumnsSection()
-    units: UnitsSection = UnitsSection()
-    runs: RunsSection = RunsSection()
+    columns: dict[str, dict[str, str]] = key(COLUMNS({}), "", COLUMNS)
+    units: dict[str, dict[str, str | dict[str, float]]] = key(UNITS({}), "", UNITS)
+    runs: dict[str, dict[str, Any]] = key(RUNS({}), "", RUNS)
     dialect: DialectSection = DialectSection()
+
+    @field_serializer("runs", when_used="json")
+    def _without_folders(self, runs: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Return tables by their name alone: results depend on the content, not on the place."""
+        return {
+            kind: {**of_kind, "table": of_kind["table"] and of_kind["table"].name}
+            for kind, of_kind in runs.items()
+        }
+
+    @property
+    def run_tables(self) -> dict[str, Path]:
+        """Paths of the stated tables of runs, by kind of recording."""
+        return {kind: runs["table"] for kind, runs in self.runs.items() if runs["table"]}
 
     def belt_params(self) -> params.Belt:
         """Return the section properties of the belt."""
         b = self.belt
-        return params.Belt(
-            EA=b.axial_stiffness_N,
-            EI=b.bending_stiffness_N_m2,
-            rhoA=b.mass_per_length_kg_m,
-            damping_time=b.damping_time_s,
-        )
+        stiffness = b.axial_stiffness_N, b.bending_stiffness_N_m2
+        return params.Belt(*stiffness, b.mass_per_length_kg_m, b.damping_time_s)
 
     def rig_params(self) -> params.Rig:
         """Return the geometry of the rig."""
         r = self.rig
-        return params.Rig(
-            R=r.pulley_radius_m,
-            span=r.span_length_m,
-            supports=r.supports,
-            given_force=r.given_force,
-        )
+        return params.Rig(r.pulley_radius_m, r.span_length_m, r.supports, r.given_force)
 
     def contact_params(self) -> params.Contact:
         """Return the settings of the contact."""
-        return params.Contact(
-            C_P=self.contact.damping_N_s_m,
-            points_per_element=self.contact.points_per_element,
-            sticking_ratio=self.simulation.sticking_ratio,
-        )
+        contact, ratio = self.contact, self.simulation.sticking_ratio
+        return params.Contact(contact.damping_N_s_m, contact.points_per_element, ratio)
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of everything that can change a result: every section except `data`.
+        """SHA-256 of all that can change a result, independent of the formatting of the file.
 
         The place of a recording does not matter; its content has a separate hash.
         """
-        return self.section_sha256(*(name for name in type(self).model_fields if name != "data"))
-
-    def section_sha256(self, *sections: str) -> str:
-        """Compute the SHA-256 of some sections, independent of the formatting of the file.
-
-        Parameters
-        ----------
-        *sections : str
-            Names of sections, such as ``"belt"``; their order does not matter.
-
-        Raises
-        ------
-        KeyError
-            If the config has no such section.
-        """
-        values: dict[str, Any] = self.model_dump(mode="json")
-        chosen = {name: values[name] for name in sections}
-        text = json.dumps(chosen, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        values = self.model_dump(mode="json", exclude={"data"})
+        text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()

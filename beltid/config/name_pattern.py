@@ -17,17 +17,7 @@ _TEXT_NAMES: Final = ("run", "test", "idle", "condition", "side")
 
 @dataclass(frozen=True, slots=True)
 class NameParts:
-    """A compiled pattern.
-
-    Attributes
-    ----------
-    regex : str
-        Regular expression with one named group per name.
-    names : tuple of str
-        Names in the pattern.
-    units : dict of str to str
-        Name -> unit of its number, if the pattern states one.
-    """
+    """A compiled pattern: regular expression, its groups, and units that the pattern states."""
 
     regex: str
     names: tuple[str, ...]
@@ -40,26 +30,20 @@ class NameParts:
 
 
 def name_pattern(pattern: str) -> NameParts:
-    """Compile a pattern.
+    """Compile ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``, or raise a ValueError.
 
-    Parameters
-    ----------
-    pattern : str
-        ``{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm``: ``{run}``, ``{test}``, ``{condition}``
-        and ``{side}`` match a text, ``{}`` a text that is ignored, other names a number (decimal
-        sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}`` a number in this unit. A pattern
-        with ``(?P<name>...)`` is a regular expression of RE2.
-
-    Raises
-    ------
-    ValueError
-        If the pattern does not compile.
+    ``{run}``, ``{test}``, ``{condition}`` and ``{side}`` match a text, ``{}`` a text that is
+    ignored, other names a number (decimal sign ``.``, ``,`` or ``p``), ``{pulley_speed_rad_s:rpm}``
+    a number in this unit. A pattern with ``(?P<name>...)`` is a regular expression of RE2.
     """
     regex, units = (pattern, {}) if "(?P<" in pattern else _from_braces(pattern)
     try:
         names = tuple(field.name for field in _match(regex, []).type)
     except ValueError as error:
-        raise ValueError(_reason(str(error))) from None
+        reason = str(error).removeprefix("Invalid regular expression: ").partition(r": \A(?:")[0]
+        if "unnamed groups" in reason:
+            reason = "a group without a name, write (?:...)"
+        raise ValueError(f"it does not compile: {reason}") from None
     repeated = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if repeated:
         raise ValueError(f"it does not compile: {', '.join(repeated)} is named twice")
@@ -78,33 +62,18 @@ def _match(regex: str, names: list[str]) -> Any:
     return pc.extract_regex(pa.array(texts, pa.string()), pattern=rf"\A(?:{regex})\z")
 
 
-def _reason(message: str) -> str:
-    """Explain in plain words why a pattern does not compile."""
-    if "unnamed groups" in message:
-        return "it does not compile: a group without a name, write (?:...)"
-    message = message.removeprefix("Invalid regular expression: ").partition(r": \A(?:")[0]
-    return f"it does not compile: {message}"
-
-
 def _from_braces(pattern: str) -> tuple[str, dict[str, str]]:
     """Convert a pattern with braces to a regular expression and its units."""
-    units: dict[str, str] = {}
-    parts: list[str] = []
-    at = 0
-    for place in _PLACE.finditer(pattern):
-        parts.append(re.escape(pattern[at : place.start()]))
+    places = list(_PLACE.finditer(pattern))
+    units = {place[1]: place[2] for place in places if place[2]}
+    regex, at = "", 0
+    for place in places:
+        name = place[1]
+        is_text = name in _TEXT_NAMES or "_" not in (name or "")
+        group = f"(?P<{name}>{'.+?' if is_text else _NUMBER})" if name else ".*?"
+        regex += re.escape(pattern[at : place.start()]) + group
         at = place.end()
-        name, unit = place[1], place[2]
-        if unit:
-            units[name] = unit
-        if not name:
-            parts.append(".*?")
-        elif name in _TEXT_NAMES or "_" not in name:
-            parts.append(f"(?P<{name}>.+?)")
-        else:
-            parts.append(f"(?P<{name}>{_NUMBER})")
-    parts.append(re.escape(pattern[at:]))
-    return "".join(parts), units
+    return regex + re.escape(pattern[at:]), units
 
 
 def number(text: str) -> float:

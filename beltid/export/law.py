@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeFloat, PositiveFloat
 
 from beltid.artifacts.metadata_models import Origin
-from beltid.config.fields import FOLDER_NAME, PLAIN_WORDS, folder_name, plain_words
+from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 

@@ -233,7 +233,7 @@ class Build:
 
     def _files(self) -> dict[str, Path]:
         """Return every input by its role, with the run tables of the recordings."""
-        tables = self.source.config.runs.tables
+        tables = self.source.config.run_tables
         run_tables = {f"{role}_runs": tables[role] for role in self.inputs if role in tables}
         return {**self.inputs, **run_tables}
 
@@ -273,7 +273,7 @@ class Build:
         ]
         if folders:
             raise ArtifactError(folders)
-        tables = self.source.config.runs.tables
+        tables = self.source.config.run_tables
         return {
             role: content_of(path, [tables[role]] if role in tables else [])
             for role, path in self._files().items()

@@ -189,7 +189,7 @@ def press_law(law: NormalLaw | Artifact | Outcome[Any] | Path, config: Config) -
         stored = law.columns["covariance"][pooled].reshape(2, 2)
         covariance = np.where(np.isfinite(stored), stored, 0.0)
         depth = float(law.columns["max_penetration_m"][pooled])
-    return PressLaw(normal, covariance, depth, config.press.segment_length_cm / 100.0)
+    return PressLaw(normal, covariance, depth, config.press.si()["segment_length_m"])
 
 
 def table_columns(

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from beltid.config import Config
-from beltid.config.model import UncertaintySection
 from beltid.errors import percent
 from beltid.refine.effects import CONFOUNDED
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
 SECTION: Final = "uncertainty"
-SI: Final = {
-    "_rel": 1.0,
-    "_deg": math.pi / 180.0,
-    "_mm_N": 1.0e-3,
-    "_N_m": 1.0,
-    "_N": 1.0,
-    "_m": 1.0,
-}
-"""Unit suffix of a config key -> factor to SI."""
-KEYS: Final[dict[str, tuple[str, float]]] = {
-    key: next((key.removesuffix(unit), si) for unit, si in SI.items() if key.endswith(unit))
-    for key in UncertaintySection.model_fields
-}
-"""Key of the config -> field of `StandardUncertainties`, factor to SI."""
+UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
+"""Unit of a key, which the fields of `StandardUncertainties` do without."""
 
 
 def standard_uncertainties(config: Config) -> StandardUncertainties:
@@ -37,12 +24,12 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     a rig whose belt does not run.
     """
     section = config.uncertainty
-    values = {name: getattr(section, key) * unit for key, (name, unit) in KEYS.items()}
+    values = {UNIT.sub("", key): value for key, value in section.si().items()}
     if config.rig.kind != "running":
         values["mass_per_length"] = 0.0
     if config.rig.measures not in TORQUE_KINDS:
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
-    stated = frozenset(KEYS[key][0] for key in section.model_fields_set)
+    stated = frozenset(UNIT.sub("", key) for key in section.model_fields_set)
     return StandardUncertainties(**values, stated=stated)
 
 

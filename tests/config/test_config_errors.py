@@ -1,4 +1,4 @@
-"""Everything wrong with a config is told with its place, in the user's words, all at once."""
+"""Everything wrong with a config is told with its place, what was found and what is allowed."""
 
 from __future__ import annotations
 
@@ -7,21 +7,11 @@ from pathlib import Path
 import pytest
 
 from beltid.config import Config, load_config
+from beltid.config.checks import ListOf, Number
+from beltid.config.fields import Section, key_of
 from beltid.errors import EXIT_INPUT, ConfigError
 
-
-def problems(tmp_path: Path, text: str | bytes) -> list[str]:
-    path = tmp_path / "5pk.yaml"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(ConfigError) as caught:
-        load_config(path)
-    assert caught.value.exit_status == EXIT_INPUT
-    prefix = f"{tmp_path}/"
-    return [p.removeprefix(prefix) for p in caught.value.problems]
-
-
-def test_all_problems_at_once_in_the_order_of_the_file(tmp_path):
-    text = """\
+SEVERAL = """\
 belt: {name: ../5pk, ribs: 5.5}
 press:
   segment_length_cm: -4
@@ -32,191 +22,172 @@ rig:
   pulley_radius_m: 50 mm
   span_lenght_m: 0.1
 """
-    found = problems(tmp_path, text)
-    places = [tuple(int(n) for n in p.split(":")[1:3]) for p in found]
-    assert places == [
-        (1, 14),
-        (1, 28),
-        (3, 22),
-        (4, 11),
-        (5, 10),
-        (7, 18),
-        (7, 22),
-        (8, 20),
-        (9, 3),
-    ]
-    assert "belt.name" in found[0]
-    assert found[1].endswith("belt.ribs = 5.5, must be a whole number in [1, 100]")
-    assert found[2].endswith("press.segment_length_cm = -4, must be in [0.1, 100] cm")
-    assert found[3].endswith("press.cycles = middle, must be last, first or all")
-    assert "contact = 7, must be a section with the keys damping_N_s_m" in found[4]
-    assert found[5].endswith("rig.arcs_deg[1] = 40, must be given once only")
-    assert found[6].endswith("rig.arcs_deg[2] = 400, must be in (0, 360)")
-    assert found[7].endswith("(the number alone; its unit is in the key)")
-    assert found[8].endswith("rig.span_lenght_m is not a known key, did you mean span_length_m?")
+
+# text, then a tuple for each problem: place, and what must be named; more in the golden corpus
+WRONG = [
+    (
+        SEVERAL,
+        ("1:14", "belt.name", "../5pk"),
+        ("1:28", "belt.ribs = 5.5", "whole", "[1, 100]"),
+        ("3:22", "press.segment_length_cm = -4", "[0.1, 100] cm"),
+        ("4:11", "press.cycles", "middle", "last, first or all"),
+        ("5:10", "contact = 7", "section", "damping_N_s_m"),
+        ("7:18", "rig.arcs_deg[1] = 40", "once"),
+        ("7:22", "rig.arcs_deg[2] = 400", "(0, 360)"),
+        ("8:20", "rig.pulley_radius_m", "50 mm", "unit is in the key"),
+        ("9:3", "rig.span_lenght_m", "did you mean span_length_m?"),
+    ),
+    (
+        "belt: {ribs: 0}\nbelt: 3\ndrive:\n  pulleys: [{name: a}]\n",
+        ("1:14", "belt.ribs = 0"),
+        ("2:1", "belt ", "line 1"),
+        *(("4:13", f"drive.pulleys[0].{key}", "missing") for key in ("x_m", "y_m", "radius_m")),
+    ),
+    ("rig:\n  # three\n  arcs_deg:\n    - 400\n", ("4:7", "rig.arcs_deg[0] = 400")),
+    ("belt: !!python/object/apply:os.system [ls]\n", ("1:7", "belt", "a list", "section")),
+    ("belt: &a {ribs: *a}\n", ("1:7", "belt.ribs", "whole number")),
+    ("belt\n", ("1:1", "single value")),
+    ("a: 1\n---\nb: 2\n", ("2:1", "another document")),
+    ("belt: ribs: 5\n", ("1:11", "':'")),
+    ("belt: {ribs: 5\n", ("2:1", "not valid YAML")),
+    ("belt: {ribs: ~}\n", ("1:14", "belt.ribs = empty", "whole number")),
+    ("belt: {name: 5}\n", ("1:14", "belt.name = 5", "quotes")),
+    ("belt: {ribs: '5'}\n", ("1:14", 'belt.ribs = "5"', "without quotes")),
+    ("belt: {axial_stiffness_N: .inf}\n", ("1:27", "[100, 1e+08] N")),
+    ("belt: {axial_stiffness_N: .nan}\n", ("1:27", "[100, 1e+08] N")),
+    ("belt: {axial_stiffness_N: " + "9" * 400 + "}\n", ("1:27", "[100, 1e+08] N")),
+    ("belt: {ribs: " + "9" * 9999 + "}\n", ("", "5pk.yaml")),
+    ("rig: {span_length_m: 0,10}\n", ("1:22", "rig.span_length_m"), ("1:24", "decimal sign")),
+    ("rig: {arcs_deg: []}\n", ("1:17", "list", "1 to 200")),
+    ("rig: {kind: webbing}\n", ("1:13", "two_cells, dead_weight, torque, torque_hub or running")),
+    ("friction: {correct_temperature: yes}\n", ("1:33", "true or false")),
+    ("tension_tight_gain: 5\n", ("1:1", "friction.tension_tight_gain")),
+    ("units: {rig: {tension_tight_N: kPa}}\n", ("1:32", "kPa", "kN", "lbf", "N/V", "factor")),
+    ("units: {rig: {time_s: {factor: 0}}}\n", ("1:23", "units.rig.time_s", "factor: 250")),
+    ("units: {rig: {time_s: {factor: x}}}\n", ("1:32", "units.rig.time_s.factor", "number")),
+    ("units: {rig: {run: s}}\n", ("1:15", "units.rig.run is not")),
+    ("columns: {rig: 7}\n", ("1:16", "columns.rig = 7", "section", "tension_tight_N")),
+    ("runs: {rig: {pattern: '(?P<run>'}}\n", ("1:23", "compile")),
+    ("runs: {rig: {values: {arc_deg: 3601}}}\n", ("1:32", "3601", "in (0, 3600] °")),
+    ("runs: {rig: {values: {initial_tension_N: 0}}}\n", ("1:42", "> 0 N")),
+    ("runs: {rig: {values: {side: left}}}\n", ("1:29", "rib or back")),
+    ("runs: {rig: {patern: x}}\n", ("1:14", "did you mean pattern?")),
+    ("dialect: {encoding: klingon}\n", ("1:21", "encoding")),
+    ("dialect: {encoding: base64}\n", ("1:21", "encoding")),
+    ("data: {rig: 7}\n", ("1:13", "path")),
+    ("drive: {operating_points: {torque_N_m: 4}}\n", ("1:40", "{driven: [4, 8]}")),
+    ("drive: {operating_points: {power_W: {a: [1, x]}}}\n", ("1:45", "power_W.a[1]", "number")),
+    (b"# only a comment\n", ("", "empty")),
+    (b"\0\0\0", ("", "not valid YAML")),
+    (b'belt: "\\U99999999"', ("", "not valid YAML")),
+    (b"belt: {type: \xe9}", ("1", "0xE9", "UTF-8")),
+    (b"\xef\xbb\xbfbelt: {type: \xb5}", ("1", "0xB5", "UTF-8")),
+    (b"#" * 1_000_001, ("", "larger")),
+    (b"[" * 50_000, ("", "deep")),
+]
 
 
-def test_lists_in_step_and_coordinates_may_repeat_a_number():
-    """A drive is asked for several torques at one speed; a pivot may stand on a diagonal."""
-    arm = {"pulley": "t", "arm_m": 0.1, "free_angle_deg": 0, "preload_N_m": 1, "rate_N_m_deg": 1}
-    points = {"driver_speed_rad_s": [22, 22, 62.8], "torque_N_m": {"driven": [4, 8, 4]}}
-    drive = {"operating_points": points, "tensioner": {**arm, "pivot_m": [0.1, 0.1]}}
-    config = load_config({"drive": drive})
-    assert config.drive.operating_points.driver_speed_rad_s == (22.0, 22.0, 62.8)
-    assert config.drive.tensioner.pivot_m == (0.1, 0.1)
-
-
-def test_a_key_that_is_missing_has_the_place_of_its_section(tmp_path):
-    found = problems(tmp_path, "belt: {ribs: 0}\nbelt: 3\ndrive:\n  pulleys: [{name: a}]\n")
-    assert found == [
-        "5pk.yaml:1:14: belt.ribs = 0, must be in [1, 100]",
-        "5pk.yaml:2:1: belt is given twice, first in line 1",
-        *(
-            f"5pk.yaml:4:13: drive.pulleys[0].{key} is missing"
-            for key in ("x_m", "y_m", "radius_m")
-        ),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("text", "place", "words"),
-    [
-        ("belt: {ribs: 5}\nbelt: {ribs: 6}\n", "2:1", "belt is given twice, first in line 1"),
-        ("belt:\n  ribs: 5\n  ribs: 5\n", "3:3", "belt.ribs is given twice, first in line 2"),
-        ("rig:\n  # three\n  arcs_deg:\n    - 400\n", "4:7", "rig.arcs_deg[0] = 400, must be in"),
-        ("belt: &a {ribs: *a}\n", "1:7", "contains itself"),
-        ("belt: {<<: {ribs: 5}}\n", "1:8", "merge keys"),
-        ("belt: !!python/object/apply:os.system [ls]\n", "1:7", "tag"),
-        ("- belt\n", "1:1", "found a list"),
-        ("belt\n", "1:1", "found a single value"),
-        ("a: 1\n---\nb: 2\n", "2:1", "second document"),
-        ("belt:\n\tribs: 5\n", "2:1", "tab"),
-        ("belt:\n\u00a0\u00a0ribs: 5\n", "2:1", "blanks that YAML does not count as such"),
-        ("belt: {ribs: 5\n", "2:1", "not valid YAML"),
-        ("belt: {ribs: ~}\n", "1:14", "belt.ribs = ~, must be a whole number"),
-        ("belt: {name: 5}\n", "1:14", "put it in quotes"),
-        ("belt: {ribs: '5'}\n", "1:14", 'belt.ribs = "5"'),
-        ("belt: {ribs: true}\n", "1:14", "whole number"),
-        ("belt: {ribs: " + "9" * 9999 + "}\n", "1:14", "belt.ribs"),
-        ("belt: {axial_stiffness_N: .inf}\n", "1:27", "must be in [100, 1e+08] N"),
-        ("belt: {axial_stiffness_N: .nan}\n", "1:27", "must be in [100, 1e+08] N"),
-        ("belt: {axial_stiffness_N: 1e999}\n", "1:27", "must be in [100, 1e+08] N"),
-        ("rig:\n  span_length_m: 0,1\n", "2:18", "the decimal sign is a point: 0.1"),
-        ("press: {segment_length_cm: 4,5}\n", "1:30", "the decimal sign is a point"),
-        ("press: {segment_length_cm: 0}\n", "1:28", "must be in [0.1, 100] cm"),
-        ("press: {segment_length_cm: 1e-300}\n", "1:28", "must be in [0.1, 100] cm"),
-        ("rig: {arcs_deg: [0]}\n", "1:18", "must be in (0, 360)"),
-        ("rig: {arcs_deg: [360]}\n", "1:18", "must be in (0, 360)"),
-        ("rig: {arcs_deg: []}\n", "1:17", "a list of 1 to 200 contact arcs, it has 0"),
-        ("rig: {kind: webbing}\n", "1:13", "two_cells, dead_weight, torque, torque_hub or running"),
-        ("conditions: {surface: oily}\n", "1:23", "must be dry, wet or dusty"),
-        ("conditions: {humidity_percent: 45}\n", "1:14", "is not a known key"),
-        ("rig: {arcs_deg: 40}\n", "1:17", "a list of contact arcs, such as [40, 68, 82]"),
-        ("tension_tight_gain: 5\n", "1:1", "did you mean friction.tension_tight_gain?"),
-        ("units: {rig: {tension_tight_N: kPa}}\n", "1:32", "one of N, mN, daN, kN, lbf, kgf"),
-        ("units: {rig: {run: s}}\n", "1:15", "units.rig.run is not a known key"),
-        ("columns: {rig: {tension_tight: F1}}\n", "1:17", "did you mean tension_tight_N?"),
-        ("dialect: {encoding: klingon}\n", "1:21", "the name of an encoding"),
-        ("dialect: {encoding: base64}\n", "1:21", "the name of an encoding"),
-        ("dialect: {separator: ab}\n", "1:22", "one character"),
-        ("data: {rig: 7}\n", "1:13", "the path of a file"),
-    ],
-)
-def test_one_problem_with_its_place_and_words(tmp_path, text, place, words):
-    found = problems(tmp_path, text)
-    assert found[0].startswith(f"5pk.yaml:{place}: ")
-    assert words in found[0]
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (b"", "the config is empty"),
-        (b"# only a comment\n", "the config is empty"),
-        (b"\0\0\0", "not valid YAML"),
-        (b'belt: "\\U99999999"', "not valid YAML"),
-        (b"belt: {type: \xe9}", ":1: byte 0xE9 is not UTF-8"),
-        (b"\xef\xbb\xbfbelt: {type: \xb5}", ":1: byte 0xB5 is not UTF-8"),
-        (b"#" * 1_000_001, "larger than"),
-        (b"[" * 100_000, "nested deeper than"),
-        (b"".join(b" " * i + b"a:\n" for i in range(400)), "nested deeper than"),
-        (b"a: [" + b"1," * 21_000 + b"1]", "too many values"),
-    ],
-)
-def test_what_is_no_config_at_all(tmp_path, text, words):
-    (found,) = problems(tmp_path, text)
-    assert words in found
-
-
-def test_aliases_cannot_multiply(tmp_path):
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
-    (found,) = problems(tmp_path, "\n".join(lines))
-    assert "too many values" in found
-
-
-def test_thousands_of_problems_are_counted(tmp_path):
-    found = problems(tmp_path, "".join(f"k{i}: 1\n" for i in range(500)))
-    assert len(found) == 41
-    assert found[-1] == "and 460 more"
-
-
-@pytest.mark.parametrize("make", ["missing", "folder"])
-def test_a_config_that_is_not_there(tmp_path, make):
-    path = tmp_path / "x.yaml"
-    if make == "folder":
-        path.mkdir()
-    with pytest.raises(ConfigError, match=r"x\.yaml: (there is no such config|is a folder)"):
+@pytest.mark.parametrize("case", WRONG, ids=lambda case: repr(case[0][:40]))
+def test_problems_have_their_place_and_name_what_is_wrong(tmp_path: Path, case) -> None:
+    text, *named = case
+    path = tmp_path / "5pk.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ConfigError) as caught:
         load_config(path)
+    assert caught.value.exit_status == EXIT_INPUT
+    assert len(caught.value.problems) == len(named), caught.value.problems
+    for problem, (place, *words) in zip(caught.value.problems, named, strict=True):
+        assert problem.startswith(f"{path}:{place}:" if place else str(path))
+        assert not [word for word in words if word not in problem], problem
 
 
-def test_a_dict_has_key_paths_but_no_places():
+def test_aliases_cannot_multiply_the_message(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
+    (tmp_path / "c.yaml").write_text("\n".join([*lines, "rig: {arcs_deg: *a11}"]))
+    with pytest.raises(ConfigError) as caught:
+        load_config(tmp_path / "c.yaml")
+    assert len(str(caught.value)) < 10_000
+
+
+def test_hundreds_of_problems_are_counted() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config({f"k{i}": 1 for i in range(500)})
+    assert len(caught.value.problems) == 41
+    assert "460" in caught.value.problems[-1]
+
+
+def test_what_is_no_config(tmp_path: Path) -> None:
+    for source in (5, ["configs/5pk.yaml"], object(), tmp_path, tmp_path / "x.yaml"):
+        with pytest.raises(ConfigError, match=r"path of a YAML|x.yaml: .*no such|directory"):
+            load_config(source)
+
+
+def test_a_dict_has_key_paths_but_no_places() -> None:
     with pytest.raises(ConfigError) as caught:
         load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}, 5: 3})
-    found = caught.value.problems
-    assert "rig.arcs_deg[1] = 400, must be in (0, 360)" in found
-    assert any(p.startswith('belt.name = "a/b", must be 1 to 40') for p in found)
-    assert any(p.startswith("5 is not a known key") for p in found)
+    starts = ("rig.arcs_deg[1] = 400, ", 'belt.name = "a/b", ', "5 is not a known key")
+    assert all(any(p.startswith(start) for p in caught.value.problems) for start in starts)
 
 
-@pytest.mark.parametrize("source", [5, ["configs/5pk.yaml"], object()])
-def test_what_cannot_be_a_config(source):
-    with pytest.raises(ConfigError, match="must be the path of a YAML file or a dict"):
-        load_config(source)
+def test_the_name_cannot_leave_its_folder() -> None:
+    for name in ("..", ".hidden", "a/b", "a\\b", "", "a" * 65, "a b", "-rf", "con\n", "ä", "=1"):
+        with pytest.raises(ConfigError, match=r"belt\.name"):
+            load_config({"belt": {"name": name}})
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "..",
-        ".hidden",
-        "a/b",
-        "a\\b",
-        "",
-        "a" * 65,
-        "a b",
-        "-rf",
-        "con\n",
-        "ä",
-        "=1+1",
-        "<b>",
-        "[red]a",
-    ],
-)
-def test_the_name_cannot_leave_its_folder(name):
-    with pytest.raises(ConfigError, match=r"belt\.name"):
-        load_config({"belt": {"name": name}})
+def sections() -> dict[str, type[Section]]:
+    found = {name: type(field.default) for name, field in Config.model_fields.items()}
+    return {name: of for name, of in found.items() if issubclass(of, Section)}
 
 
-def test_no_word_of_the_library_reaches_the_user():
-    for section, field in Config.model_fields.items():
-        for value in (3, "x", [1], {"a": 1}):
-            for key in field.annotation.model_fields:
-                try:
-                    load_config({section: {key: value}})
-                except ConfigError as error:
-                    text = str(error)
-                    assert not any(
-                        word in text
-                        for word in ("Input should", "pydantic", "http", "another value")
-                    )
+def test_no_word_of_the_library_reaches_the_user() -> None:
+    values = (3, "x", [1], {"a": 1}, None, True, {1: 2}, 10**400, [[]], [{}])
+    wrong = [
+        {name: {key: v}}
+        for name, of in sections().items()
+        for key in of.model_fields
+        for v in values
+    ]
+    wrong += [
+        {name: {kind: v}}
+        for name in ("columns", "units", "runs")
+        for kind in ("rig", "x")
+        for v in values
+    ]
+    wrong += [{name: value} for name in Config.model_fields for value in values]
+    said = []
+    for values in wrong:
+        try:
+            load_config(values)
+        except ConfigError as error:
+            said.append(str(error))
+    assert len(said) > 500
+    hidden = ("Input should", "pydantic", "http", "{allowed}", "Section", "valid ")
+    assert not [text for text in said if any(word in text for word in hidden)]
+
+
+NUMBERS = [
+    (name, key, check.check if isinstance(check, ListOf) else check, isinstance(check, ListOf))
+    for name, of in sections().items()
+    for key in of.model_fields
+    for check in [key_of(of, key).check]
+    if isinstance(check, Number) or (isinstance(check, ListOf) and isinstance(check.check, Number))
+]
+
+
+@pytest.mark.parametrize(("section", "key", "bounds", "is_list"), NUMBERS)
+def test_bounds_hold_and_are_named(section: str, key: str, bounds: Number, is_list: bool) -> None:
+    assert len(NUMBERS) > 50
+    step = 2 if bounds.even else 1 if bounds.whole else 1e-9 * (bounds.high - bounds.low)
+    low = bounds.low + step * bounds.open_low
+    high = bounds.high - step * bounds.open_high
+    for value in (low, high):
+        loaded = getattr(
+            getattr(load_config({section: {key: [value] if is_list else value}}), section), key
+        )
+        assert loaded == ((value,) if is_list else value)
+    for value in (low - step, high + step):
+        with pytest.raises(ConfigError, match=rf"{section}\.{key}") as caught:
+            load_config({section: {key: [value] if is_list else value}})
+        assert bounds.allowed in str(caught.value)

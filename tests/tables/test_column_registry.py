@@ -76,9 +76,9 @@ def test_a_new_column_is_read_configured_and_stored_by_its_table_alone(tmp_path:
 def test_the_registries_by_kind_hold_the_same_kinds() -> None:
     config = Config()
     by_recording = {
-        "columns": type(config.columns).model_fields,
-        "units": type(config.units).model_fields,
-        "runs": type(config.runs).model_fields,
+        "columns": config.columns,
+        "units": config.units,
+        "runs": config.runs,
         # a table of plateaus is named to the command, the chain begins with recordings
         "data": [
             *(k for k in type(config.data).model_fields if k != "origin"),

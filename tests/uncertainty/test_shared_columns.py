@@ -13,8 +13,9 @@ from repetitions import repetition
 from virtual_bench import NO_ERRORS, SMALL, read_campaign
 
 import beltid
+from beltid.config.model import UncertaintySection
 from beltid.refine.inverse import refine_surface
-from beltid.stages.uncertainties import KEYS, standard_uncertainties
+from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
@@ -24,7 +25,7 @@ from beltid.uncertainty.sources import reduction_sources
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = beltid.NormalLaw(6.5e7, 3.0256e11)
 OWN, TAIL, DRIFT = 0.001, 0.004, -0.003
-NOTHING = {"uncertainty": dict.fromkeys(KEYS, 0)}
+NOTHING = {"uncertainty": dict.fromkeys(UncertaintySection.model_fields, 0)}
 
 
 def friction(**more: np.ndarray) -> dict[str, np.ndarray]:

@@ -17,7 +17,6 @@ from beltid.bench.channels.vocabulary import means_date, roles_meant, simplified
 from beltid.bench.formats.bench_file import Field
 from beltid.bench.formats.dialect import IN_NAME, unit_in_name, without_position, without_unit
 from beltid.bench.read_options import ReadOptions
-from beltid.config.model import RunsOfKind
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import Problems
 from beltid.tables.columns import Column, Table
@@ -468,14 +467,12 @@ def _unclear(column: Column, mapping: ChannelMapping, context: MappingContext) -
     return ""
 
 
-def stated_elsewhere(runs: RunsOfKind, fields: Sequence[Field], table: Table) -> set[str]:
+def stated_elsewhere(runs: Mapping[str, Any], fields: Sequence[Field], table: Table) -> set[str]:
     """Return columns that a file need not contain: label and settings stated elsewhere."""
-    roles = {table.label}
-    roles |= {role for role in SETTINGS if getattr(runs.values, role, None) is not None}
-    roles |= {role for role in SETTINGS if getattr(runs.fields, role, None) is not None}
-    if runs.pattern:
-        roles |= set(name_pattern(runs.pattern).names)
-    if runs.table is not None:
+    roles = {table.label, *runs["values"]} | {*runs["fields"]} & {*SETTINGS}
+    if runs["pattern"]:
+        roles |= set(name_pattern(runs["pattern"]).names)
+    if runs["table"]:
         roles |= set(SETTINGS)
     return roles | _stated_in_fields(fields, table)
 

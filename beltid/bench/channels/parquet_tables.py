@@ -91,7 +91,7 @@ def read_parquet(
     mapped = [(part, map_columns(part, context, not_needed)) for part in tables]
     if context.problems.count:
         return []
-    named = runs.pattern is not None or runs.table is not None
+    named = runs["pattern"] or runs["table"]
     parts = [mapped] if all(label in m for _, m in mapped) and not named else [[f] for f in mapped]
     return [_raw(part, str(path) if len(part) > 1 else part[0][0].name, context) for part in parts]
 

@@ -102,20 +102,17 @@ class RunSettings:
         self.pattern = None
         self.run_table: RunTable | None = None
         self.used: set[str] = set()
-        if self.runs.pattern:
-            self.pattern = name_pattern(self.runs.pattern)
-        if self.runs.table is not None:
-            self.run_table = read_run_table(self.runs.table, table)
+        if self.runs["pattern"]:
+            self.pattern = name_pattern(self.runs["pattern"])
+        if self.runs["table"]:
+            self.run_table = read_run_table(self.runs["table"], table)
 
     def of(self, raw: RawTable, problems: Problems) -> tuple[dict[str, str | float], list[str]]:
         """Return label and settings of a raw table from outside its columns, and notes on them."""
         settings: dict[str, str | float] = {}
         notes: list[str] = []
         self._from_header(raw, settings, notes, problems)
-        for role in SETTINGS:
-            value = getattr(self.runs.values, role, None)
-            if value is not None:
-                settings[role] = value
+        settings |= self.runs["values"]
         self._from_fields(raw, settings, problems)
         self._from_name(raw, settings, problems)
         self._from_table(raw, settings, problems)
@@ -132,7 +129,7 @@ class RunSettings:
             return
         for name, (line, _) in self.run_table.items():
             if name not in self.used:
-                problems.add(f"{self.runs.table}:{line}: {name} is not among the files read")
+                problems.add(f"{self.runs['table']}:{line}: {name} is not among the files read")
 
     def _from_header(
         self, raw: RawTable, settings: dict[str, Any], notes: list[str], problems: Problems
@@ -191,9 +188,8 @@ class RunSettings:
 
     def _from_fields(self, raw: RawTable, settings: dict[str, Any], problems: Problems) -> None:
         """Take settings from header fields that the config names."""
-        for role in type(self.runs.fields).model_fields:
-            name = getattr(self.runs.fields, role)
-            if name is None or role not in self.table.names:
+        for role, name in self.runs["fields"].items():
+            if role not in self.table.names:
                 continue
             fields = [f for f in raw.fields if f.name == name]
             if not fields:
@@ -216,6 +212,7 @@ class RunSettings:
         """Take label and settings from the file name by the pattern of the config."""
         if self.pattern is None:
             return
+        pattern = self.runs["pattern"]
         values = next(
             (v for name in raw.names if (v := self.pattern.values(name)) is not None), None
         )
@@ -223,7 +220,7 @@ class RunSettings:
             if not self._complete(raw):
                 problems.add(
                     f"{raw.place}: the name does not match runs.{self.table.kind}.pattern = "
-                    f'"{self.runs.pattern}"'
+                    f'"{pattern}"'
                 )
             return
         for role, word in values.items():
@@ -253,7 +250,7 @@ class RunSettings:
             self.used.add(name)
             settings.update(self.run_table[name][1])
         elif not self._complete(raw):
-            problems.add(f"{self.runs.table}: has no row for {raw.names[0]}")
+            problems.add(f"{self.runs['table']}: has no row for {raw.names[0]}")
 
 
 def fill(

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from beltid.config import Config
-from beltid.config.drive import DriveSection
+from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
 from beltid.drive.rod_level import short_spans
@@ -215,14 +215,14 @@ def _check_names(section: DriveSection, names: list[str]) -> None:
 
 
 def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
-    arm = section.tensioner
-    if arm is None:
+    if section.tensioner is None:
         return None
+    arm = section.tensioner.si()
     return Tensioner(
-        names.index(arm.pulley),
-        arm.pivot_m,
-        arm.arm_m,
-        math.radians(arm.free_angle_deg),
-        arm.preload_N_m,
-        math.degrees(arm.rate_N_m_deg),
+        names.index(arm["pulley"]),
+        arm["pivot_m"],
+        arm["arm_m"],
+        arm["free_angle_rad"],
+        arm["preload_N_m"],
+        arm["rate_N_m_rad"],
     )

@@ -14,7 +14,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.metadata_models import DriveMetadata, SlipMetadata
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.drive import DriveSection
+from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint

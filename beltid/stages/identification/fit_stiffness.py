@@ -12,12 +12,12 @@ import numpy as np
 from beltid.artifacts.metadata_models import StiffnessMetadata
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.alternatives import normal_law_rows, normal_laws
-from beltid.stages.identification.reduction import stiffness_settings
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
@@ -81,7 +81,7 @@ def fit_stiffness(
 def _outcome(
     columns: Mapping[str, np.ndarray], config: Config, notes: tuple[str, ...]
 ) -> Outcome[StiffnessResult]:
-    settings = stiffness_settings(config.press)
+    settings = StiffnessSettings(**config.press.si())
     result = identify(columns, settings)
     alternatives = normal_laws(result)
     laws = (*result.laws, result.pooled)

@@ -19,7 +19,7 @@ from beltid.errors import InputError
 from beltid.identify.friction.kinds import SPANS, RigKind, Span
 from beltid.identify.friction.reduction import RunReduction
 from beltid.tables.schemas import table
-from beltid.tables.units import CONVERSIONS, Calibration, canonical_unit
+from beltid.tables.units import CONVERSIONS, canonical_unit
 
 TRAVEL_M: Final = (1e-4, 1e-3)
 """Travel of the pulley's surface until the belt slides, on usual benches [m]."""
@@ -63,17 +63,17 @@ def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKi
     """
     if kind.running:
         return
-    stated = config.units.of("rig")
+    stated = config.units["rig"]
     problems = [
         _problem(each, stated.get(each.column))
         for each in (*_weights(runs, kind), *_torques(runs, kind), *_travels(runs, config))
-        if not isinstance(stated.get(each.column), Calibration)
+        if not isinstance(stated.get(each.column), dict)
     ]
     if problems:
         raise InputError(problems)
 
 
-def _problem(each: _Contradiction, stated: str | Calibration | None) -> str:
+def _problem(each: _Contradiction, stated: str | dict[str, float] | None) -> str:
     """Describe a contradiction, with the unit that would resolve it."""
     unit = table("rig").column(each.column).unit
     read_in = canonical_unit(stated) if isinstance(stated, str) else unit

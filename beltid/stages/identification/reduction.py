@@ -18,7 +18,6 @@ from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording, columns_of
 from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
-from beltid.config.model import PressSection
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import (
     CELL_RANGES,
@@ -38,7 +37,6 @@ from beltid.identify.friction.reduction import (
     reduce_stream,
 )
 from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
-from beltid.identify.press.recording import StiffnessSettings
 from beltid.laws.capstan import STRAIGHT, Spans
 from beltid.stages.outcome import table_columns_of
 from beltid.stages.workers import Workers
@@ -82,16 +80,6 @@ def rig_kind(config: Config) -> RigKind:
 
 def _known_cell(config: Config, span: Span) -> KnownCell:
     return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
-
-
-def stiffness_settings(press: PressSection) -> StiffnessSettings:
-    """Return the settings of the press evaluation in SI units, from the section of a config."""
-    return StiffnessSettings(
-        segment_length_m=press.segment_length_cm / 100.0,
-        reference_temperature_degC=press.reference_temperature_degC,
-        machine_compliance_m_N=press.machine_compliance_mm_N / 1000.0,
-        cycles=press.cycles,
-    )
 
 
 def reduce_rig(

@@ -18,12 +18,12 @@ from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stages.build_artifact import Build, Built, reading
 from beltid.stages.identification.reduction import (
     records_of,
-    stiffness_settings,
 )
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
@@ -50,7 +50,7 @@ def press_curves(source: ConfigSource, press: Path, out: Path, options: Options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(press, "press", source.config)
-        result = fit_stiffness(recording.columns, stiffness_settings(source.config.press))
+        result = fit_stiffness(recording.columns, StiffnessSettings(**source.config.press.si()))
         built = build.write(Outcome(PRESS, branch_columns(result), result))
     return built
 

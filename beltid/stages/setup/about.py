@@ -14,6 +14,7 @@ from beltid.artifacts.file_bytes import source_sha256
 from beltid.artifacts.metadata_models import plain
 from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
+from beltid.config.source import format_path
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary
 from beltid.stages.setup.named_recordings import (
@@ -74,8 +75,8 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
             "defaults": len(values) - n_stated,
         },
         table=[
-            {"key": key, "value": plain(value)}
-            for key, value, stated in values
+            {"key": format_path(path), "value": plain(value)}
+            for path, value, stated in values
             if stated or complete
         ],
         origin=source.config.data.origin,

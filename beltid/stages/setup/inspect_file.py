@@ -16,7 +16,7 @@ from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.report.summary import Summary
 from beltid.stages.outcome import finite_or_none
 from beltid.tables import schemas
-from beltid.tables.units import Calibration, canonical_unit
+from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {
     "press": "fit-stiffness",
@@ -230,12 +230,12 @@ def _open_columns(inspection: Inspection, *, inside: bool) -> list[str]:
 
 def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
     """Return the units stated in the config, else those written in the file."""
-    stated = config.units.of(kind)
+    stated = config.units[kind]
     units: dict[str, str] = {}
     for role, mapping in mappings.items():
         setting = stated.get(role)
-        if isinstance(setting, Calibration):
-            units[role] = f"{{factor: {setting.factor!r}, offset: {setting.offset!r}}}"
+        if isinstance(setting, dict):
+            units[role] = f"{{factor: {setting['factor']!r}, offset: {setting['offset']!r}}}"
         elif setting is not None:
             units[role] = _quoted(setting)
         elif mapping.unit_stated and unit_of(mapping.candidate):
@@ -259,16 +259,15 @@ def _runs_lines(
     kind: str, config: Config, views: Sequence[FileView], lacks_settings: bool
 ) -> list[str]:
     """Return the config lines about the runs; a commented pattern if settings are missing."""
-    runs = config.runs.of(kind)
+    runs = config.runs[kind]
     entries = []
-    if runs.pattern:
-        entries.append(f"    pattern: {_quoted(runs.pattern)}")
-    if runs.table is not None:
-        entries.append(f"    table: {_quoted(str(runs.table.absolute()))}")
+    if runs["pattern"]:
+        entries.append(f"    pattern: {_quoted(runs['pattern'])}")
+    if runs["table"]:
+        entries.append(f"    table: {_quoted(str(runs['table'].absolute()))}")
     for part in ("fields", "values"):
-        stated = getattr(runs, part).model_dump(exclude_none=True)
-        if stated:
-            inside = ", ".join(f"{k}: {_quoted(v)}" for k, v in stated.items())
+        if runs[part]:
+            inside = ", ".join(f"{k}: {_quoted(v)}" for k, v in runs[part].items())
             entries.append(f"    {part}: {{{inside}}}")
     if entries:
         return ["runs:", f"  {kind}:", *entries]

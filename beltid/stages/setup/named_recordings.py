@@ -15,7 +15,7 @@ from beltid.bench.files.sources import exists, is_many, sources_of
 from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import read_recording, read_rig
 from beltid.config import Config, ConfigSource
-from beltid.config.yaml_source import KeyPath, Source, format_path, parse, read_text
+from beltid.config.source import KeyPath, Source, format_path, read_source
 from beltid.errors import InputError
 from beltid.tables import schemas
 
@@ -40,16 +40,16 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     """
     path = source.path
     assert path is not None
-    places = parse(read_text(path), str(path))
-    data, tables = source.config.data.files, source.config.runs.tables
+    places = read_source(path)
+    data, tables = source.config.data.files, source.config.run_tables
     problems: list[str] = []
     if not data:
         text = "data names no recording, must be at least one of press, rig and speedloss"
-        problems.append(places.at(places.place(("data",)), text))
+        problems.append(f"{places.at(places.place(('data',)))}{text}")
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        place = places.at(places.place(keys), format_path(keys))
+        place = f"{places.at(places.place(keys))}{format_path(keys)}"
         for problem in _file_problems(file, list(tables.values())):
             problems.append(f"{place} = {problem}")
     return problems or _mismatched_kinds(source.config, places)
@@ -82,14 +82,14 @@ def _mismatched_kinds(config: Config, places: Source) -> list[str]:
             )
         else:
             continue
-        where = places.place(("data", kind))
-        problems.append(places.at(where, text))
+        where = places.at(places.place(("data", kind)))
+        problems.append(f"{where}{text}")
     return problems
 
 
 def _header_kind(file: Path, config: Config, kind: str) -> str:
     """Return the kind of recording from the header of a text file; "" if undetermined."""
-    if is_many(file) or config.columns.of(kind):
+    if is_many(file) or config.columns[kind]:
         return ""
     with opened(file) as stream:
         if sniff(stream.read(1024), file.name) not in (TEXT, GZIP):

@@ -15,7 +15,8 @@ from beltid.artifacts.metadata_models import plain
 from beltid.bench.inspection import RunView, inspect_recording
 from beltid.config import Config, load_config
 from beltid.config.loading import effective_values
-from beltid.config.template import SECTIONS, template_text
+from beltid.config.source import format_path
+from beltid.config.writing import SECTIONS, template_text
 from beltid.errors import InputError
 from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary
@@ -141,8 +142,8 @@ def _summary(path: Path, config: Config, sources: Mapping[str, str]) -> Summary:
     """Summarise every key with its value and origin; the overview omits defaults."""
     rows = [
         {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
-        for key, value, _ in effective_values(config)
-        if key.partition(".")[0] in SECTIONS
+        for path, value, _ in effective_values(config)
+        if path[0] in SECTIONS and (key := format_path(path))
     ]
     return Summary(
         stage="init",

@@ -1,0 +1,245 @@
+"""Checks of config values: each returns the value as it is stored, or raises `complain`.
+
+A check that has a range states it as `allowed`, so that the bound that is checked and the bound
+that is printed cannot differ.
+"""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
+
+from beltid.config.name_pattern import name_pattern
+from beltid.tables.columns import interval
+from beltid.tables.units import allowed_units, calibration, conversion
+
+FOLDER_NAME: Final = "[A-Za-z0-9][A-Za-z0-9._-]{0,39}"
+PLAIN_WORDS: Final = "[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}"
+LARGEST: Final = sys.float_info.max
+Check = Callable[[Any], Any]
+
+
+def complain(allowed: str) -> PydanticCustomError:
+    """Create the error that states what is allowed."""
+    return PydanticCustomError("beltid", "must be {allowed}", {"allowed": allowed})
+
+
+def each(items: Iterable[tuple[str | int, Any, Check]]) -> dict[Any, Any]:
+    """Check every (place, value, check); raise the problems of all of them at their places."""
+    valid: dict[Any, Any] = {}
+    wrong: list[InitErrorDetails] = []
+    for place, value, check in items:
+        try:
+            valid[place] = check(value)
+        except PydanticCustomError as error:
+            wrong.append(InitErrorDetails(type=error, loc=(place,), input=value))
+        except ValidationError as error:
+            for inner in error.errors(include_url=False):
+                kind = PydanticCustomError(inner["type"], inner["msg"], inner.get("ctx"))
+                loc = (place, *inner["loc"])
+                wrong.append(InitErrorDetails(type=kind, loc=loc, input=inner["input"]))
+    if wrong:
+        raise ValidationError.from_exception_data("config", wrong)
+    return valid
+
+
+def anything(value: Any) -> Any:
+    """Leave the check to the type of the field."""
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A finite number between two bounds in `unit`; an open bound is excluded."""
+
+    low: float
+    high: float
+    unit: str = ""
+    open_low: bool = False
+    open_high: bool = False
+    whole: bool = False
+    even: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """Allowed range, e.g. ``in (0, 360) °``."""
+        text = interval(self.low, self.high, open_low=self.open_low, open_high=self.open_high)
+        return f"{'even and ' if self.even else ''}{text} {self.unit}".rstrip()
+
+    def __call__(self, value: Any) -> float:
+        """Return the value as a float, or as an int if it must be whole; 5.0 counts as whole."""
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not is_number or (self.whole and value % 1):
+            kind = "whole number" if self.whole else "number"
+            raise complain(f"a {kind} {self.allowed}{_hint(value)}")
+        above = value > self.low if self.open_low else value >= self.low
+        below = value < self.high if self.open_high else value <= self.high
+        if not (above and below and abs(value) <= LARGEST) or (self.even and value % 2):
+            raise complain(self.allowed)
+        return int(value) if self.whole else float(value)
+
+
+def _hint(value: Any) -> str:
+    """Tell why a text is not a number."""
+    text = value.strip() if isinstance(value, str) else ""
+    if re.fullmatch(r"[-+]?\d+,\d+([eE][-+]?\d+)?", text):
+        return f" (the decimal sign is a point: {text.replace(',', '.')})"
+    if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", text):
+        return " (without quotes)"
+    if re.match(r"[-+]?[\d.]+([eE][-+]?\d+)?\s*[A-Za-zµμ°]", text):
+        return " (the number alone; its unit is in the key)"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class ListOf:
+    """A list of 1 to `longest` items, each with its check, if `distinct` without repetitions."""
+
+    example: str
+    longest: int = 200
+    check: Any = anything
+    distinct: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """What an item allows."""
+        return getattr(self.check, "allowed", "")
+
+    def __call__(self, value: Any) -> tuple[Any, ...]:
+        """Return the items."""
+        if not isinstance(value, (list, tuple)) or not 1 <= len(value) <= self.longest:
+            raise complain(f"a list such as {self.example}, of 1 to {self.longest}")
+        seen: list[Any] = []
+
+        def checked(item: Any) -> Any:
+            valid = self.check(item)
+            if self.distinct and valid in seen:
+                raise complain("given once only")
+            seen.append(valid)
+            return valid
+
+        return tuple(each((i, item, checked) for i, item in enumerate(value)).values())
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """A section whose keys come from the tables, each with its check; null: not stated.
+
+    Sections in it are complete; another key only stands there if it is stated or has a `default`.
+    """
+
+    known: Mapping[str, Any]
+    default: Mapping[str, Any] = field(default_factory=dict)
+
+    def __call__(self, value: Any) -> dict[str, Any]:
+        """Return the values."""
+        if not isinstance(value, Mapping):
+            raise complain("a section with the keys " + ", ".join(self.known))
+        given: dict[str, Any] = {k: {} for k, of in self.known.items() if isinstance(of, Keys)}
+        given |= {str(name): item for name, item in value.items() if item is not None}
+        valid = each((k, item, self.known.get(k, self._unknown)) for k, item in given.items())
+        return {**self.default, **valid}
+
+    def _unknown(self, value: Any) -> Any:
+        raise PydanticCustomError("unknown", "unknown", {"known": list(self.known)})
+
+
+def flag(value: Any) -> bool:
+    """Check a switch."""
+    if not isinstance(value, bool):
+        raise complain("true or false")
+    return value
+
+
+def text(value: Any) -> str:
+    """Check a text without line breaks."""
+    if not isinstance(value, str) or not 1 <= len(value) <= 200 or not value.isprintable():
+        raise complain("a text of 1 to 200 printable characters (put it in quotes)")
+    return value
+
+
+def file_path(value: Any) -> Path:
+    """Check the path of a file; ``~`` is the home folder."""
+    is_path = isinstance(value, (str, Path)) and 1 <= len(str(value)) <= 4096
+    if not is_path or not str(value).isprintable():
+        raise complain("the path of a file")
+    return Path(os.path.expanduser(value))
+
+
+def pattern_of_names(value: Any) -> str:
+    """Check a pattern of file names: text with ``{name}`` or ``{name:unit}``, or a regex."""
+    reason = "such as {run}_{arc_deg}deg_{initial_tension_N}N.lvm"
+    try:
+        if isinstance(value, str) and len(value) <= 500 and name_pattern(value).names:
+            return value
+    except ValueError as error:
+        reason = str(error)
+    raise complain(f"a pattern with a name in braces ({reason})")
+
+
+def _plain(pattern: str, rule: str, value: Any) -> str:
+    """Check words that are harmless as a folder, or in a comment of any programming language."""
+    if not isinstance(value, str) or not re.fullmatch(pattern, value):
+        quotes = "" if isinstance(value, str) else " (put it in quotes)"
+        raise complain(f"1 to 40 of the characters A-Z a-z 0-9 . _ -{rule}{quotes}")
+    return value
+
+
+folder_name = partial(_plain, FOLDER_NAME, ", beginning with a letter or digit: it names a folder")
+plain_words = partial(_plain, PLAIN_WORDS, " and blanks, beginning with a letter or digit")
+
+
+def text_encoding(value: Any) -> str:
+    """Check the name of a text encoding."""
+    try:
+        if codecs.lookup(value)._is_text_encoding:
+            return str(value)
+    except (LookupError, TypeError, ValueError):
+        pass
+    raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
+
+
+def separating_character(value: Any) -> str:
+    """Check the character that separates cells; the word tab stands for a tab."""
+    if value == "tab":
+        return "\t"
+    if not isinstance(value, str) or len(value) != 1 or value.isalnum() or value in '".\r\n':
+        raise complain("one character such as ',' or ';', or the word tab")
+    return value
+
+
+def unit_of(target: str) -> Check:
+    """Return the check of a unit that converts to that of a column, or of a calibration."""
+    finite = Number(-LARGEST, LARGEST)
+    parts = Keys({"factor": finite, "offset": finite}, {"offset": 0.0})
+    units = ", ".join(allowed_units(target))
+    example = f"a calibration: 250 {target}/V, or {{factor: 250, offset: 0}}"
+
+    def check(value: Any) -> str | dict[str, float]:
+        if isinstance(value, Mapping):
+            valid = parts(value)
+            if valid.get("factor"):
+                return valid
+        elif isinstance(value, str) and (conversion(value, target) or calibration(value, target)):
+            return value
+        raise complain(f"one of {units}; or {example} ({target} = factor * raw + offset)")
+
+    return check
+
+
+def lists_by_name(value: Any) -> dict[str, tuple[float, ...]]:
+    """Check lists of numbers by pulley name; a single number becomes a list of one."""
+    if not isinstance(value, Mapping):
+        raise complain("lists of numbers by the names of pulleys, such as {driven: [4, 8]}")
+    lists = ListOf("[4, 8]", 100_000, Number(-1e7, 1e7))
+    given = {str(k): v if isinstance(v, (list, tuple)) else [v] for k, v in value.items()}
+    return each((name, items, lists) for name, items in given.items())
