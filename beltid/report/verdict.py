@@ -55,7 +55,7 @@ def verdict_of(results: BeltResults) -> Verdict:
 
 
 def _headline(results: BeltResults) -> tuple[str, str]:
-    compared = [sheet for name in COMPARED if (sheet := results.get(name))]
+    compared = {LABELS[name]: sheet for name in COMPARED if (sheet := results.get(name))}
     predicted = results.prediction
     if not compared and predicted is None:
         return "Not proven: the simulated rig was not compared with the bench.", "open"
@@ -68,11 +68,11 @@ def _headline(results: BeltResults) -> tuple[str, str]:
         )
     if compared:
         parts = [
-            f"with the {LABELS[sheet.name]} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
-            for sheet in compared
+            f"with the {of} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
+            for of, sheet in compared.items()
         ]
         statements.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
-    decisive = [sheet for sheet in (predicted, *compared[:1]) if sheet is not None]
+    decisive = [sheet for sheet in (predicted, *list(compared.values())[:1]) if sheet is not None]
     missing = list(_missing_evidence(results))
     if not all(sheet.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
