@@ -243,7 +243,7 @@ def line(axes: Axes, x: Any, y: Any, err: Any = None, band: Any = None, **look: 
     if err is None:
         axes.plot(x, y, **look)
     else:
-        axes.errorbar(x, y, 2.0 * np.nan_to_num(np.asarray(err)[order]), capsize=2, **look)
+        axes.errorbar(x, y, 2.0 * np.nan_to_num(np.asarray(err)[order]), **look)
     if band is not None and np.isfinite(band).all():
         width = 2.0 * np.asarray(band)[order]
         axes.fill_between(x, y - width, y + width, color=look["color"], alpha=0.2, lw=0)

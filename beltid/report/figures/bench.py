@@ -172,6 +172,7 @@ def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
             slip["torque_N_m"][rows],
             MILLI * slip["slip_speed_m_s"][rows],
             MILLI * slip["slip_speed_se_m_s"][rows],
+            capsize=2,
             label=f"driver {speed:.3g} rad/s, T₀ {known}",
             **group(i),
         )

@@ -76,7 +76,7 @@ def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
         if radius and surface is not None and named:
             band = surface.surface.mu_se_at(force[rows], radius * float(np.median(speed)))
             has_band = True
-        measured = {"color": colour, "marker": "s", "ls": "none", "ms": 4}
+        measured = {"color": colour, "marker": "s", "ls": "none", "ms": 4, "capsize": 2}
         line(axes, force[rows], mu[rows], spread[rows], label=label, **measured)
         style = {"color": colour, "marker": "o", "ls": "-" if named else "none", "mfc": "none"}
         line(axes, force[rows], simulated[rows], band=band, ms=8, **style)
