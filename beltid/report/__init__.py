@@ -1,18 +1,17 @@
-"""Turn results into figures, pages and terminal tables; no science.
+"""Turn results into charts, pages and terminal tables; no science.
 
 =============== ======================================================
 Module          Responsibility
 =============== ======================================================
-``results``     results of a belt, the input of a report
-``figures``     the figures, a module per topic
-``drawing``     style of the figures; reproducible SVG, PNG and PDF
-``tables``      tables of a page
-``verdict``     verdict and main results at the top of a page
+``results``     results of a belt, the input of charts and pages
+``charts``      registry of the charts, their style; SVG, PNG and PDF
+``figures``     the charts, a module per topic
+``tables``      tables of a page, the gallery of runs
+``verdict``     verdict, main results, limits of trust
 ``conditions``  test conditions
-``gallery``     all runs over time as small pictures
-``belt_page``   the report of one belt
-``belts_page``  several belts side by side
-``html``        render sections as one self-contained page
+``page``        the pages as data: one belt, several belts
+``html``        render a page as one self-contained file
+``cells``       names and values in words, units and digits
 ``summary``     result of a stage for its user
 ``terminal``    print a summary in the terminal
 =============== ======================================================

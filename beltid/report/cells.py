@@ -32,6 +32,18 @@ MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
 MILLI: Final = 1e3
 MICRO: Final = 1e6
+QUANTITIES: Final = {
+    "mu": ("friction coefficient µ", "-"),
+    "normal_force_N_m": ("normal force per length", "N/m"),
+    "slip_speed_m_s": ("sliding speed v", "mm/s"),
+    "penetration_m": ("penetration δ", "µm"),
+    "torque_N_m": ("torque", "N m"),
+    "speed_loss_rad_s": ("speed loss", "rad/s"),
+    "tension_N": ("tension", "N"),
+    "initial_tension_N": ("belt tension at rest T₀", "N"),
+    "time_s": ("time", "s"),
+}
+"""Words with symbol, and unit in charts, of the quantities on their axes."""
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
@@ -57,6 +69,12 @@ def heading(name: str) -> str:
     words, unit = name_and_unit(name)
     unit = unit.replace(" ", "\u00a0")  # do not wrap within a unit
     return f"{words} [{unit}]" if unit else words
+
+
+def axis(name: str) -> str:
+    """Return the label of an axis: words with the symbol, and the unit in brackets."""
+    words, unit = QUANTITIES[name]
+    return f"{words} [{unit}]"
 
 
 def cell(name: str, value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Rig temperature", _range(friction["temperature_degC"], " °C")),
         ]
     if stiffness is not None:
-        press: Any = stiffness.metadata.settings.get("press") or {}
+        press = stiffness.settings.get("press") or {}
         length = press.get("segment_length_cm")
         temperature = stiffness["temperature_degC"]
         degrees = [f"{t:.3g}" for t in np.unique(temperature[np.isfinite(temperature)])]
@@ -47,7 +47,7 @@ def conditions(results: BeltResults) -> list[tuple[str, str]]:
             ("Press segment", f"{float(length):.4g} cm" if length else ""),
             ("Press temperatures", _listed(degrees, " °C")),
         ]
-    configs = {sheet.metadata.config or "" for sheet in results.sheets.values()}
+    configs = {sheet.config for sheet in results.sheets.values()}
     lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
     return [(name, value) for name, value in lines if value]
 

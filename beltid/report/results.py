@@ -1,14 +1,13 @@
-"""Results of one belt, the input of a report: tables with their metadata."""
+"""Results of one belt as the report reads them: tables, and what they say about themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.artifacts.metadata_models import Metadata
 from beltid.errors import InputError
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
@@ -17,14 +16,21 @@ from beltid.report.cells import cell
 from beltid.report.summary import combined_origin
 
 Columns = Mapping[str, np.ndarray]
-SURFACES: Final = {"surface_refined": "refined", "surface": "published"}
-"""Surface artifact -> its label; the better surface first."""
-SIMULATED: Final = {"simulated": "published", "simulated_refined": "refined"}
-"""Simulated recording -> label of the surface used in the simulation."""
-COMPARED: Final = {"compare": "published", "compare_refined": "refined"}
-"""Comparison -> label of the surface used in the simulation."""
+Rows = Sequence[Mapping[str, Any]]
 HELD_OUT: Final = "compare_hold_out"
 """Comparison with runs that were left out and predicted."""
+LABELS: Final = {
+    "surface_refined": "refined",
+    "surface": "published",
+    "simulated_refined": "refined",
+    "simulated": "published",
+    "compare_refined": "refined",
+    "compare": "published",
+}
+"""Artifact -> the surface that it is, or was simulated with; the refined one first."""
+SURFACES: Final = ("surface_refined", "surface")
+SIMULATED: Final = ("simulated_refined", "simulated")
+COMPARED: Final = ("compare_refined", "compare")
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 """Label of the setting that was left out."""
 
@@ -35,25 +41,42 @@ class Sheet:
 
     Attributes
     ----------
-    name : str
-        File name without the suffix, such as "surface_refined".
-    kind : str
-        Kind of the table.
+    name, kind : str
+        File name without the suffix, such as "surface_refined"; kind of the table.
     columns : mapping of str to ndarray
         The table.
-    metadata : Metadata
-        Metadata of the artifact.
-    sha256, software_sha256, software_version : str
-        Hash of the file; hash and version of the software that wrote it.
+    facts : mapping
+        What it says about itself, by name.
+    tables : mapping of str to rows
+        Its further tables, by name.
+    settings, inputs : mapping
+        Settings that were used; SHA-256 of the inputs.
+    set_aside : rows
+        What was set aside, and why.
+    notes, warnings : sequence of str
+        What the user should know, and look into.
+    origin : str or None
+        Origin of the data: "measured", "synthetic", None if not stated.
+    config, config_sha256, sha256, software, software_sha256 : str
+        Name and hash of the config; hash of the file; version and hash of the program.
     """
 
     name: str
     kind: str
     columns: Columns
-    metadata: Metadata = field(default_factory=Metadata)
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    tables: Mapping[str, Rows] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    set_aside: Rows = ()
+    notes: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    origin: str | None = None
+    config: str = ""
+    config_sha256: str = ""
     sha256: str = ""
+    software: str = ""
     software_sha256: str = ""
-    software_version: str = ""
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
@@ -61,47 +84,64 @@ class Sheet:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
 
-    def stated(self, name: str) -> Any:
-        """Return an optional value or rows from the metadata; None if not stated.
+    def rows(self, name: str) -> Rows:
+        """Return a further table; empty if there is none."""
+        return self.tables.get(name) or ()
 
-        Treat missing rows as empty: ``sheet.stated("budget") or ()``.
-        """
-        return getattr(self.metadata, name, None)
+    def named(self) -> Sheet:
+        """Return the sheet under its name in the chain, whatever its file is called."""
+        name = self.kind
+        if self.held_out:
+            name = HELD_OUT
+        elif f"{name}_refined" in LABELS and (
+            self.facts.get("method") == "refined" or self.name.endswith("_refined")
+        ):
+            name = f"{name}_refined"
+        return replace(self, name=name)
 
     @property
     def pulley_radius_m(self) -> float | None:
         """Pulley radius of the rig used for this artifact [m]; None if unknown."""
-        radius = self.metadata.settings.get("rig", {}).get("pulley_radius_m")
+        radius = (self.settings.get("rig") or {}).get("pulley_radius_m")
         return float(radius) if radius else None
 
     @property
     def surface(self) -> FrictionSurface:
         """Averaged surface, with combined uncertainties as its errors if they are available."""
-        columns = dict(self.columns)
-        if "mu_u" in columns:
-            columns["mu_se"] = columns["mu_u"]
-        return surface_from_columns(columns)
+        combined = {"mu_se": self.columns["mu_u"]} if "mu_u" in self.columns else {}
+        return surface_from_columns({**self.columns, **combined})
+
+    @property
+    def uncertainty(self) -> str:
+        """Name of the surface's error measure."""
+        return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
 
     @property
     def measured_force(self) -> tuple[float, float] | None:
         """Lowest and highest mean force of the runs behind a surface [N/m]; None if not stated."""
-        stated = (self.stated("measured") or {}).get("normal_force_N_m")
+        stated = (self.facts.get("measured") or {}).get("normal_force_N_m")
         return (float(stated[0]), float(stated[1])) if stated else None
+
+    @property
+    def combined_percent(self) -> float | None:
+        """Combined standard uncertainty of a surface in the measured range [%]; None if unknown."""
+        rows = (row for row in self.rows("budget") if row["source"] == "combined")
+        return next((row["contribution_percent"] for row in rows), None)
 
     @property
     def overall(self) -> Mapping[str, Any]:
         """Statistics over all points of a comparison."""
-        return (self.stated("statistics") or [{}])[0]
+        return next(iter(self.rows("statistics")), {})
 
     @property
     def passed(self) -> bool:
         """Whether a comparison is within its tolerances."""
-        return bool(self.stated("passed"))
+        return bool(self.facts.get("passed"))
 
     @property
     def too_few_compared(self) -> bool:
         """Whether a comparison failed only because it has too few runs."""
-        missed = [row["tolerance"] for row in self.stated("judged") or () if not row["holds"]]
+        missed = [row["tolerance"] for row in self.rows("judged") if not row["holds"]]
         return missed == ["min_share_compared"]
 
     @property
@@ -117,29 +157,12 @@ class Sheet:
     @property
     def held_out(self) -> bool:
         """Whether a comparison is with runs that were left out and predicted."""
-        return self.stated("hold_out") in ("arc", "speed")
+        return self.facts.get("hold_out") in LEFT_OUT
 
     @property
     def over_uncertainty(self) -> float | None:
         """RMS difference in standard uncertainties; None if these are unknown."""
-        return (self.stated("validation") or {}).get("rms_e_over_u")
-
-    @property
-    def combined_percent(self) -> float | None:
-        """Combined standard uncertainty of a surface in the measured range [%]; None if unknown."""
-        rows = (row for row in self.metadata.budget if row["source"] == "combined")
-        return next((row["contribution_percent"] for row in rows), None)
-
-    @property
-    def uncertainty(self) -> str:
-        """Name of the surface's error measure."""
-        return "combined standard uncertainty" if "mu_u" in self.columns else "standard error"
-
-    def law(self, row: int) -> NormalLaw:
-        """Return the normal law in a row of a stiffness table."""
-        return NormalLaw(
-            float(self.columns["k_linear_N_m2"][row]), float(self.columns["k_quadratic_N_m3"][row])
-        )
+        return (self.facts.get("validation") or {}).get("rms_e_over_u")
 
     @property
     def pooled_row(self) -> int:
@@ -149,13 +172,18 @@ class Sheet:
             raise InputError("stiffness: no row without temperature_degC, must have the pooled law")
         return int(rows[0])
 
+    def law(self, row: int) -> NormalLaw:
+        """Return the normal law in a row of a stiffness table."""
+        names = ("k_linear_N_m2", "k_quadratic_N_m3")
+        return NormalLaw(*(float(self.columns[name][row]) for name in names))
+
     def check(self) -> None:
-        """Check that the data needed by figures and tables are present.
+        """Check that the rows form what charts and tables need.
 
         Raises
         ------
         InputError
-            If they are not.
+            If they do not.
         """
         if self.kind == "surface":
             self.surface  # noqa: B018  (raises if its rows do not form a grid)
@@ -163,18 +191,49 @@ class Sheet:
             self.pooled_row  # noqa: B018  (raises if there is none)
 
 
+def sheet_from(name: str, kind: str, columns: Columns, metadata: Any, **file: str) -> Sheet:
+    """Take what the report reads from a table and its metadata.
+
+    Parameters
+    ----------
+    name, kind : str
+        Name of the artifact, and kind of the table.
+    columns : mapping of str to ndarray
+        The table.
+    metadata : Metadata
+        What the artifact says about itself.
+    **file : str
+        `Sheet.sha256`, `software` and `software_sha256` of an artifact in a file.
+    """
+    stated = metadata.figures
+    tables = {
+        key: value
+        for key, value in stated.items()
+        if isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping)
+    }
+    return Sheet(
+        name,
+        kind,
+        columns,
+        {key: value for key, value in stated.items() if key not in tables},
+        tables,
+        settings=metadata.settings,
+        inputs=metadata.inputs,
+        set_aside=metadata.set_aside,
+        notes=metadata.notes,
+        warnings=metadata.warnings,
+        origin=metadata.origin,
+        config=metadata.config or "",
+        config_sha256=metadata.config_sha256,
+        **file,
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcProfile:
-    """Sliding contact of one run along the arc.
+    """Sliding contact of one run along the arc: its settings, the profile, the mean of Eq. (8).
 
-    Attributes
-    ----------
-    arc_deg, initial_tension_N, slip_speed_m_s : float
-        Settings of the run.
-    profile : mapping of str to ndarray
-        arc_position_m, normal_force_N_m, capstan_force_N_m, slip_speed_m_s along the arc.
-    mean_force_N_m : float
-        Closed mean of Eq. (8) [N/m].
+    `profile` has arc_position_m, normal_force_N_m, capstan_force_N_m and slip_speed_m_s.
     """
 
     arc_deg: float
@@ -196,10 +255,8 @@ class BeltResults:
         Available artifacts by name.
     profiles : tuple of ArcProfile
         Simulated contact along the arc, for a typical run of each arc.
-    problems : tuple of str
-        Missing or damaged artifacts and those that are not shown, a line each.
-    failures : tuple of str
-        Stages of the last `run` that failed, a line each.
+    problems, failures : tuple of str
+        Artifacts that are missing, damaged or not shown; stages of the last `run` that failed.
     belt_facts : tuple of str
         Type and ribs of the belt, if its config was found.
     """
@@ -235,4 +292,4 @@ class BeltResults:
     @property
     def origin(self) -> str | None:
         """Origin of the data: "synthetic" if any are, "measured" if all are, else None."""
-        return combined_origin([sheet.metadata.origin for sheet in self.sheets.values()])
+        return combined_origin([sheet.origin for sheet in self.sheets.values()])

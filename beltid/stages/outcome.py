@@ -112,13 +112,12 @@ class Outcome(Generic[Result]):
             If there is no such figure; the message lists those that exist.
         """
         from beltid.errors import InputError
-        from beltid.report.figures.single import pictures
-        from beltid.report.results import Sheet
+        from beltid.report.charts import pictures_of
+        from beltid.report.results import sheet_from
 
-        sheet = Sheet(self.kind, self.kind, self.columns, self.metadata(origin=self.origin))
-        figures = {
-            picture.key: picture.figure for picture in pictures(sheet) if picture.figure is not None
-        }
+        made = self.metadata(origin=self.origin)
+        sheet = sheet_from(self.kind, self.kind, self.columns, made)
+        figures = {picture.key: picture.figure for picture in pictures_of(sheet)}
         name = figure or next(iter(figures), "")
         if name not in figures:
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import beltid
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import ArtifactError
 from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
 from beltid.export.law_file import law_from_text, law_text, schema
 
@@ -31,6 +31,16 @@ positive = st.floats(1e-6, 1e6)
 VALIDATOR = jsonschema.Draft202012Validator(schema())
 
 
+def law_of(surface: beltid.FrictionSurface, k_linear: float = 1e8) -> ContactLaw:
+    return ContactLaw(
+        belt=BeltFacts(name="any"),
+        normal=NormalPart(k_linear_N_m2=k_linear, k_quadratic_N_m3=0.0),
+        friction=friction_part(surface, "published"),
+        validity=Validity(),
+        provenance=Provenance(software="beltid"),
+    )
+
+
 @given(st.data())
 def test_any_surface_comes_back_to_the_bit(data: st.DataObject) -> None:
     def axis(label: str) -> Any:
@@ -41,32 +51,19 @@ def test_any_surface_comes_back_to_the_bit(data: st.DataObject) -> None:
     f, v = axis("force"), axis("speed")
     mu = data.draw(st.lists(positive, min_size=f.size * v.size, max_size=f.size * v.size))
     surface = beltid.FrictionSurface(f, v, np.reshape(mu, (f.size, v.size)))
-    law = ContactLaw(
-        belt=BeltFacts(name="any"),
-        normal=NormalPart(k_linear_N_m2=data.draw(positive), k_quadratic_N_m3=0.0),
-        friction=friction_part(surface, "published"),
-        validity=Validity(),
-        provenance=Provenance(software="beltid"),
-    )
-    again = law_from_text(law_text(law), "law")
-    assert again.surface == surface
-    VALIDATOR.validate(json.loads(law_text(law)))
+    text = law_text(law_of(surface, data.draw(positive)))
+    assert law_from_text(text, "law").surface == surface
+    VALIDATOR.validate(json.loads(text))
 
 
 def test_unknown_standard_errors_and_a_law_without_range_come_back() -> None:
     surface = beltid.FrictionSurface([0.0], [1e-3, 1e-2], [[0.8, 0.9]], [[np.nan, 0.01]])
-    law = ContactLaw(
-        belt=BeltFacts(name="any"),
-        normal=NormalPart(k_linear_N_m2=1e8, k_quadratic_N_m3=0.0),
-        friction=friction_part(surface, "published"),
-        validity=Validity(),
-        provenance=Provenance(software="beltid"),
-    )
-    again = law_from_text(law_text(law), "law")
+    text = law_text(law_of(surface))
+    again = law_from_text(text, "law")
     assert again.surface == surface
     assert again.friction.f_ref_N_m is None
-    assert "NaN" not in law_text(law)
-    assert "Infinity" not in law_text(law)
+    assert "NaN" not in text
+    assert "Infinity" not in text
 
 
 def test_the_covariance_comes_back_to_the_bit(law: ContactLaw) -> None:
@@ -85,14 +82,6 @@ def test_the_covariance_comes_back_to_the_bit(law: ContactLaw) -> None:
     assert again.sources == ("gain", "radius")
     f, v = 2500.0, 0.013
     assert float(again.mu_u(f, v)) == float(surface.mu_u(f, v))
-
-
-def test_the_ensemble_of_an_earlier_file_is_left_out(law: ContactLaw) -> None:
-    document = json.loads(law_text(law))
-    del document["content_sha256"]
-    for ensemble in (None, [document["friction"]["mu"]]):
-        document["friction"]["ensemble"] = ensemble
-        assert law_from_text(json.dumps(document), "law").surface == law.surface
 
 
 def test_the_file_keeps_to_the_schema_and_the_schema_to_its_own(law: ContactLaw) -> None:
@@ -131,7 +120,6 @@ def test_the_patches_alone_tell_the_surface(law: ContactLaw) -> None:
         (lambda text: text.replace('"beltlaw",', '"other",'), '"format" must be "beltlaw"'),
         (lambda text: text.replace('"version": 1', '"version": 7'), "reads version 1"),
         (lambda text: text.replace("65000000.0", "66000000.0"), "was changed after beltid wrote"),
-        (lambda text: text.replace("65000000.0", "NaN"), "NaN is not a valid JSON number"),
         (lambda text: "[]", '"format" must be "beltlaw"'),
         (lambda text: "[" * 100000, "not valid JSON"),
     ],
@@ -151,25 +139,17 @@ def unsealed(law: ContactLaw) -> dict[str, Any]:
 def test_a_law_edited_on_purpose_is_read_as_ones_own(law: ContactLaw) -> None:
     document = unsealed(law)
     document["normal"]["k_linear_N_m2"] = 7.0e7
-    assert law_from_text(json.dumps(document), "mine").normal_law.k_linear_N_m2 == 7.0e7
+    document["friction"]["ensemble"] = [document["friction"]["mu"]]  # of an earlier version
+    mine = law_from_text(json.dumps(document), "mine")
+    assert mine.normal_law.k_linear_N_m2 == 7.0e7
+    assert mine.surface == law.surface
 
 
 def test_nodes_edited_without_their_patches_are_refused(law: ContactLaw) -> None:
     document = unsealed(law)
     document["friction"]["mu"][2][1] *= 1.01
-    with pytest.raises(ArtifactError, match=r"friction\.patches do not belong to the nodes"):
+    with pytest.raises(ArtifactError, match=r"friction\.patches .* must be those of the nodes mu"):
         law_from_text(json.dumps(document), "mine")
-
-
-def test_all_that_is_wrong_is_reported_at_once(law: ContactLaw) -> None:
-    document = unsealed(law)
-    document["normal"]["k_linear_N_m2"] = -1.0
-    document["origin"] = "guessed"
-    document["extra"] = 1
-    with pytest.raises(ArtifactError) as error:
-        law_from_text(json.dumps(document), "mine")
-    told = "\n".join(error.value.problems)
-    assert all(word in told for word in ("normal.k_linear_N_m2", "origin", "extra"))
 
 
 @pytest.mark.parametrize(
@@ -177,18 +157,26 @@ def test_all_that_is_wrong_is_reported_at_once(law: ContactLaw) -> None:
     [
         ("belt", "name", "../../elsewhere"),  # files are named by it
         ("belt", "name", "a\nb"),
-        ("normal", "k_linear_N_m2", "7e7"),
         ("belt", "ribs", 0),
+        ("belt", "extra", 1),
+        ("normal", "k_linear_N_m2", "7e7"),
+        ("normal", "k_linear_N_m2", -1.0),
+        ("normal", "k_linear_N_m2", float("nan")),
         ("normal", "covariance", [[1.0, 2.0, 3.0]]),
         ("friction", "mu_u", [[0.01]]),
+        ("friction", "factor", [[[0.01]]]),
+        ("friction", "patches", [[0.01]]),
     ],
 )
-def test_values_that_a_law_cannot_have_are_refused(
+def test_values_that_a_law_cannot_have_are_refused_with_all_others(
     law: ContactLaw, part: str, key: str, value: Any
 ) -> None:
     document = unsealed(law)
     document[part][key] = value
-    with pytest.raises(ArtifactError, match=rf"mine: {part}\.{key}"):
+    with pytest.raises(ArtifactError, match=rf"mine: ({part}\.)?{key}"):
+        law_from_text(json.dumps(document), "mine")
+    document["provenance"]["config"] = 1
+    with pytest.raises(ArtifactError, match=r"mine: provenance\.config"):
         law_from_text(json.dumps(document), "mine")
 
 
@@ -198,10 +186,6 @@ def test_python_api_takes_the_law_file(law: ContactLaw, tmp_path: Path) -> None:
     assert beltid.load_law(path) == law
     assert beltid.load_surface(path) == law.surface
     assert beltid.load_stiffness(path) == law.normal_law
-    with pytest.raises(InputError, match="pooled law only"):
-        beltid.load_stiffness(path, 60.0)
-    with pytest.raises(ArtifactError, match="there is no such file"):
-        beltid.load_law(tmp_path / "none.beltlaw.json")
     path.write_bytes(b"\xff\xfe{")
     with pytest.raises(ArtifactError, match="no UTF-8"):
         beltid.load_law(path)

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from beltid.report.belt_page import belt_page
-from beltid.report.html import Page, rendered
+from beltid.report.html import rendered
+from beltid.report.page import Page, belt_page
 
 sys.path.insert(0, str(Path(__file__).parent))
 from report_belt_data import results

@@ -224,9 +224,8 @@ def budget() -> list[dict[str, Any]]:
     ]
 
 
-def sheets() -> dict[str, Sheet]:
-    """Every artifact of the belt."""
-    rig = {"rig": {"pulley_radius_m": RADIUS, "pulley_speeds_rad_s": list(SPEEDS)}}
+def tables() -> dict[str, tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Kind, columns and statements of every artifact of the belt."""
     recording = {
         "run": np.array(["S00"], dtype=object),
         "time_s": np.zeros(1),
@@ -236,16 +235,13 @@ def sheets() -> dict[str, Sheet]:
         "arc_deg": np.array([40.0]),
         "initial_tension_N": np.ones(1),
     }
-    tables: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    refined = {**ORIGIN, "budget": budget(), "measured": MEASURED}
+    return {
         "stiffness": ("stiffness", stiffness(), ORIGIN),
         "slip": ("slip", slip(), ORIGIN),
         "friction": ("friction", friction(), ORIGIN),
         "surface": ("surface", surface(), {**ORIGIN, "method": "published"}),
-        "surface_refined": (
-            "surface",
-            surface(1.05),
-            {**ORIGIN, "budget": budget(), "measured": MEASURED},
-        ),
+        "surface_refined": ("surface", surface(1.05), refined),
         "simulated": ("simulated", recording, simulated_extra()),
         "compare": ("compare", compare(0.97), statistics(0.97, False)),
         "simulated_refined": ("simulated", recording, simulated_extra()),
@@ -254,17 +250,30 @@ def sheets() -> dict[str, Sheet]:
         "press_curves": ("press_curves", press_curves(), ORIGIN),
         "rig_curves": ("rig_curves", rig_curves(), ORIGIN),
     }
+
+
+SETTINGS = {"rig": {"pulley_radius_m": RADIUS, "pulley_speeds_rad_s": list(SPEEDS)}}
+
+
+def sheets() -> dict[str, Sheet]:
+    """Every artifact of the belt as the report reads it."""
     return {
-        name: Sheet(name, kind, columns, METADATA[kind](**extra, settings=rig), "ab" * 32)
-        for name, (kind, columns, extra) in tables.items()
+        name: stating(Sheet(name, kind, columns, settings=SETTINGS, sha256="ab" * 32), **extra)
+        for name, (kind, columns, extra) in tables().items()
     }
 
 
-def stating(sheet: Sheet, **figures: Any) -> Sheet:
-    """A sheet with some of its figures others."""
-    known = sheet.metadata.model_fields_set
-    stated = {name: value for name, value in sheet.metadata if name in known} | figures
-    return replace(sheet, metadata=METADATA[sheet.kind](**stated))
+def stating(sheet: Sheet, **said: Any) -> Sheet:
+    """A sheet that says something else about itself."""
+    own = {name: said.pop(name) for name in list(said) if name in Sheet.__dataclass_fields__}
+    rows = {n: v for n, v in said.items() if isinstance(v, list) and v and isinstance(v[0], dict)}
+    facts = {name: value for name, value in said.items() if name not in rows}
+    return replace(sheet, facts={**sheet.facts, **facts}, tables={**sheet.tables, **rows}, **own)
+
+
+def changed(sheet: Sheet, **columns: Any) -> Sheet:
+    """A sheet with some of its columns others."""
+    return replace(sheet, columns={**sheet.columns, **columns})
 
 
 def results(belt: str = "testbelt") -> BeltResults:
@@ -288,7 +297,8 @@ def without(*names: str) -> BeltResults:
 
 def write(folder: Path, *names: str) -> Path:
     """A folder with the artifacts of the belt, or some of them."""
-    for name, sheet in sheets().items():
+    for name, (kind, columns, extra) in tables().items():
         if not names or name in names:
-            write_artifact(folder / f"{name}.parquet", sheet.kind, sheet.columns, sheet.metadata)
+            stated = METADATA[kind](**extra, settings=SETTINGS)
+            write_artifact(folder / f"{name}.parquet", kind, columns, stated)
     return folder

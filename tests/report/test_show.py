@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import beltid
 from beltid.artifacts.artifact import read_artifact, write_artifact
 from beltid.cli import app
-from beltid.report.figures.single import pictures
+from beltid.report.charts import pictures_of
 from beltid.stages.outcome import Outcome
 
 
@@ -49,10 +49,9 @@ def words(fig: Figure) -> str:
 )
 def test_every_figure_of_synthetic_data_says_so(name: str, origin: str) -> None:
     sheet = sheets()[name]
-    found = pictures(stating(sheet, origin=origin))
+    found = pictures_of(stating(sheet, origin=origin))
     assert found
     for picture in found:
-        assert picture.figure is not None
         assert ("synthetic data" in words(picture.figure)) == (origin == "synthetic"), picture.key
 
 
@@ -123,15 +122,6 @@ def test_a_figure_is_written(folder: Path, tmp_path: Path, ending: str, magic: b
     assert status == 2
     assert "already exists; use --force to overwrite" in error
     assert out.read_bytes() == before
-
-
-def test_runs_that_were_left_out_are_not_called_those_of_a_surface() -> None:
-    sheet = sheets()["compare"]
-    predicted = stating(sheet, hold_out="arc")
-    said = [f"{p.title} {p.caption}" for p in pictures(predicted)]
-    assert said[0].startswith("Measured against simulated, runs left out and predicted")
-    assert not any("published" in text for text in said)
-    assert any("published" in f"{p.title} {p.caption}" for p in pictures(sheet))
 
 
 def test_errors_name_what_is_allowed(folder: Path, tmp_path: Path) -> None:

@@ -32,13 +32,6 @@ class SurfaceChoice(StrEnum):
     published = "published"
 
 
-class UnitsChoice(StrEnum):
-    """Units of the files whose format does not fix them."""
-
-    SI = "SI"
-    mm = "mm"
-
-
 def _complete(incomplete: str) -> list[str]:
     return [name for name in TARGET_NAMES if name.startswith(incomplete)]
 
@@ -89,10 +82,6 @@ def export(
             help="Sliding speed at which a constant mu is exact. Default: the middle.",
         ),
     ] = None,
-    units: Annotated[
-        UnitsChoice,
-        typer.Option(help="Units of the files for adams: SI, or mm, N, s. Others are in SI."),
-    ] = UnitsChoice.SI,
     *,
     common: Common,
 ) -> None:
@@ -105,7 +94,7 @@ def export(
 
     \b
     Example: beltid export exudyn runs/5pk
-             beltid export adams runs/5pk --units mm
+             beltid export exudyn runs/5pk --normal-force 5000 --speed 0.02
              beltid export all runs/5pk -o laws/5pk
     """  # noqa: D301
     from beltid.stages.results import export_law as stage
@@ -120,7 +109,6 @@ def export(
             surface=surface.value if surface else None,
             normal_force_N_m=normal_force,
             slip_speed_m_s=speed,
-            units=units.value,
         ),
         common,
         kept="files already written are complete",

@@ -1,18 +1,16 @@
-"""The figures of the reports, a module per topic.
+"""The charts of the reports, a module per topic; importing it registers them.
 
-============ =============================================== ==================
-Module       Responsibility                                  The paper's figure
-============ =============================================== ==================
-``press``    force and deformation of the normal contact     Figs. 4, 5
-``slip``     sliding speed in service over torque            Fig. 9
-``runs``     tensions and coefficient of runs over time      Fig. 10
-``arc``      normal force along the arc                      Fig. 11
-``friction`` coefficients of all runs over force             Figs. 12, 16
-``surface``  the surface in space, in slices, as a map       Fig. 13
-``proof``    measured against simulated, differences         Fig. 17
+============ ================================================= ========================
+Module       Charts                                            The paper's figures
+============ ================================================= ========================
+``friction`` coefficients of all runs, the surface             Figs. 12, 13, 16
+``bench``    press, speed loss, runs over time, along the arc  Figs. 4, 5, 9, 10, 11
+``proof``    measured against simulated, uncertainties         Fig. 17
 ``drive``    a predicted drive: loss, forces, limits
-``budget``   where the uncertainty comes from
-``belts``    several belts side by side                      Figs. 12, 17
-``single``   the figures of one artifact on its own
-============ =============================================== ==================
+``belts``    several belts over each other
+============ ================================================= ========================
 """
+
+from beltid.report.figures import belts, bench, drive, friction, proof
+
+__all__ = ["belts", "bench", "drive", "friction", "proof"]

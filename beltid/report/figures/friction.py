@@ -1,156 +1,251 @@
-"""Draw friction coefficients over normal force and sliding speed, per arc (Figs. 12 and 16)."""
+"""Charts of friction: coefficients of all runs (Figs. 12, 16), the surface (Fig. 13)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MILLI
-from beltid.report.conditions import class_name, classes_of, is_setting
-from beltid.report.drawing import (
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.report.cells import MILLI, between
+from beltid.report.charts import (
     FAINT,
+    INK,
     LINE_FORCE,
     LINES,
+    LOGARITHMIC,
     MARKERS,
     MU,
+    ORDERED,
+    SIMULATED,
+    SPEED,
+    NotDrawn,
+    chart,
+    is_wide,
+    line,
+    log_locator,
     logarithmic,
-    new_axes,
     shades,
 )
-from beltid.report.picture import Picture, absent
-from beltid.report.results import SIMULATED, BeltResults
+from beltid.report.conditions import class_name, classes_of, is_setting
+from beltid.report.results import SIMULATED as SIMULATED_NAMES
+from beltid.report.results import SURFACES, BeltResults, Sheet
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-MEASURED_TITLE: Final = "Measured friction coefficient of every run"
-SIMULATED_TITLE: Final = "Simulated friction coefficient of every run"
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
-
-
-def measured(results: BeltResults) -> list[Picture]:
-    """Draw the measured coefficients of all runs (Fig. 12)."""
-    friction = results.get("friction")
-    if friction is None:
-        why = "There is no friction.parquet."
-        return [absent("friction", MEASURED_TITLE, why, "Fig. 12")]
-    good = friction["status"] == "ok"
-    if not good.any():
-        return [absent("friction", MEASURED_TITLE, "No run could be used.", "Fig. 12")]
-    combined = np.isfinite(friction["mu_sliding_u"]).any()
-    column = "mu_sliding_u" if combined else "mu_sliding_se"
-    errors = "combined standard uncertainties" if combined else "standard errors"
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", column)
-    fig = over_force(*(friction[name][good] for name in names))
-    return [
-        Picture(
-            "friction",
-            MEASURED_TITLE,
-            f"One point per run with two {errors}, at the mean normal force of Eq. (8). Shade: "
-            "sliding speed; marker: contact arc. If these repeat, a line joins the runs of one "
-            "arc and speed; if there are many, they are grouped into classes.",
-            fig,
-            "Fig. 12",
-        )
-    ]
-
-
-def simulated(results: BeltResults) -> list[Picture]:
-    """Draw the simulated coefficients of all runs, for each surface (Fig. 16)."""
-    drawn = []
-    for name, of in SIMULATED.items():
-        sheet = results.get(name)
-        rows = (
-            [row for row in (sheet.stated("runs") or ()) if row["status"] == "ok"] if sheet else []
-        )
-        title = f"{SIMULATED_TITLE}, {of} surface"
-        if not rows or sheet is None:
-            drawn.append(absent(name, title, f"There is no {name}.parquet.", "Fig. 16"))
-            continue
-        radius = sheet.pulley_radius_m or np.nan
-        columns = {
-            key: np.array([row[key] for row in rows], dtype=float)
-            for key in rows[0]
-            if key in ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
-        }
-        fig = over_force(
-            columns["arc_deg"],
-            radius * columns["pulley_speed_rad_s"],
-            columns["normal_force_N_m"],
-            columns["mu"],
-            None,
-        )
-        drawn.append(
-            Picture(
-                name,
-                title,
-                f"The same runs on the simulated rig with the {of} surface, each reduced by "
-                "Eqs. (6) and (8) like a measured one.",
-                fig,
-                "Fig. 16",
-            )
-        )
-    return drawn
+LEVELS: Final = 12
+LEVEL_SLOPE: Final = 1e-3
+"""Relative slope of mu per unit of ln v below which mu counts as constant."""
 
 
 def over_force(
+    axes: Any,
     arc_deg: np.ndarray,
     slip_speed_m_s: np.ndarray,
     force_N_m: np.ndarray,
     mu: np.ndarray,
-    mu_se: np.ndarray | None,
-) -> Figure:
-    """Draw coefficients over the normal force; shade by speed, marker and line by arc."""
+    mu_se: np.ndarray | None = None,
+) -> None:
+    """Draw coefficients over the normal force; shade by speed, marker and line by arc.
+
+    Runs of one arc and speed are joined if arcs and speeds repeat.
+    """
     speed, arc = MILLI * np.abs(slip_speed_m_s), np.nan_to_num(arc_deg)
     by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
-    named = all(is_setting(speed[rows]) for rows in by_speed)
-    named &= all(is_setting(arc[rows]) for rows in by_arc)
-    with new_axes(4.6) as (fig, axes):
-        for colour, at_speed in zip(shades(len(by_speed)), by_speed, strict=True):
-            for i, at_arc in enumerate(by_arc):
-                rows = np.intersect1d(at_speed, at_arc)
-                rows = rows[np.argsort(force_N_m[rows], kind="stable")]
-                if rows.size == 0:
-                    continue
-                axes.errorbar(
-                    force_N_m[rows],
-                    mu[rows],
-                    None if mu_se is None else 2.0 * np.nan_to_num(mu_se[rows]),
-                    color=colour,
-                    marker=MARKERS[i],
-                    linestyle=LINES[i % len(LINES)] if named else "none",
-                    lw=0.9,
-                    elinewidth=1.0,
-                )
-        axes.set(xlabel=LINE_FORCE, ylabel=MU)
-        logarithmic(axes, "x", force_N_m)
-        speeds = [class_name(speed[rows]) for rows in by_speed]
-        arcs = [class_name(arc[rows], "°") for rows in by_arc] if arc.any() else []
-        _two_legends(fig, speeds, arcs, joined=named)
-    return fig
+    joined = all(is_setting(speed[rows]) for rows in by_speed)
+    joined &= all(is_setting(arc[rows]) for rows in by_arc)
+    colours, styles = (
+        shades(len(by_speed)),
+        [LINES[i % len(LINES)] if joined else "none" for i in range(len(by_arc))],
+    )
+    for colour, at_speed in zip(colours, by_speed, strict=True):
+        for i, at_arc in enumerate(by_arc):
+            rows = np.intersect1d(at_speed, at_arc)
+            if rows.size:
+                look = {"color": colour, "marker": MARKERS[i], "ls": styles[i], "lw": 0.9}
+                err = None if mu_se is None else mu_se[rows]
+                line(axes, force_N_m[rows], mu[rows], err, **look)
+    axes.set(xlabel=LINE_FORCE, ylabel=MU)
+    logarithmic(axes, "x", force_N_m)
+    speeds = [axes.plot([], [], color=colour, lw=4)[0] for colour in colours]
+    names = [class_name(speed[rows]) for rows in by_speed]
+    axes.figure.legend(speeds[::-1], names[::-1], title="v [mm/s]", loc="outside right upper")
+    if arc.any():
+        for i, rows in enumerate(by_arc):
+            look = {"color": FAINT, "marker": MARKERS[i], "ls": styles[i]}
+            axes.plot([], [], label=f"arc {class_name(arc[rows], '°')}", **look)
 
 
-def _two_legends(fig: Figure, speeds: list[str], arcs: list[str], *, joined: bool) -> None:
-    from matplotlib.lines import Line2D
+@chart(
+    "friction",
+    "Measured friction coefficient of every run",
+    "friction",
+    paper="Fig. 12",
+    height=4.6,
+)
+def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
+    """Draw the measured coefficients of all runs that can be used."""
+    good = friction["status"] == "ok"
+    if not good.any():
+        raise NotDrawn("no run could be used")
+    combined = np.isfinite(friction["mu_sliding_u"]).any()
+    column = "mu_sliding_u" if combined else "mu_sliding_se"
+    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", column)
+    over_force(axes, *(friction[name][good] for name in names))
+    errors = "combined standard uncertainties" if combined else "standard errors"
+    return (
+        f"A point per run, with two {errors}, "
+        "at the mean normal force of Eq. (8). Shade: sliding speed; marker: contact arc."
+    )
 
-    by_speed: list[Any] = [
-        Line2D([], [], color=colour, lw=4, label=speed)
-        for colour, speed in zip(shades(len(speeds)), speeds, strict=True)
-    ]
-    by_arc: list[Any] = [
-        Line2D(
-            [],
-            [],
-            color=FAINT,
-            marker=MARKERS[i],
-            ls=LINES[i % len(LINES)] if joined else "none",
-            label=arc,
+
+@chart(
+    "simulated:{name}",
+    "Simulated friction coefficient of every run, {of} surface",
+    *SIMULATED_NAMES,
+    paper="Fig. 16",
+    height=4.6,
+)
+def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
+    """Draw the simulated coefficients of all runs."""
+    rows = [row for row in sheet.rows("runs") if row["status"] == "ok"]
+    if not rows:
+        raise NotDrawn("no simulated run could be used")
+    names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
+    arc, omega, force, mu = (np.array([row[name] for row in rows], dtype=float) for name in names)
+    over_force(axes, arc, (sheet.pulley_radius_m or np.nan) * omega, force, mu)
+    return (
+        "The same runs on the simulated rig, each reduced by Eqs. (6) and (8) like a measured one."
+    )
+
+
+def grid_of(surface: FrictionSurface, force: int, speed: int) -> tuple[np.ndarray, ...]:
+    """Sample forces (nf,) [N/m], speeds (nv,) [m/s] and mu (nf, nv), evenly in logarithms.
+
+    A range of one node is widened by 10 % either way.
+    """
+    f, v = (
+        _fine(nodes, n)
+        for nodes, n in ((surface.normal_force_N_m, force), (surface.slip_speed_m_s, speed))
+    )
+    return f, v, np.asarray(surface.mu(f[:, None], v[None, :]))
+
+
+def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
+    low, high = float(nodes[0]), float(nodes[-1])
+    if low == high:
+        low, high = (0.9 * low, 1.1 * high) if low > 0.0 else (0.0, 1.0)
+    return (np.geomspace if low > 0.0 else np.linspace)(low, high, count)
+
+
+@chart("cuts", "The friction surface along the force", *SURFACES, height=4.6, once=True)
+def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
+    """Draw the nodes of the surface over the force, a line per speed."""
+    surface = sheet.surface
+    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    errors = None if surface.mu_se_nodes is None else surface.mu_se_nodes.ravel()
+    over_force(axes, np.zeros(f.size), v.ravel(), f.ravel(), surface.mu_nodes.ravel(), errors)
+    return f"A line per speed of the grid, with twice the {sheet.uncertainty}."
+
+
+@chart(
+    "map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)", height=4.4, columns=2
+)
+def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
+    """Draw contours of the surface over force and speed, with the measured points."""
+    from matplotlib.ticker import MaxNLocator
+
+    surface, friction = sheet.surface, results.get("friction")
+    f, v, mu = grid_of(surface, 81, 61)
+    low, high = float(mu.min()), float(mu.max())
+    if high - low < 1e-6 * high:
+        low, high = 0.99 * low, 1.01 * high
+    levels = MaxNLocator(LEVELS).tick_values(low, high)
+    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
+    lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
+    axes.clabel(lines, fontsize=10, fmt="%g")
+    runs_f = runs_v = np.zeros(0)
+    if friction is not None:
+        good = friction["status"] == "ok"
+        runs_f, runs_v = (
+            friction["normal_force_N_m"][good],
+            np.abs(friction["slip_speed_m_s"][good]),
         )
-        for i, arc in enumerate(arcs)
-    ]
-    fig.legend(handles=by_speed[::-1], title="v [mm/s]", loc="outside right upper", frameon=False)
-    if by_arc:
-        columns = min(len(by_arc), 4 if joined else 3)
-        fig.legend(handles=by_arc, loc="outside lower center", ncols=columns, frameon=False)
+        look = {"mfc": "none", "mec": SIMULATED, "ms": 4, "mew": 1.1}
+        axes.plot(runs_f, runs_v * MILLI, "o", label="measured runs (mean of Eq. 8)", **look)
+    falling = falls_with_speed(surface, f, v)
+    if falling.any():
+        shown = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
+        axes.contourf(f, v * MILLI, falling.T.astype(float), **shown)
+        axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
+    box_f = surface.normal_force_N_m[[0, -1, -1, 0, 0]]
+    box_v = surface.slip_speed_m_s[[0, 0, -1, -1, 0]] * MILLI
+    axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+    axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
+    logarithmic(axes, "x", np.append(f, runs_f))
+    logarithmic(axes, "y", np.append(v, runs_v) * MILLI)
+    axes.use_sticky_edges = False  # leave a margin around the box and points on it
+    axes.margins(0.04)
+    axes.grid(False)
+    axes.figure.colorbar(filled, ax=axes, label=MU)
+    forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
+    speeds = class_name(MILLI * surface.slip_speed_m_s)
+    share = 100.0 * falling.mean()
+    return (
+        f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used. "
+        + (
+            f"Hatched, {share:.0f} % of the box: µ falls with the speed, and sliding can excite "
+            "noise and stick-slip. "
+            if falling.any()
+            else "µ does not fall with the speed anywhere. "
+        )
+        + (
+            "The box is wider than the circles: local forces in the contact exceed the mean."
+            if sheet.name == "surface_refined"
+            else ""
+        )
+    ).strip()
+
+
+def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return where mu falls with the speed (force, speed), so that sliding can excite vibration."""
+    _, slope = surface.gradient(f[:, None], v[None, :])
+    by_log = slope * v / surface.mu(f[:, None], v[None, :])
+    return np.asarray(by_log < -LEVEL_SLOPE)
+
+
+@chart(
+    "surface-space",
+    "The friction surface in space",
+    *SURFACES,
+    paper="Fig. 13 (a)",
+    height=4.6,
+    panels=None,
+    once=True,
+)
+def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
+    """Draw the surface in 3-D."""
+    from matplotlib.ticker import MaxNLocator
+
+    f, v, mu = grid_of(sheet.surface, 25, 21)
+    fig.set_layout_engine("none")
+    axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
+    places = []
+    for axis, values, label in ((axes.xaxis, f, LINE_FORCE), (axes.yaxis, v * MILLI, SPEED)):
+        if wide := is_wide(values):
+            ticks = np.asarray(log_locator(values).tick_values(values.min(), values.max()))
+            ticks = ticks[(ticks >= values.min()) & (ticks <= values.max())]
+            axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
+        else:
+            axis.set_major_locator(MaxNLocator(5))
+        axis.set_label_text(label + LOGARITHMIC * wide)
+        axis.labelpad = 9
+        places.append(np.log10(values) if wide else values)
+    x, y = np.meshgrid(*places, indexing="ij")
+    look = {"lw": 0.25, "edgecolor": "#00000055", "rcount": 25, "ccount": 21}
+    axes.plot_surface(x, y, mu, cmap=ORDERED, **look)
+    axes.zaxis.set_rotate_label(False)
+    axes.set_zlabel("µ [-]", labelpad=8, rotation=90)
+    axes.view_init(elev=25, azim=-130)
+    axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
+    return "The surface over its range of validity."

@@ -16,7 +16,7 @@ from beltid.artifacts.together import made_from, misfits, refuse_misfits
 from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
-from beltid.report.results import ArcProfile, BeltResults, Sheet
+from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_from
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
 from beltid.stages.results.law_of_belt import config_of_results
@@ -52,14 +52,14 @@ def sheet_of(artifact: Artifact) -> Sheet:
     ArtifactError
         If its rows do not meet the requirements of the figures and tables.
     """
-    sheet = Sheet(
+    sheet = sheet_from(
         artifact.path.stem,
         artifact.kind,
         artifact.columns,
         artifact.metadata,
-        artifact.sha256,
-        artifact.software_sha256,
-        artifact.software_version,
+        sha256=artifact.sha256,
+        software=artifact.software_version,
+        software_sha256=artifact.software_sha256,
     )
     try:
         sheet.check()
@@ -190,11 +190,11 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    if "rig" not in simulated.metadata.settings:  # made in Python: the bench is not known
+    if "rig" not in simulated.settings:  # made in Python: the bench is not known
         return (), []
     arc_runs, problems = [], []
     try:
-        bench = _bench(simulated.metadata.settings, stiffness, surface)
+        bench = _bench(simulated.settings, stiffness, surface)
         rows = typical_runs(friction.columns)
     except BeltidError as error:
         return (), [f"the contact along the arc: {line}" for line in error.problems]

@@ -8,10 +8,9 @@ from typing import Any, Final
 
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.errors import InputError
-from beltid.export.choices import SI, SYSTEMS, Choices, Export
 from beltid.export.law import ContactLaw
 from beltid.export.reduction import reference_point
-from beltid.export.targets import TARGETS, Target
+from beltid.export.targets import TARGETS, Export, export
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
@@ -31,7 +30,6 @@ def run(
     surface: str | None = None,
     normal_force_N_m: float | None = None,
     slip_speed_m_s: float | None = None,
-    units: str = SI.name,
 ) -> Summary:
     """Write the law of a results folder or of a law file for one target or for all.
 
@@ -52,8 +50,6 @@ def run(
     normal_force_N_m, slip_speed_m_s : float or None
         Point at which targets with a single stiffness or mu are exact; None for the middle of the
         range of mu.
-    units : {"SI", "mm"}
-        Units of the files, for targets that do not prescribe them.
 
     Raises
     ------
@@ -74,15 +70,9 @@ def run(
     )
     folder = out or (source if source.is_dir() else source.parent) / "export"
     point = reference_point(law, normal_force_N_m, slip_speed_m_s)
-    exports: dict[str, Export] = {}
-    warnings: list[str] = []
-    if units != SI.name and not any(selected.in_units for selected in targets):
-        warnings.append(f"--units {units}: files for {target} are in SI")
-    for selected in targets:
-        choices = Choices(point, SYSTEMS[units] if selected.in_units else SI)
-        exports[selected.name] = selected.write(law, choices)
+    exports = {name: export(law, name, point) for name in targets}
     up_to_date = _write(folder, exports.values(), source, options)
-    return _summary(law, folder, exports, tuple(warnings), up_to_date)
+    return _summary(law, folder, exports, up_to_date)
 
 
 def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
@@ -99,19 +89,19 @@ def _load_law_file(source: Path, surface: str | None) -> ContactLaw:
 def _listed() -> Summary:
     """List the targets: name, output, and how much of the law it holds."""
     rows = [
-        {"target": target.name, "writes": target.title, "holds": target.holds}
-        for target in TARGETS.values()
+        {"target": name, "writes": target.title, "holds": target.holds}
+        for name, target in TARGETS.items()
     ]
     return Summary("export", "targets", table=rows, shown=("target", "writes"))
 
 
-def _targets(name: str) -> Sequence[Target]:
+def _targets(name: str) -> Sequence[str]:
     if name == ALL:
-        return tuple(TARGETS.values())
+        return tuple(TARGETS)
     if name not in TARGETS:
         allowed = ", ".join((*TARGETS, ALL))
         raise InputError(f"target = {name}, must be one of {allowed}")
-    return (TARGETS[name],)
+    return (name,)
 
 
 def _write(folder: Path, exports: Any, source: Path, options: Options) -> bool:
@@ -137,7 +127,6 @@ def _summary(
     law: ContactLaw,
     folder: Path,
     exports: dict[str, Export],
-    warnings: tuple[str, ...],
     up_to_date: bool,
 ) -> Summary:
     reduced = {name: ", ".join(export.reductions) or "nothing" for name, export in exports.items()}
@@ -181,7 +170,6 @@ def _summary(
         overview=overview if len(overview) > 1 else [],
         shown=("target", "file", "reduced", "worst_percent"),
         details=_reductions(exports),
-        warnings=warnings,
         up_to_date=up_to_date,
         origin=law.origin,
     )

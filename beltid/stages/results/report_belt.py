@@ -14,9 +14,8 @@ from beltid._version import __version__
 from beltid.artifacts.file_bytes import page_source_sha256, read_bytes, sha256, write_text
 from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, InputError
-from beltid.report.belt_page import belt_page
-from beltid.report.belts_page import belts_page
-from beltid.report.html import GENERATOR, Page, rendered
+from beltid.report.html import GENERATOR, rendered
+from beltid.report.page import Page, belt_page, belts_page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
@@ -178,9 +177,10 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
         text = rendered(page)
         text += SEAL.format(sha256(text.encode()))
         write_text(out, text)
-        pictures = [picture for section in page.sections for picture in section.pictures]
-        drawn = sum(picture.figure is not None for picture in pictures)
-        facts = {"figures": drawn, "figures_missing": len(pictures) - drawn}
+        facts = {
+            "figures": sum(len(section.pictures) for section in page.sections),
+            "figures_missing": sum(len(section.absent) for section in page.sections),
+        }
         facts["size_kB"] = len(text.encode()) / 1000.0
     origins = {result.origin for result in results}
     mixed = len(origins) > 1

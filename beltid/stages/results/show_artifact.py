@@ -10,9 +10,7 @@ from beltid.artifacts.artifact import Artifact, read_artifact
 from beltid.artifacts.file_bytes import write_bytes
 from beltid.artifacts.metadata_models import plain
 from beltid.errors import InputError
-from beltid.report.drawing import NO_DATES, saved
-from beltid.report.figures.single import pictures
-from beltid.report.picture import Picture
+from beltid.report.charts import NO_DATES, Picture, pictures_of, saved
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.outcome import csv_bytes, flat
@@ -94,13 +92,13 @@ def run(path: Path, out: Path | None, name: str | None, options: Options) -> Sum
             raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
         write_bytes(out, csv_bytes(artifact.columns, artifact.metadata.origin))
         return summary_of(artifact, None, [], out)
-    available = pictures(sheet_of(artifact))
+    available = pictures_of(sheet_of(artifact))
     chosen = _chosen(available, name, path)
     if out is None and name is not None:
         raise InputError(
             f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
         )
-    if out is not None and chosen is not None and chosen.figure is not None:
+    if out is not None and chosen is not None:
         write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     elif out is not None:
         raise InputError(f"{path}: contains nothing to draw")
