@@ -7,21 +7,20 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
-from beltid.bench.runs.run_split import MIN_SAMPLES
+from beltid.bench.runs import MIN_SAMPLES
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.schemas import NOMINAL, RUN_TEXTS, Column, Table
+from beltid.tables.columns import Column, Table
+from beltid.tables.schemas import NOMINAL, RUN_TEXTS
 from beltid.tables.values import absent, outside, shown_value
 
-Columns = dict[str, np.ndarray]
 OTHER_RUN: Final = 100.0
 """Least ratio of the largest run to a run in another unit; benches vary their load far less."""
-TRUTH: Final = ("true", "false")
 TRUTHS: Final = {
     **dict.fromkeys(("1", "yes", "ja", "oui"), "true"),
     **dict.fromkeys(("0", "no", "nein", "non"), "false"),
 }
-"""Other words for them."""
 
 
 class Checker:
@@ -32,66 +31,49 @@ class Checker:
     name : str
         Name of the recording, for messages.
     columns : dict of str to ndarray
-        The columns, in our names and units.
+        The columns, in our names and units; settings that only some rows of a run state are
+        filled in, and words brought to their form.
     table : Table
         The schema.
     place : callable
         Index of a row -> its place for messages and its line.
     problems : Problems
         Collects the problems.
-
-    Attributes
-    ----------
-    suspects : set of str
-        Columns whose unit or sign is questionable; their numbers are not checked one by one.
-    codes : ndarray of int or None
-        Number of the run of every row, -1 without a label; set by `run`.
     """
 
     def __init__(
         self,
         name: str,
-        columns: Columns,
+        columns: dict[str, np.ndarray],
         table: Table,
         place: PlaceOf,
         problems: Problems,
     ) -> None:
-        self.name = name
-        self.columns = columns
-        self.table = table
-        self.place = place
-        self.problems = problems
+        self.name, self.columns, self.table = name, columns, table
+        self.place, self.problems = place, problems
         self.suspects: set[str] = set()
-        self.codes: np.ndarray | None = None
 
-    def run(
-        self, units_stated: Collection[str], judged: Collection[str] | None = None
-    ) -> list[str]:
+    def run(self, units_stated: Collection[str]) -> list[str]:
         """Run all checks; return notes on what is allowed but worth knowing.
 
-        Parameters
-        ----------
-        units_stated : collection of str
-            Columns whose unit the user stated; their unit is not questioned.
-        judged : collection of str, optional
-            Columns whose unit and sign earlier runs have confirmed, if the columns are one run of
-            a recording. None: the columns are the whole recording.
+        The unit of columns in `units_stated` is not questioned.
         """
-        self._units({*units_stated, *(judged or ())})
-        codes = self.codes = self._labels()
+        self._units(units_stated)
+        timed = "time_s" in self.columns
+        codes = self._labels()
         notes: list[str] = []
         for column in self.table.columns:
             if column.name in self.columns and column.choices:
                 self._choices(column)
-        if codes is not None and "time_s" in self.columns:
+        if timed:
             self._settings(codes)
         for column in self.table.columns:
-            if column.name not in self.columns or column.name in self.suspects:
-                continue
-            if column.dtype == "float64":
-                notes += self._numbers(column, judged)
-        if codes is not None and "time_s" in self.columns:
+            if column.dtype == "float64" and column.name in {*self.columns} - self.suspects:
+                notes += self._numbers(column)
+        if timed:
             self._time(codes)
+            if not self.problems.count:
+                self._compare_runs(codes, units_stated)
         return notes
 
     def _report(self, rows: np.ndarray, text: Callable[[int], str]) -> None:
@@ -106,31 +88,25 @@ class Checker:
         for column in self.table.columns:
             if column.dtype != "float64" or column.name in units_stated:
                 continue
-            if few and column.name not in NOMINAL:
-                continue
             values = self.columns.get(column.name, np.empty(0))
             finite = values[np.isfinite(values)]
-            guess = _other_unit(column, self.table.kind, finite) if finite.size else ""
-            if guess:
+            if not finite.size or (few and column.name not in NOMINAL):
+                continue
+            if guess := _other_unit(column, self.table.kind, finite):
                 setting = f"units: {{{self.table.kind}: {{{column.name}: {guess}}}}}"
-                self._report_unit(
-                    self.name, column, finite, f"if it is in {guess}, say so: {setting}"
-                )
+                advice = f"if it is in {guess}, say so: {setting}"
+                self._report_unit(self.name, column, finite, advice)
 
     def _report_unit(self, place: str, column: Column, finite: np.ndarray, advice: str) -> None:
-        """Report numbers that are not plausible in the unit of their column."""
         self.suspects.add(column.name)
         span = f"lies between {finite.min():g} and {finite.max():g}"
         self.problems.add(
             f"{place}: {column.name} {span}, not plausible in {column.unit}; {advice}"
         )
 
-    def compare_runs(self, units_stated: Collection[str]) -> None:
+    def _compare_runs(self, codes: np.ndarray, units_stated: Collection[str]) -> None:
         """Report runs in another unit than the others."""
-        codes = self.codes
-        if codes is None or "time_s" not in self.columns or self.problems.count:
-            return
-        label = self.columns[self.table.label]
+        label, idle = self.columns[self.table.label], self.columns.get("idle")
         order = np.argsort(codes, kind="stable")
         runs = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
         believed = {*NOMINAL, *units_stated, *self.suspects}
@@ -143,22 +119,19 @@ class Checker:
             for rows, finite, size in zip(runs, values, sizes, strict=True):
                 is_small = 0.0 < OTHER_RUN * size < max(sizes)
                 guess = _other_unit(column, self.table.kind, finite) if is_small else ""
-                if guess and "true" not in self.columns.get("idle", label)[rows]:
+                if guess and (idle is None or "true" not in idle[rows]):
                     where = f"{self.name}, {self.table.label} {label[rows[0]]}"
                     setting = f"units: {{{self.table.kind}: {{{column.name}: {column.unit}}}}}"
                     advice = f"is this run alone in {guess}? If it is not, say so: {setting}"
                     self._report_unit(where, column, finite, advice)
 
-    def _labels(self) -> np.ndarray | None:
+    def _labels(self) -> np.ndarray:
         """Return the number of the run of every row, -1 without a label."""
         labels = self.columns[self.table.label]
-        if labels.size and not absent(labels[:1])[0] and np.all(labels == labels[0]):
-            return np.zeros(labels.size, dtype=np.int64)
-        missing = np.flatnonzero(absent(labels))
+        codes = np.asarray(pd.factorize(labels)[0], dtype=np.int64)
+        missing = np.flatnonzero(codes < 0)
         self._report(missing, lambda i: f"{self.table.label} is empty, it must label the recording")
-        words: dict[str | None, int] = {None: -1}
-        codes = np.array([words.setdefault(w, len(words) - 1) for w in labels], dtype=np.int64)
-        return codes if codes.size else None
+        return codes
 
     def _settings(self, codes: np.ndarray) -> None:
         """Fill in settings that only some rows of a run state; report those that change in it."""
@@ -186,13 +159,12 @@ class Checker:
             )
             np.copyto(values, expected, where=~stated & (codes >= 0))
 
-    def _numbers(self, column: Column, judged: Collection[str] | None) -> list[str]:
+    def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""
         values = self.columns[column.name]
         wrong = np.isinf(values) | outside(values, column)
         negative = int((values < 0.0).sum())
-        signed = column.low == 0.0 and column.unit == "N" and column.name not in (judged or ())
-        if signed and negative > max(9, 0.5 * values.size):
+        if column.low == 0.0 and column.unit == "N" and negative > max(9, 0.5 * values.size):
             self.suspects.add(column.name)
             self.problems.add(
                 f"{self.name}: {column.name} is negative nearly everywhere; if the sign of the "
@@ -208,8 +180,8 @@ class Checker:
         if not column.nullable:
             missing = missing[~self._reported(missing)]
             self._report(missing, lambda i: f"{column.name} is empty, must be {column.allowed}")
-        elif missing.size == values.size and values.size and column.required and judged is None:
-            self.problems.add(no_number(self.name, column))
+        elif missing.size == values.size and values.size and column.required:
+            self.problems.add(f"{self.name}: {column.name} holds no numbers")
         elif missing.size and missing.size < values.size:
             return [f"{missing.size} of {values.size} samples of {column.name} are missing"]
         return []
@@ -217,34 +189,32 @@ class Checker:
     def _reported(self, rows: np.ndarray) -> np.ndarray:
         """Return which rows have been reported already: an unreadable cell or no label."""
         reported = absent(self.columns[self.table.label][rows])
-        unread = self.problems.unread
-        if unread:
-            reported |= np.array([self.place(int(i))[0] in unread for i in rows], dtype=bool)
+        if self.problems.unread:
+            unread = [self.place(int(i))[0] in self.problems.unread for i in rows]
+            reported |= np.array(unread, dtype=bool)
         return reported
 
     def _choices(self, column: Column) -> None:
         """Check a column that allows certain words only; case does not matter, and 1 is true."""
-        truths = TRUTHS if column.choices == TRUTH else {}
+        truths = TRUTHS if column.choices == ("true", "false") else {}
+        values = self.columns[column.name]
         words = {
             word: None if word is None else truths.get(word.lower(), word.lower())
-            for word in set(self.columns[column.name])
+            for word in set(values)
         }
         wrong = {word for word, low in words.items() if low not in (None, *column.choices)}
-        values = self.columns[column.name]
         if wrong:
-            rows = np.flatnonzero(np.fromiter((v in wrong for v in values), bool, len(values)))
+            rows = np.flatnonzero([v in wrong for v in values])
             self._report(rows, lambda i: f"{column.name} = {values[i]}, must be {column.allowed}")
-        if any(word != low for word, low in words.items()):
-            values[:] = [words[word] for word in values]
+        values[:] = [words[word] for word in values]
 
     def _time(self, codes: np.ndarray) -> None:
         """Report times that go backwards within a run."""
-        time = self.columns["time_s"]
+        time, label = self.columns["time_s"], self.columns[self.table.label]
         order = np.argsort(codes, kind="stable")
         back = (np.diff(time[order]) < 0) & (np.diff(codes[order]) == 0) & (codes[order][1:] >= 0)
         rows = order[1:][back]
         before = dict(zip(rows.tolist(), time[order[:-1][back]].tolist(), strict=True))
-        label = self.columns[self.table.label]
         self._report(
             np.sort(rows),
             lambda i: (
@@ -252,11 +222,6 @@ class Checker:
                 "must not go backwards (is the label used twice?)"
             ),
         )
-
-
-def no_number(name: str, column: Column) -> str:
-    """Return the problem that a column of a recording holds no numbers."""
-    return f"{name}: {column.name} holds no numbers"
 
 
 def _other_unit(column: Column, kind: str, finite: np.ndarray) -> str:
