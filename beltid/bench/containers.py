@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -158,6 +159,7 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     """Read a universal file: its time records in datasets 58, as text or binary."""
     import pyuff
 
+    _refuse_uff(path.read_bytes(), place)
     file = pyuff.UFF(str(path))
     kinds = np.atleast_1d(file.get_set_types()).astype(int)
     rasters = Rasters(place, "", "universal file (UFF 58)")
@@ -186,6 +188,16 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     yield from rasters.tables()
 
 
+def _refuse_uff(data: bytes, place: str) -> None:
+    """Refuse what the library would read wrong: files that are cut off, numbers of no IEEE form."""
+    if not data.rstrip().endswith(b"-1"):
+        raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
+    for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
+        order, form = (head.split() + [b""] * 2)[:2]
+        if order not in (b"1", b"2") or form != b"2":
+            raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
+
+
 def _add_record(
     record: Mapping[str, Any], rasters: Rasters, fields: dict[str, Field], place: str
 ) -> None:
@@ -197,7 +209,10 @@ def _add_record(
 
     n, stated = len(record["data"]), int(record["num_pts"])
     if n != stated:
-        raise InputError(f"{place}: damaged: {n} samples follow, the header states {stated}")
+        raise InputError(
+            f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
+            "and spaced unevenly, export them as text"
+        )
     if record["abscissa_spacing"]:
         times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
     else:

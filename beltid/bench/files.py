@@ -55,17 +55,27 @@ class Source:
             _check_size(self.path, self.name)
             yield self.path, form
             return
-        with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
-            out = Path(folder) / "recording"
+        with _temporary(self.name) as folder:
+            out = folder / "recording"
             unpack(self.path, out, self.name, self.member)
             form = format_of(out, self.inside.name.removesuffix(".gz"))
             if form == "gzip" and self.member:
-                packed, out = out, Path(folder) / "unpacked"
+                packed, out = out, folder / "unpacked"
                 unpack(packed, out, self.name)
                 form = format_of(out, self.inside.name.removesuffix(".gz"))
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             yield out, form
+
+
+@contextlib.contextmanager
+def _temporary(name: str) -> Iterator[Path]:
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="beltid-")
+    except OSError as error:
+        raise InputError(f"{name}: no temporary folder to unpack it: {error}; set TMPDIR") from None
+    with folder:
+        yield Path(folder.name)
 
 
 def _check_size(path: Path, name: str) -> None:
@@ -106,7 +116,8 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
         files = _files(path, {b.absolute() for b in besides})
         if sum(f.stat().st_size for f in files if f.exists()) > MAX_BYTES:
             raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
-        return [Source(_shown(file), file, file.relative_to(root)) for file in files]
+        inside = [PurePath(_shown(file.relative_to(root))) for file in files]
+        return [Source(_shown(file), file, name) for file, name in zip(files, inside, strict=True)]
     name = _shown(path)
     if format_of(path) != "zip":
         return [Source(name, path, PurePath(path.name))]
@@ -117,7 +128,7 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     ]
 
 
-def _shown(path: Path) -> str:
+def _shown(path: PurePath) -> str:
     """Return a path as text for messages and labels; bytes that are not UTF-8 become U+FFFD."""
     return str(path).encode(errors="surrogateescape").decode(errors="replace")
 

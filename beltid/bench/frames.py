@@ -22,14 +22,10 @@ LONGEST_TEXT: Final = 1000
 
 def read(path: Path, place: str) -> Iterator[Raw]:
     """Read a Parquet file."""
-    file = open_parquet(path, place, InputError)
+    file = open_parquet(path.read_bytes(), place, InputError)
     try:
-        if file.metadata.num_rows > (1 << 31) // max(8 * file.metadata.num_columns, 1):
-            raise InputError(f"{place}: unpacks to more than 2048 MB, split the recording")
         table = file.read()
         table.validate(full=True)
-    except InputError:
-        raise
     except Exception as error:  # a damaged file can raise nearly anything
         raise InputError(f"{place}: {damaged(error)}") from None
     if not table.num_rows:
@@ -44,14 +40,17 @@ def table_of(table: pa.Table, place: str) -> Raw:
         if table.schema.names.count(field.name) > 1:
             raise InputError(f"{place}: column {field.name} occurs several times, must be once")
         units[field.name] = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+        place_of_column = f"{place}: column {field.name}"
         if types.is_dictionary(values.type):
+            for chunk in values.chunks:  # a long text in every row takes the memory of one
+                _refuse_long(chunk.dictionary, place_of_column)
             values = values.cast(values.type.value_type)
         if types.is_duration(values.type):
             nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
             columns[field.name], units[field.name] = nanoseconds / 1e9, "s"
         elif _is_number(values.type):
             columns[field.name] = values.cast(pa.float64(), safe=False).to_numpy()
-        elif (texts := _texts(values, f"{place}: column {field.name}")) is not None:
+        elif (texts := _texts(values, place_of_column)) is not None:
             columns[field.name] = texts
         else:
             left_out.append(f"column {field.name} holds {field.type}, left out")
@@ -82,9 +81,14 @@ def _texts(values: pa.ChunkedArray, place: str) -> Any:
         texts = values.cast(pa.large_string())
     except (pa.ArrowException, ValueError):
         return None
-    if (pc.max(pc.binary_length(texts)).as_py() or 0) > LONGEST_TEXT:
-        raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
+    _refuse_long(texts, place)
     return pd.array(texts, dtype="str")
+
+
+def _refuse_long(texts: Any, place: str) -> None:
+    is_text = types.is_string(texts.type) or types.is_large_string(texts.type)
+    if is_text and (pc.max(pc.binary_length(texts)).as_py() or 0) > LONGEST_TEXT:
+        raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
 
 
 def frame_of(frame: Any, place: str, needed: Collection[str]) -> Raw:

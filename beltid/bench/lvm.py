@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.clock import DAY_S, Clock
+from beltid.bench.containers import Rasters
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Field, Raw, even_times, in_seconds
@@ -41,29 +42,26 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     separator = found[1] if found else "\t"
     lines = text.split("\n")
     starts = [i for i, line in enumerate(lines) if line.startswith("X_Value")]
-    problems, segments = Problems(), list[Raw]()
+    problems, parts = Problems(), list[list[Raw]]()
     head = _header(lines[: starts[0] if starts else 0], separator)
-    end = 0
-    for at in starts:
+    end, count = 0, 0
+    for at, last in zip(starts, [*starts[1:], len(lines)], strict=True):
         own = {**head, **_header(lines[end:at], separator)}
-        end = next((i for i in range(at + 1, len(lines)) if _ends(lines[i], separator)), len(lines))
-        segment = _segment(lines, (at, end), own, separator, place, problems)
-        if segment is not None:
-            segments.append(replace(segment, encoding=encoding))
-    problems.raise_if_any()
-    if not segments:
-        raise InputError(f"{place}: holds no samples, only a header")
-    parts: list[list[Raw]] = []
-    for segment in segments:
-        if parts and _continues(parts[-1][-1], segment):
-            parts[-1].append(segment)
+        end = next((i for i in range(at + 1, last) if _ends(lines[i], separator)), last)
+        rasters = _segment(lines, (at, end), own, separator, place, problems)
+        count += bool(rasters)
+        if len(rasters) == 1 and parts and _continues(parts[-1][-1], rasters[0]):
+            parts[-1] += rasters
         else:
-            parts.append([segment])
-    if len(parts) < len(segments):
-        notes.append(f"{len(segments)} segments without gaps between them joined into {len(parts)}")
+            parts += [[raster] for raster in rasters]
+    problems.raise_if_any()
+    if not parts:
+        raise InputError(f"{place}: holds no samples, only a header")
+    if len(parts) < count:
+        notes.append(f"{count} segments without gaps between them joined into {len(parts)}")
     for number, part in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
-        yield replace(_concatenated(part), name=name, notes=tuple(notes))
+        yield replace(_concatenated(part), name=name, encoding=encoding, notes=tuple(notes))
 
 
 def _ends(line: str, separator: str) -> bool:
@@ -88,8 +86,8 @@ def _segment(
     separator: str,
     place: str,
     problems: Problems,
-) -> Raw | None:
-    """Read the rows of one segment; its X columns are arranged as the file states."""
+) -> list[Raw]:
+    """Read the rows of one segment, a table per raster of times."""
     at, end = span
     names = [cell.strip() for cell in lines[at].split(separator)]
     names = names[: names.index("Comment")] if "Comment" in names else names
@@ -113,7 +111,13 @@ def _segment(
     pairs = [(0, i) for i in range(1, len(names))]
     if kind == "multi":
         pairs = [(i, i + 1) for i in range(0, len(names) - 1, 2)]
-    values, units, times = {}, {}, list[np.ndarray | None]()
+    fields = [(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)]
+    rasters = Rasters(
+        place,
+        "",
+        "LabVIEW measurement (.lvm)",
+        (*(Field(*f) for f in fields), *_start(header)),
+    )
     for k, (x, y) in enumerate(pairs):
         stated = _cell(header, "Samples", k)
         if stated.isdecimal() and int(stated) > len(rows):
@@ -121,25 +125,16 @@ def _segment(
                 f"{place}:{end}: {names[y]} has {len(rows)} samples, its header states {stated}: "
                 "the file is cut off"
             )
-        if not np.isnan(columns[y]).all():
-            values[names[y]], units[names[y]] = columns[y], _cell(header, "Y_Unit_Label", k)
-            written = None if kind == "no" else columns[x]
-            times.append(_time(written, header, k, len(rows), f"{place}, line {at + 1}"))
-    if not values:
-        return None
-    if any(not np.array_equal(t, times[0], equal_nan=True) for t in times if t is not None):
-        problems.add(f"{place}:{at + 1}: its channels have times of their own: export them alike")
-    fields = [(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)]
-    return Raw(
-        place,
-        pd.DataFrame(values),
-        format="LabVIEW measurement (.lvm)",
-        units=units,
-        fields=(*(Field(*f) for f in fields), *_start(header)),
-        times=times[0],
-        lines=range(at + 2, at + 2 + len(rows)),
-        header_line=at + 1,
-    )
+        filled = np.flatnonzero(~np.isnan(columns[y]))
+        length = int(filled[-1]) + 1 if filled.size else 0
+        if length:
+            written = None if kind == "no" else columns[x][:length]
+            times = _time(written, header, k, length, f"{place}, line {at + 1}")
+            rasters.add(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
+    return [
+        replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
+        for raw in rasters.tables()
+    ]
 
 
 def _time(
@@ -160,6 +155,8 @@ def _time(
 
 def _start(header: Header) -> list[Field]:
     """Return the absolute start of a segment, in seconds from 1970-01-01."""
+    if "Date" not in header:
+        return []
     clock = Clock()
     text = pd.Series([f"{_cell(header, 'Date')} {_cell(header, 'Time')}"])
     seconds = clock.read(text, None, lambda i: ("", i), Problems())

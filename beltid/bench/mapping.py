@@ -140,7 +140,7 @@ class Found:
     role: str
     channel: Channel
     how: str
-    by: Conversion = Conversion(1.0)
+    by: Conversion = field(default_factory=lambda: Conversion(1.0))
     stated: bool = False
     negated: bool = False
     date: Channel | None = None
@@ -304,7 +304,7 @@ def mapped(
                 problems.add(f"{place}: {by}")
             known = by if isinstance(by, Conversion) else Conversion(1.0)
             signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
-            found[role] = replace(match, by=signed, stated=by is not None)
+            found[role] = replace(match, by=signed, stated=isinstance(by, Conversion))
     return found
 
 
@@ -327,11 +327,10 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
     """Return the conversion of a channel; a text says what is unclear; None: no unit is stated."""
     channel, line = found.channel, needs.line("units", column.name)
     stated = needs.options.units.get(column.name)
-    if found.how == "recognised" and not channel.unit:
-        if channel.cells and not is_number(channel.cells[0]):
-            what = "a clock time such as 13:45:02.125" if column.name == "time_s" else "a number"
-            cell = channel.cells[0][:40]
-            return f'{channel.name}, read as {column.name}, holds "{cell}", must be {what}'
+    cell = channel.cells[0][:40] if channel.cells else "0"
+    if found.how == "recognised" and not channel.unit and not is_number(cell):
+        what = "a clock time such as 13:45:02.125" if column.name == "time_s" else "a number"
+        return f'{channel.name}, read as {column.name}, holds "{cell}", must be {what}'
     if isinstance(stated, str) and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
         return (
             f"{found.shown} is in rpm by its name, not in rad/s: state {line}rpm}}}}, or "
@@ -415,7 +414,7 @@ def refuse_missing(
     place: str,
     elsewhere: Collection[str],
 ) -> None:
-    """Report required columns that are missing, the sensors first, with the names that may be meant.
+    """Report required columns that are missing, sensors first, with the names that may be meant.
 
     `elsewhere` lists our columns that are stated elsewhere. If only settings are missing, nothing
     is reported here: they may still come from outside the file.
@@ -433,7 +432,7 @@ def refuse_missing(
             continue
         close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
         advice = f", did you mean {close[0]}?" if close else _unknown_unit(column, free, table)
-        if column.name in schemas.NOMINAL and not close:
+        if column.name in schemas.NOMINAL and not close and theirs == column.name:
             advice = how_to_state(column.name, table.kind)
         else:
             missing.append((column.name, close))
@@ -469,8 +468,9 @@ def _unknown_unit(column: Column, names: Sequence[str], table: Table) -> str:
     for name in names:
         bare = IN_NAME.sub("", name).strip()
         if bare != name and not unit_in_name(bare) and column.name in roles_meant(bare, table.kind):
+            units = ", ".join(allowed_units(column.unit))
             return (
-                f': the unit of "{name}" must be one of {", ".join(allowed_units(column.unit))}, or '
+                f': the unit of "{name}" must be one of {units}, or '
                 f'state columns: {{{table.kind}: {{{column.name}: "{name}"}}}} and units: '
                 f"{{{table.kind}: {{{column.name}: {{factor: ..., offset: 0}}}}}}"
             )

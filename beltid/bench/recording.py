@@ -241,9 +241,11 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         options = ReadOptions(rig=options.rig)  # names and units are ours already
         frame = frame.columns if isinstance(frame, Recording) else frame
-    options = replace(options, pattern=None, run_table=None)  # a frame has no name and no head
     table = options.table(kind)
     raw = frames.frame_of(frame, "frame", {options.names.get(n, n) for n in table.names})
+    # a frame has neither a name nor a head that states anything
+    names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
+    options = replace(options, pattern=None, run_table=None, names=names)
     settings = Settings(Needs(table, options))
     parts = parts_of(PurePath("frame"), "frame", [raw], settings)
     if parts and table.label not in parts[0].found and "time_s" in table.names:

@@ -302,7 +302,10 @@ def joined(
             if role in table.names and table.column(role).required and role not in part.columns:
                 advice = how_to_state(role, table.kind)
                 problems.add(f"{part.raw.head}: column {role} is missing{advice}")
-        for label in dict.fromkeys(part.columns[table.label].tolist()) if timed else ():
+        # Parquet files with labelled rows are parts of one table
+        is_part = part.raw.format == "Parquet" and table.label in part.found
+        labels = () if is_part or not timed else part.columns[table.label].tolist()
+        for label in dict.fromkeys(labels):
             owner = owners.setdefault(label, part.place)
             if label is not None and owner != part.place:
                 problems.add(f"{part.place}: {table.label} {label} is already used in {owner}")

@@ -41,6 +41,7 @@ LONGEST_LINE: Final = 1 << 24
 CELL_LINES: Final = 10
 _SHOWN: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'", BLANK: "blank"}
 _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
+_BLANK_BY_QUOTE: Final = re.compile(rb'" +[,;\t|]|[,;\t|] +"')
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 
@@ -178,7 +179,7 @@ def _head(
     separated = [own, *(s for s in (*split, BLANK) if s != own)]
     for sign in separated if len(filled) > 1 else ():
         rows = [_cells(top[filled[i]], sign) for i in (0, 1)]
-        if is_sample(*rows) and not {*rows[0]} & {*known}:
+        if is_sample(*rows, known):
             raise InputError(
                 f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names "
                 f"of the {len(rows[0])} columns, dialect: {{names: [...]}}"
@@ -304,8 +305,11 @@ class _Rows:
         return self._row_by_row(place)
 
     def _lines(self) -> Sequence[int] | np.ndarray | None:
-        """Return the lines of the rows; None if a cell goes over several lines."""
-        if b'"' in self.body and any(line.count(b'"') % 2 for line in self.body.split(b"\n")):
+        """Return the lines of the rows; None if Arrow cannot tell them by quotation marks."""
+        if b'"' in self.body and (
+            _BLANK_BY_QUOTE.search(self.body)
+            or any(line.count(b'"') % 2 for line in self.body.split(b"\n"))
+        ):
             return None
         ends = np.flatnonzero(np.frombuffer(self.body, np.uint8) == ord("\n"))
         if not self.body.endswith(b"\n"):

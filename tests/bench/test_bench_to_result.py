@@ -8,7 +8,7 @@ import writers
 from typer.testing import CliRunner
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.files.sources import content_of
+from beltid.bench.files import content_of
 from beltid.cli import app
 
 CONFIG = """\

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.channels.channel_mapping import MappingContext
 from beltid.bench.channels.parquet_tables import stream_parquet
-from beltid.bench.files.sources import Source
+from beltid.bench.files import Source
 from beltid.bench.formats import csv_table
 from beltid.bench.formats import parquet as parquet
 from beltid.bench.formats.csv_table import Wanted, read_rows
 from beltid.bench.formats.dialect import Layout
 from beltid.bench.formats.numbers import NumberSigns
-from beltid.bench.read_options import ReadOptions
+from beltid.bench.options import ReadOptions
 from beltid.bench.recording import read_recording, read_rig
 from beltid.config import load_config
 from beltid.errors import InputError

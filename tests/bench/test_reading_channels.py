@@ -12,7 +12,7 @@ from beltid.bench.channels.channel_groups import read_groups
 from beltid.bench.channels.channel_mapping import MappingContext
 from beltid.bench.channels.vocabulary import VOCABULARY, roles_meant
 from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.read_options import ReadOptions
+from beltid.bench.options import ReadOptions
 from beltid.bench.recording import Recording, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError, Problems

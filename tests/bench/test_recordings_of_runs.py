@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beltid.bench.files.sources import content_of
+from beltid.bench.files import content_of
 from beltid.bench.recording import columns_of, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
