@@ -96,7 +96,7 @@ class Clock:
         self.name = self.name or str(times.name)
         if dates is not None and not re.match(r"\s*\d+[-./]", next(iter(times.dropna()), "")):
             day = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True)
-            times = (day + " " + times.astype("str")).rename(times.name)
+            times = (day + " " + times.astype("str")).rename(str(times.name))
         texts = pa.array(times, pa.string(), from_pandas=True)
         parts = pc.extract_regex(texts, rf"\A{_CLOCK}\z")
         filled = ~np.asarray(texts.is_null())

@@ -205,7 +205,7 @@ class _Reader:
     ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
         """Leave out the rows in which all of our columns are empty."""
         empty = np.ones(len(next(iter(columns.values()), ())), dtype=bool)
-        for role, values in columns.items():
+        for role, values in sorted(columns.items(), key=lambda item: item[1].dtype == object):
             if empty.any() and not (role == "time_s" and "time_s" not in self.found):
                 empty &= absent(values)
         if not empty.any() or not columns:

@@ -127,7 +127,8 @@ def read_mdf(path: Path, place: str) -> Iterator[Raw]:
 
     with MDF(path, use_display_names=False) as file:
         fields = _comments(str(getattr(file.header, "comment", "") or ""))
-        for index, group in enumerate(file.groups):
+        groups: list[Any] = file.groups
+        for index, group in enumerate(groups):
             master = file.masters_db.get(index)
             unit = "" if master is None else str(group.channels[master].unit or "")
             name = str(getattr(group.channel_group, "acq_name", "") or "") or f"group {index + 1}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -286,7 +286,7 @@ class _View:
             return (count + bool(columns & EITHER)) / (len(sensors) + 1)
         return count / len(sensors)
 
-    def _columns(self, table: Table) -> Collection[Any]:
+    def _columns(self, table: Table) -> set[str]:
         """Return the columns of a table that channels of the file can be."""
         return set(meant(self.channels, Needs(table, ReadOptions.of(self.config, table.kind))))
 

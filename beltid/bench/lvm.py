@@ -16,7 +16,7 @@ from beltid.bench.containers import Rasters
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Field, Raw, even_times, in_seconds
-from beltid.errors import InputError, Problems
+from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
 """The header line that names the separator, which is written with the separator itself."""
@@ -46,6 +46,8 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     head = _header(lines[: starts[0] if starts else 0], separator)
     end, count = 0, 0
     for at, last in zip(starts, [*starts[1:], len(lines)], strict=True):
+        if problems.count > SHOWN:
+            break
         own = {**head, **_header(lines[end:at], separator)}
         end = next((i for i in range(at + 1, last) if _ends(lines[i], separator)), last)
         rasters = _segment(lines, (at, end), own, separator, place, problems)

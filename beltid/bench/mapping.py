@@ -173,7 +173,7 @@ class Needs:
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
     """Return the channels of the tables of a file."""
     several = len(raws) > 1
-    return [Channel(r, name, r.name if several else "") for r in raws for name in r.frame if name]
+    return [Channel(r, name, r.name if several else "") for r in raws for name in r.names if name]
 
 
 def sensors_of(table: Table) -> list[str]:
@@ -359,9 +359,12 @@ def to_unit(
     """Return the conversion of a written unit; a text says what is wrong; None: none is stated."""
     shown = column.name if name == column.name else f'{column.name} (column "{name}")'
     line, plain = needs.line("units", column.name), canonical_unit(unit)
-    setting = needs.options.units.get(column.name)
-    if isinstance(setting, str):
-        setting = calibration(setting, column.unit) or conversion(setting, column.unit)
+    stated = needs.options.units.get(column.name)
+    setting: Calibration | Conversion | None = None
+    if isinstance(stated, str):
+        setting = calibration(stated, column.unit) or conversion(stated, column.unit)
+    elif stated is not None:
+        setting = stated
     if isinstance(setting, Calibration):
         return setting.conversion(unit) or (
             f"{shown} is in {unit}, but the calibration of the config is for {setting.per}"

@@ -19,12 +19,8 @@ import pandas as pd
 from beltid.errors import PlaceOf, Problems
 
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-_WORDS: Final = (
-    "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA>"
-)
-_ERRORS: Final = (
-    "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL!"
-)
+_WORDS: Final = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA>"
+_ERRORS: Final = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL!"
 _OF_C: Final = ("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND")
 MISSING: Final = frozenset(("", *_WORDS.split(), *_ERRORS.split(), *_OF_C))
 """Texts that people, spreadsheets and compilers write for a missing number."""

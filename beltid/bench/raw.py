@@ -98,6 +98,11 @@ class Raw:
         return f"{self.place}, {self.row_word} {row + 1}", row + 1
 
     @property
+    def names(self) -> list[str]:
+        """Written names of the columns."""
+        return [str(name) for name in self.frame]
+
+    @property
     def head(self) -> str:
         """Place of the names, for messages."""
         return f"{self.place}:{self.header_line}" if self.header_line else self.place

@@ -145,7 +145,7 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
         tables = [replace(raw, place=where) for raw in group]
         part = read_part(tables, needs, where, settings.elsewhere(group))
         if part is not None:
-            names = (inside.name, inside.stem)
+            names: tuple[str, ...] = (inside.name, inside.stem)
             if name:
                 names = (f"{inside.name}/{name}", name, *names)
             label = name or inside.stem

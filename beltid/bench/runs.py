@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from beltid.bench import text
 from beltid.bench.columns import Part, read_part, settings_in_head
@@ -44,9 +45,9 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
         return [raws], []
     runs = [raw for raw in raws if is_whole(channels_of([raw]), needs)]
     if not runs:
-        alike = Counter(tuple(raw.frame) for raw in raws)
+        alike = Counter(tuple(raw.names) for raw in raws)
         names, count = alike.most_common(1)[0]
-        runs = [raw for raw in raws if tuple(raw.frame) == names]
+        runs = [raw for raw in raws if tuple(raw.names) == names]
         if count < 2 or len(names) < 2:
             return [raws], []
     if len(runs) == 1 and all(_is_timed(raw, needs) for raw in raws):
@@ -56,7 +57,7 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
 
 
 def _is_timed(raw: Raw, needs: Needs) -> bool:
-    names = [name for name in raw.frame if "time_s" in (name, *roles_meant(name, needs.table.kind))]
+    names = [name for name in raw.names if "time_s" in (name, *roles_meant(name, needs.table.kind))]
     return raw.times is not None or bool(names)
 
 
@@ -64,7 +65,7 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     """Split a table into the recordings that are side by side in it, if any."""
     parts = []
     stem = raw.name or PurePath(raw.place).stem
-    for number_, names in enumerate(side_by_side(list(raw.frame)), start=1):
+    for number_, names in enumerate(side_by_side(raw.names), start=1):
         frame = raw.frame[names]
         filled = np.flatnonzero(frame.notna().any(axis=1).to_numpy())
         frame = frame.iloc[: int(filled[-1]) + 1 if filled.size else 0]
@@ -228,6 +229,7 @@ class Settings:
         return found
 
 
+_NO_LABELS: Final = np.empty(0, dtype=object)
 _NO_PATTERN: Final = NameParts("", (), {})
 
 
@@ -248,7 +250,7 @@ def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str
     if part is not None and "file" not in part.found:
         needs.problems.add(
             f"{raw.head}: a column named file must hold the names of the files; found: "
-            + ", ".join(list(raw.frame)[:20])
+            + ", ".join(raw.names[:20])
         )
     needs.problems.raise_if_any()
     assert part is not None
@@ -304,8 +306,8 @@ def joined(
                 problems.add(f"{part.raw.head}: column {role} is missing{advice}")
         # Parquet files with labelled rows are parts of one table
         is_part = part.raw.format == "Parquet" and table.label in part.found
-        labels = () if is_part or not timed else part.columns[table.label].tolist()
-        for label in dict.fromkeys(labels):
+        labels = () if is_part or not timed else pd.unique(part.columns[table.label])
+        for label in labels:
             owner = owners.setdefault(label, part.place)
             if label is not None and owner != part.place:
                 problems.add(f"{part.place}: {table.label} {label} is already used in {owner}")
@@ -356,7 +358,7 @@ def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
 
 def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problems) -> None:
     """Fill columns of a run with stated values; note what they replace."""
-    labels = {*part.columns.get(table.label, ())} - {None}
+    labels = {*pd.unique(part.columns.get(table.label, _NO_LABELS))} - {None}
     if table.label in stated and len(labels) > 1 and "time_s" in table.names:
         problems.add(
             f"{part.place}: its column {table.label} holds {len(labels)} labels, but {table.label} "

@@ -39,6 +39,8 @@ BLANK: Final = " "
 MAX_COLUMNS: Final = 2000
 LONGEST_LINE: Final = 1 << 24
 CELL_LINES: Final = 10
+BLOCK: Final = 4 << 20
+"""Bytes that Arrow reads at a time."""
 _SHOWN: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'", BLANK: "blank"}
 _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t|])\s*"[^"]*$')
 _BLANK_BY_QUOTE: Final = re.compile(rb'" +[,;\t|]|[,;\t|] +"')
@@ -88,7 +90,7 @@ def read(
     first_line = head.first_row + 1 + (blank[0].count(b"\n") if blank else 0)
     body = data[start + (blank.end() if blank else 0) :]
     del data
-    if not body.strip():
+    if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
     names = distinct_names(head.names)
@@ -132,13 +134,13 @@ def _top(data: bytes, place: str, skip: int) -> list[str]:
     """Return the first lines; skipped ones are blank; a cell over several lines is one line."""
     found: list[str] = []
     filled = 0
-    for k, line in enumerate(io.BytesIO(data)):
-        if len(line) > LONGEST_LINE:
+    for k, row in enumerate(io.BytesIO(data)):
+        if len(row) > LONGEST_LINE:
             raise InputError(f"{place}:{k + 1}: longer than {LONGEST_LINE:,} characters")
-        cells = max(line.count(s.encode()) for s in SEPARATORS) + 1
+        cells = max(row.count(s.encode()) for s in SEPARATORS) + 1
         if cells > MAX_COLUMNS:
             raise InputError(f"{place}:{k + 1}: {cells} columns, must be at most {MAX_COLUMNS}")
-        found.append("" if k < skip else line.decode(errors="replace").rstrip("\n"))
+        found.append("" if k < skip else row.decode(errors="replace").rstrip("\n"))
         filled += bool(found[-1].strip())
         if filled > SEARCHED or k > 100_000:
             break
@@ -178,11 +180,11 @@ def _head(
         return max(found, key=lambda pair: len(pair[0].names))
     separated = [own, *(s for s in (*split, BLANK) if s != own)]
     for sign in separated if len(filled) > 1 else ():
-        rows = [_cells(top[filled[i]], sign) for i in (0, 1)]
-        if is_sample(*rows, known):
+        cells, below = (_cells(top[filled[i]], sign) for i in (0, 1))
+        if is_sample(cells, below, known):
             raise InputError(
                 f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names "
-                f"of the {len(rows[0])} columns, dialect: {{names: [...]}}"
+                f"of the {len(cells)} columns, dialect: {{names: [...]}}"
             )
     return head_at(split[own], first), own
 
@@ -299,7 +301,9 @@ class _Rows:
             for name, column in cells.items()
         }
         lines = self._lines()
-        for numeric in (plain, dict.fromkeys(plain, False)) if lines is not None else ():
+        for numeric in (plain, dict.fromkeys(plain, False)):
+            if lines is None:
+                break
             if (frame := self._by_arrow(numeric, signs.decimal, len(lines))) is not None:
                 return frame, lines, Problems()
         return self._row_by_row(place)
@@ -325,10 +329,14 @@ class _Rows:
         """Read with Arrow; None if a row or a cell is not as expected."""
         keys = {f"c{i}": name for i, name in enumerate(self.names)}
         types = {k: pa.float64() if numeric[n] else pa.string() for k, n in keys.items() if n}
-        try:
-            table = pa_csv.read_csv(
+        columns: dict[str, Any] = {
+            key: np.empty(rows) if kind == pa.float64() else [] for key, kind in types.items()
+        }
+        at = 0
+        try:  # block by block, so that memory holds the numbers once
+            for batch in pa_csv.open_csv(
                 pa.BufferReader(self.body),
-                read_options=pa_csv.ReadOptions(column_names=list(keys)),
+                read_options=pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK),
                 parse_options=pa_csv.ParseOptions(delimiter=self.separator),
                 convert_options=pa_csv.ConvertOptions(
                     column_types=types,
@@ -337,19 +345,25 @@ class _Rows:
                     strings_can_be_null=True,
                     decimal_point=decimal,
                 ),
-            )
+            ):
+                for key, kind in types.items():
+                    values = batch.column(key)
+                    if kind == pa.float64():
+                        columns[key][at : at + len(values)] = values.to_numpy(zero_copy_only=False)
+                    else:
+                        columns[key].append(values)
+                at += batch.num_rows
         except (pa.ArrowException, ValueError, KeyError):
             return None
-        if table.num_rows != rows:
+        if at != rows:
             return None
-        columns = {}
-        for key in types:  # one after the other, so that memory holds the numbers once
-            values = table.column(key)
-            table = table.drop_columns([key])
-            columns[keys[key]] = (
-                values.to_numpy() if numeric[keys[key]] else pd.array(values, dtype="str")
-            )
-        return pd.DataFrame(columns, copy=False)
+        frame = {
+            keys[key]: values
+            if isinstance(values, np.ndarray)
+            else pd.array(pa.chunked_array(values, pa.string()), dtype="str")
+            for key, values in columns.items()
+        }
+        return pd.DataFrame(frame, copy=False)
 
     def _row_by_row(self, place: str) -> tuple[pd.DataFrame, np.ndarray, Problems]:
         """Read row by row as texts and report every fault with its line."""

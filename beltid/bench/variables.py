@@ -53,7 +53,7 @@ def _group(group: Any, number: int, place: str, depth: int) -> dict[str, Any]:
         outside = isinstance(link, h5py.ExternalLink)
         if name.startswith("#") or (isinstance(link, h5py.SoftLink) and name not in group):
             continue
-        item = None if outside else group[name]
+        item: Any = None if outside else group[name]
         outside = outside or h5py.h5o.get_info(item.id).fileno != number
         if outside or (isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)):
             raise InputError(f"{place}: {name} lies in another file, which is not followed")
@@ -78,7 +78,9 @@ def _dataset(item: Any, place: str) -> Any:
     if attributes.get("MATLAB_class", b"") == b"char":
         return "".join(chr(code) for code in np.ravel(values, order="F"))
     if values.dtype.kind == "V":
-        return {n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names}
+        return {
+            n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names or ()
+        }
     values = np.squeeze(values)
     if values.dtype.kind in "OS":
         return np.array([_plain(v) for v in np.ravel(values)], dtype=object)
@@ -123,7 +125,7 @@ def _struct(
     depth: int,
 ) -> Iterator[Raw]:
     """Yield the table of a struct, then those of the structs in it."""
-    units = next((members[n] for n in UNITS if isinstance(members.get(n), Mapping)), {})
+    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), Mapping)), {})
     rasters, fields = Rasters(place, name, form), list[Field]()
     inner: list[tuple[str, Mapping[str, Any]]] = []
     for key, value in members.items():

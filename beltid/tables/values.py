@@ -42,7 +42,9 @@ def shown_value(value: float | str) -> str:
 def absent(values: np.ndarray) -> np.ndarray:
     """Return a mask of missing values: None among texts, nan among numbers."""
     if values.dtype == object:
-        return np.fromiter((v is None for v in values), dtype=bool, count=len(values))
+        import pandas as pd
+
+        return np.asarray(pd.isna(values))
     return np.asarray(np.isnan(values))
 
 

@@ -21,7 +21,7 @@ from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
-from beltid.stages.setup.inspect_file import file_sections, section_lines
+from beltid.stages.setup.file_sections import file_sections, section_lines
 from beltid.stages.simulation.planned_runs import nominal_settings
 from beltid.tables.schemas import RECORDINGS
 
