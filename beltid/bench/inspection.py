@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import text
+from beltid.bench.columns import settings_in_head
 from beltid.bench.files import is_many, sources_of
 from beltid.bench.mapping import (
     Channel,
@@ -34,7 +35,7 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
-EITHER: Final = {"tension_tight_N", "tension_slack_N"}
+EITHER: Final = {"tension_tight_N", "tension_slack_N", "weight_N"}
 """Of these, one is enough beside a torque."""
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 HEAD: Final = 1 << 18
@@ -132,7 +133,7 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     tables = tables_in(sources[0], needs)
     needs.problems.raise_if_any()
     channels = channels_of(tables)
-    view = _View(channels, config, any(table.times is not None for table in tables))
+    view = _View(tables, config)
     notes = tables[0].notes
     if not kind and not (kind := view.kind()):
         shown = ", ".join(c.name for c in channels[:20]) or "none"
@@ -185,16 +186,16 @@ class _View:
 
     Parameters
     ----------
-    channels : sequence of Channel
-        The channels.
+    tables : sequence of Raw
+        Its tables.
     config : Config
         Options stated so far.
-    timed : bool
-        Whether the format has times besides the channels.
     """
 
-    def __init__(self, channels: Sequence[Channel], config: Any, timed: bool) -> None:
-        self.channels, self.config, self.timed = channels, config, timed
+    def __init__(self, tables: Sequence[Raw], config: Any) -> None:
+        self.channels, self.config = channels_of(tables), config
+        self.timed = any(table.times is not None for table in tables)
+        self.fields = [field for table in tables for field in table.fields]
 
     def needs(self, kind: str) -> Needs:
         """Return what a kind of recording needs with the config so far."""
@@ -287,8 +288,10 @@ class _View:
         return count / len(sensors)
 
     def _columns(self, table: Table) -> set[str]:
-        """Return the columns of a table that channels of the file can be."""
-        return set(meant(self.channels, Needs(table, ReadOptions.of(self.config, table.kind))))
+        """Return the columns of a table that channels or header fields of the file can be."""
+        needs = Needs(table, ReadOptions.of(self.config, table.kind))
+        in_head = settings_in_head(self.fields, needs)
+        return set(meant(self.channels, needs)) | (in_head & set(table.names))
 
 
 def ranges(channel: Channel) -> dict[str, float]:

@@ -500,7 +500,7 @@ def bench_of(channels: Sequence[Channel], table: Table) -> tuple[str, str]:
         if not sensors <= has:
             continue
         kinds.add(other.kind)
-        enough = "torque}" not in entry or bool({"tension_tight_N", "tension_slack_N"} & has)
+        enough = "torque}" not in entry or bool({"tension_tight_N", "tension_slack_N", "weight_N"} & has)
         if other.kind == table.kind and other != table and enough:
             rig = rig or entry
     return (kinds.pop() if len(kinds) == 1 else ""), rig

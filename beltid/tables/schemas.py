@@ -466,7 +466,9 @@ def rig_table(
         "torque": ("torque_N_m",),
         "torque_hub": ("torque_N_m", "hub_force_N"),
     }[measures]
-    extra: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
+    # a weight on one span stands for its tension
+    one_span = ("tension_tight_N", "tension_slack_N", "weight_N")
+    extra: tuple[str, ...] = one_span if measures == "torque" else ()
     extra += ("idle",) if "torque_N_m" in required else ()
     extra += ("belt_speed_m_s",) if running else ()
     channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
