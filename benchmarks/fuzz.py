@@ -116,7 +116,6 @@ def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
 
 def fuzz(reader: str, inputs: int, seconds: float) -> dict[str, float]:
     """Fuzz one reader in processes of its own, until its inputs or its time are spent."""
-    import readers
 
     folder, end = BUILD / reader, time.monotonic() + seconds
     folder.mkdir(parents=True, exist_ok=True)

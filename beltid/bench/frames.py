@@ -75,7 +75,8 @@ def _is_number(kind: pa.DataType) -> bool:
 
 def _texts(values: pa.ChunkedArray, place: str) -> Any:
     """Return texts, or times as texts; None for anything else."""
-    if types.is_nested(values.type) or types.is_binary(values.type):
+    kind = values.type
+    if types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType):
         return None
     try:
         texts = values.cast(pa.large_string())

@@ -14,6 +14,7 @@ from beltid.bench import text
 from beltid.bench.columns import settings_in_head
 from beltid.bench.files import is_many, sources_of
 from beltid.bench.mapping import (
+    EITHER,
     Channel,
     Found,
     Needs,
@@ -35,8 +36,6 @@ from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
-EITHER: Final = {"tension_tight_N", "tension_slack_N", "weight_N"}
-"""Of these, one is enough beside a torque."""
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 HEAD: Final = 1 << 18
 """Bytes of a text that show the kind of its recording."""
@@ -157,9 +156,22 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
         return Inspection(
             kind, names, tables, channels, found, [], notes, error.problems, rig, possible
         )
+    problems = _not_reduced(recording.columns, view.needs(kind))
     runs = runs_found(recording.columns, kind)
     notes = (*recording.notes, *(notes[-1:] if rig else ()))
-    return Inspection(kind, names, tables, channels, recording.found, runs, notes, (), rig)
+    return Inspection(kind, names, tables, channels, recording.found, runs, notes, problems, rig)
+
+
+def _not_reduced(columns: dict[str, np.ndarray], needs: Needs) -> tuple[str, ...]:
+    """Return why the command does not reduce what it reads."""
+    spans = [columns[name] for name in EITHER - {"weight_N"} if name in columns]
+    is_torque = needs.table.kind == "rig" and needs.options.rig[0] == "torque"
+    if not is_torque or any(np.isfinite(tension).any() for tension in spans):
+        return ()
+    return (
+        "rig.kind: torque needs the tension of one span: column tension_tight_N or "
+        "tension_slack_N; a weight beside a torque is read, but not reduced",
+    )
 
 
 def kind_of_file(path: Path, config: Any, kind: str) -> str:

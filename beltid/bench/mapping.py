@@ -39,6 +39,8 @@ _IN_RPM: Final = re.compile(
     re.IGNORECASE,
 )
 """Names of speeds in turns per minute."""
+EITHER: Final = frozenset(("tension_tight_N", "tension_slack_N", "weight_N"))
+"""Of these, one is enough beside a torque."""
 _TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
 
 
@@ -500,7 +502,7 @@ def bench_of(channels: Sequence[Channel], table: Table) -> tuple[str, str]:
         if not sensors <= has:
             continue
         kinds.add(other.kind)
-        enough = "torque}" not in entry or bool({"tension_tight_N", "tension_slack_N", "weight_N"} & has)
+        enough = "torque}" not in entry or bool(EITHER & has)
         if other.kind == table.kind and other != table and enough:
             rig = rig or entry
     return (kinds.pop() if len(kinds) == 1 else ""), rig

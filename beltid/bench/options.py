@@ -44,8 +44,6 @@ class ReadOptions:
         Separators and encoding of texts; see `DIALECT`.
     rig : str, str, bool
         What the friction rig measures, on which span a weight is, whether its belt runs.
-    weight_span : {"", "tight", "slack"}
-        Span that a weight beside a torque holds; "" if it is not stated.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +53,6 @@ class ReadOptions:
     values: Mapping[str, Any] = field(default_factory=dict)
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
     rig: tuple[str, str, bool] = ("two_cells", "tight", False)
-    weight_span: str = ""
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
@@ -77,7 +74,6 @@ class ReadOptions:
             _stated(runs.values),
             dialect,
             (rig.measures, rig.weight_on, rig.kind == "running"),
-            rig.torque_with if "torque_with" in rig.model_fields_set else "",
         )
 
     def table(self, kind: str) -> Table:

@@ -294,7 +294,6 @@ def joined(
     for part in parts:
         stated = settings.of(part)
         _fill(part, stated, table, problems)
-        _weight_as_tension(part, settings.needs)
         if timed and table.label not in part.columns:
             part.columns[table.label] = _labels(part, problems)
         elif not timed:
@@ -378,24 +377,6 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
                 f"{shown_value(before[differ][0])} in the recording"
             )
         part.columns[role] = values
-
-
-def _weight_as_tension(part: Part, needs: Needs) -> None:
-    """Take a weight beside a torque for the tension of the span that it holds."""
-    columns, span = part.columns, needs.options.weight_span
-    if needs.table.kind != "rig" or not {"torque_N_m", "weight_N"} <= {*columns}:
-        return
-    if needs.options.rig[0] != "torque" or {"tension_tight_N", "tension_slack_N"} & {*columns}:
-        return
-    if not span:
-        needs.problems.add(
-            f"{part.raw.head}: which span does the weight hold? state "
-            "rig: {kind: torque, torque_with: tight} or {kind: torque, torque_with: slack}"
-        )
-        return
-    weight = columns.pop("weight_N")
-    columns[f"tension_{span}_N"] = weight
-    columns.setdefault("initial_tension_N", weight.copy())
 
 
 def _labels(part: Part, problems: Problems) -> np.ndarray:
