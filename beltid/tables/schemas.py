@@ -466,7 +466,6 @@ def rig_table(
         "torque": ("torque_N_m",),
         "torque_hub": ("torque_N_m", "hub_force_N"),
     }[measures]
-    # a weight on one span may stand for its tension
     one_span = ("tension_tight_N", "tension_slack_N", "weight_N")
     extra: tuple[str, ...] = one_span if measures == "torque" else ()
     extra += ("idle",) if "torque_N_m" in required else ()
@@ -478,11 +477,8 @@ def rig_table(
     for column in table("rig").columns:
         if column.name in required:
             columns.append(replace(column, required=True))
-        elif column.name in unneeded:
+        elif column.name in {*unneeded, *extra}:
             columns.append(replace(column, required=False, nullable=True))
-        elif column.name in extra:
-            nullable = column.nullable or column.name == "weight_N"
-            columns.append(replace(column, required=False, nullable=nullable))
         elif column.name not in channels:
             columns.append(column)
     return replace(table("rig"), columns=tuple(columns))

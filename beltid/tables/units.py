@@ -105,9 +105,7 @@ _SPELLINGS: Final[dict[str, str]] = {
     "kilonewtons": "kN",
     "KN": "kN",
     "DaN": "daN",
-    "lb": "lbf",
-    "lbs": "lbf",
-    "lbF": "lbf",
+    **dict.fromkeys(("lb", "lbs", "lbF", "LB", "Lb"), "lbf"),
     "kp": "kgf",
     "Kg": "kg",
     "KG": "kg",
@@ -184,11 +182,8 @@ _SPELLINGS: Final[dict[str, str]] = {
     "kNm": "kN m",
     "lbfin": "lbf in",
     "lbfft": "lbf ft",
-    "lbfs": "lbf",
-    **dict.fromkeys(("ft-lb", "ft-lbs", "ft-lbf", "ftlb", "ftlbs", "ftlbf"), "lbf ft"),
-    **dict.fromkeys(("lb-ft", "lbs-ft", "lbft", "lbsft"), "lbf ft"),
+    **dict.fromkeys(("ft-lb", "ft-lbs", "ft-lbf", "ftlb", "ftlbs", "lb-ft", "lbft"), "lbf ft"),
     **dict.fromkeys(("in-lb", "in-lbs", "in-lbf", "inlb", "inlbs", "lb-in", "lbin"), "lbf in"),
-    **dict.fromkeys(("LB", "LBS", "Lbs", "Lb"), "lbf"),
 }
 
 LONGEST: Final = 80

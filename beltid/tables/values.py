@@ -42,9 +42,7 @@ def shown_value(value: float | str) -> str:
 def absent(values: np.ndarray) -> np.ndarray:
     """Return a mask of missing values: None among texts, nan among numbers."""
     if values.dtype == object:
-        import pandas as pd
-
-        return np.asarray(pd.isna(values))
+        return np.asarray(np.equal(values, None), dtype=bool)
     return np.asarray(np.isnan(values))
 
 
