@@ -53,7 +53,7 @@ def execute(
     workers : Workers, optional
         Workers for the heavy calls; by default the stage runs them itself.
     """
-    from beltid.bench.files.sources import folder_of
+    from beltid.bench.files import folder_of
     from beltid.config import find_config
 
     given = {role: path for role, path in inputs.items() if path is not None}

@@ -37,7 +37,7 @@ from beltid.artifacts.artifact import (
 from beltid.artifacts.file_bytes import source_sha256, write_bytes
 from beltid.artifacts.metadata_models import Metadata, Origin, plain
 from beltid.artifacts.together import ancestors_of, refuse_misfits
-from beltid.bench.files.sources import Content, Signature, content_of, signature_of
+from beltid.bench.files import Content, Signature, content_of, signature_of
 from beltid.errors import ArtifactError, InputError
 from beltid.report.summary import Summary, combined_origin
 from beltid.stages.outcome import Outcome

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,7 @@ import numpy as np
 from beltid.artifacts.artifact import Artifact, read_artifact, stated_kind
 from beltid.artifacts.file_bytes import read_bytes
 from beltid.artifacts.together import refuse_misfits
-from beltid.bench.formats.csv_table import Wanted
-from beltid.bench.formats.frames import arrow_of
-from beltid.bench.formats.parquet import ParquetTable, parquet_blocks
-from beltid.bench.formats.rows import together
+from beltid.bench.recording import table_columns as columns_in
 from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ArtifactError, InputError
 from beltid.export.law import ContactLaw
@@ -219,20 +215,11 @@ def table_columns(
             raise InputError(f"{prefix}is a {frame.kind} table, a {kind} table is needed")
         return frame.columns
     table, name = schemas.table(kind), argument or f"{kind} table"
-    simple = {c.name: c.dtype == "string" for c in table.columns if c.dtype not in ("list", "bool")}
-    arrow = arrow_of(frame, name, simple)
-    missing = ", ".join(column for column in needed if column not in arrow.column_names)
+    columns = columns_in(frame, table, name)
+    missing = ", ".join(column for column in needed if column not in columns)
     if missing:
         raise InputError(f"{name}: column {missing} is missing")
-    part = ParquetTable(name, Path(name), arrow, arrow.schema)
-    selected = {
-        n: Wanted(n, is_text, n) for n, is_text in simple.items() if n in arrow.column_names
-    }
-    available = replace(table, columns=tuple(c for c in table.columns if c.name in selected))
-    parts = [rows.columns() for rows in parquet_blocks(part, selected, available)]
-    if not parts:
-        raise InputError(f"{name}: holds no samples")
-    return together(parts, available)
+    return columns
 
 
 def surface_from(surface: Any) -> FrictionSurface:

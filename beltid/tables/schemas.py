@@ -466,7 +466,8 @@ def rig_table(
         "torque": ("torque_N_m",),
         "torque_hub": ("torque_N_m", "hub_force_N"),
     }[measures]
-    extra: tuple[str, ...] = ("tension_tight_N", "tension_slack_N") if measures == "torque" else ()
+    one_span = ("tension_tight_N", "tension_slack_N", "weight_N")
+    extra: tuple[str, ...] = one_span if measures == "torque" else ()
     extra += ("idle",) if "torque_N_m" in required else ()
     extra += ("belt_speed_m_s",) if running else ()
     channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
@@ -476,10 +477,8 @@ def rig_table(
     for column in table("rig").columns:
         if column.name in required:
             columns.append(replace(column, required=True))
-        elif column.name in unneeded:
+        elif column.name in {*unneeded, *extra}:
             columns.append(replace(column, required=False, nullable=True))
-        elif column.name in extra:
-            columns.append(replace(column, required=False))
         elif column.name not in channels:
             columns.append(column)
     return replace(table("rig"), columns=tuple(columns))

@@ -63,7 +63,7 @@ _SPELLINGS: Final[dict[str, str]] = {
         "N": "Newton Newtons",
         "kN": "Kilonewton kilonewtons KN",
         "daN": "DaN",
-        "lbf": "lb lbs lbF",
+        "lbf": "lb lbs lbF LB Lb",
         "kgf": "kp",
         "kg": "Kg KG kilogram kilograms Kilogramm",
         "g": "gram grams Gramm",
@@ -90,8 +90,8 @@ _SPELLINGS: Final[dict[str, str]] = {
         "N mm": "Nmm",
         "mN m": "mNm",
         "kN m": "kNm",
-        "lbf in": "lbfin",
-        "lbf ft": "lbfft",
+        "lbf in": "lbfin in-lb in-lbs in-lbf inlb inlbs lb-in lbin",
+        "lbf ft": "lbfft ft-lb ft-lbs ft-lbf ftlb ftlbs lb-ft lbft",
     }.items()
     for word in words.split()
 }

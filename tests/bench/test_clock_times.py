@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 import writers
 
-from beltid.bench.big_recording import open_big
 from beltid.bench.recording import Recording, columns_of, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -76,14 +75,6 @@ def test_a_date_in_a_column_next_to_the_time(tmp_path):
         recording = read(press(tmp_path, times, "Datum;Uhrzeit"))
         np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
         assert not [n for n in recording.notes if "left out" in n or "midnight" in n]
-
-
-@pytest.mark.parametrize("extra", range(9))
-def test_a_date_that_the_look_at_the_first_bytes_cuts(tmp_path, monkeypatch, extra):
-    monkeypatch.setattr("beltid.bench.formats.dialect.FIRST_BYTES", 8 * 34 + extra)
-    times = [t.strftime("%d.%m.%Y;%H:%M:%S,%f") for t in stamps()]
-    recording = read(press(tmp_path, times, "Datum;Uhrzeit"))
-    assert any("holds time stamps" in note for note in recording.notes)
 
 
 def test_midnight_is_passed_and_reported(tmp_path):
@@ -176,50 +167,12 @@ def rig_with_clock(form: str) -> tuple[pd.DataFrame, np.ndarray]:
     return pd.concat(parts), wanted
 
 
-@pytest.mark.parametrize("form", ["%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%f"])
-def test_run_by_run_as_at_once(tmp_path, form):
-    frame, wanted = rig_with_clock(form)
-    frame.to_csv(tmp_path / "rig.csv", index=False)
-    whole = read_recording(tmp_path / "rig.csv", "rig")
-    np.testing.assert_allclose(whole.columns["time_s"], wanted, atol=1e-6)
-    stream = open_big(tmp_path / "rig.csv")
-    parts = [run.columns["time_s"] for run in stream]
-    np.testing.assert_array_equal(np.concatenate(parts), whole.columns["time_s"])
-    assert [n for n in stream.notes if "first" in n] == [n for n in whole.notes if "first" in n]
-    lines = (tmp_path / "rig.csv").read_text().split("\n")
-    lines[9] = lines[9].replace(lines[9].split(",")[1], lines[2].split(",")[1])
-    (tmp_path / "rig.csv").write_text("\n".join(lines))
-    with pytest.raises(
-        InputError, match=r"rig.csv:10: time_s goes back from 13:45:0.* without passing"
-    ):
-        list(open_big(tmp_path / "rig.csv"))
-
-
 ARROW = {
     "timestamp": lambda at: pa.array(at, pa.timestamp("ns")),
     "zone": lambda at: pa.array(at, pa.timestamp("us", tz="Europe/Berlin")),
     "time": lambda at: pa.array([t.time() for t in at], pa.time64("us")),
     "text": lambda at: pa.array([t.isoformat() for t in at]),
 }
-
-
-def test_durations_are_seconds_and_no_other_column_takes_them(tmp_path):
-    steps = pa.array([datetime.timedelta(milliseconds=20 * i) for i in range(N)])
-    columns = {
-        "test": ["a"] * N,
-        "temperature_degC": [22.0] * N,
-        "displacement_mm": T,
-        "force_N": 1000 * T,
-    }
-    table = pa.table({**columns, "time_s": steps.cast(pa.duration("ns"))})
-    pq.write_table(table, tmp_path / "press.parquet")
-    np.testing.assert_array_equal(read(tmp_path / "press.parquet").columns["time_s"], T)
-    for frame in (table, table.to_pandas(), table.to_pydict()):
-        np.testing.assert_array_equal(columns_of(frame, "press")["time_s"], T)
-    wrong = table.to_pandas()
-    for values in (wrong["time_s"], pd.to_datetime(T, unit="s"), T + 1j):
-        with pytest.raises(InputError, match=r"force_N .*must (be a|hold) number"):
-            columns_of(wrong.assign(force_N=values), "press")
 
 
 @pytest.mark.parametrize("kind", ARROW)

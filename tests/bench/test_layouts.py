@@ -42,7 +42,7 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
             cells[0, 0] = file.create_dataset("#refs#/a", data=T[None, :]).ref
         with path.open("r+b") as stream:
             stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
-    with pytest.raises(InputError, match="runs left out: cells or an array of structs"):
+    with pytest.raises(InputError, match="runs left out"):
         read_recording(path, "rig")
 
 
@@ -66,7 +66,7 @@ def test_units_and_structs_of_channels_in_matlab(tmp_path):
         np.testing.assert_allclose(columns["displacement_mm"], travel, rtol=1e-12, atol=1e-15)
         np.testing.assert_array_equal(columns["time_s"], time)
     savemat(tmp_path / "d.mat", {"data": test[["time_s", "force_N"]].to_numpy()})
-    with pytest.raises(InputError, match="data left out: a 1365 x 2 matrix, its columns have no"):
+    with pytest.raises(InputError, match="data left out"):
         read_recording(tmp_path / "d.mat", "press")
 
 
@@ -169,30 +169,6 @@ def _segment(folder: Path, run) -> tuple[str, str]:
     text = writers.write_lvm(folder / "one.lvm", run).read_text()
     end = text.index("***End_of_Header***") + len("***End_of_Header***\t\n")
     return text[:end], text[end:]
-
-
-def test_segments_of_labview_are_runs_or_go_on(tmp_path):
-    runs = writers.rig_runs(3)
-    parts = [_segment(tmp_path, run) for run in runs.values()]
-    path = tmp_path / "rig.lvm"
-    path.write_text(parts[0][0] + "".join(segment for _, segment in parts))
-    config = load_config(SETTINGS)
-    columns = read_recording(path, "rig", config).columns
-    assert list(dict.fromkeys(columns["run"])) == ["segment 1", "segment 2", "segment 3"]
-    assert [int((columns["run"] == f"segment {k}").sum()) for k in (1, 2, 3)] == [650, 350, 200]
-    run = runs["R001"]
-    halves = [run.iloc[:300], run.iloc[300:].reset_index(drop=True)]
-    (head, first), (_, second) = (_segment(tmp_path, half) for half in halves)
-    path.write_text(head + first + second)
-    joined = read_recording(path, "rig", config)
-    np.testing.assert_array_equal(joined.columns["tension_tight_N"], run["tension_tight_N"])
-    np.testing.assert_allclose(joined.columns["time_s"], run["time_s"], atol=1e-12)
-    # the same blocks as LabVIEW's loops write them: each from 0 by its own clock
-    second = second.replace("X0\t6,0", "X0\t0,0").replace("09:51:40,727189", "09:51:46,727189")
-    path.write_text(head + first + second)
-    again = read_recording(path, "rig", config)
-    np.testing.assert_allclose(again.columns["time_s"], run["time_s"], atol=1e-9)
-    assert set(again.columns["run"]) == {"rig"}
 
 
 def test_mts(tmp_path):

@@ -7,16 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.bench.channels.alignment import Timed, aligned
-from beltid.bench.channels.channel_groups import read_groups
-from beltid.bench.channels.channel_mapping import MappingContext
-from beltid.bench.channels.vocabulary import VOCABULARY, roles_meant
-from beltid.bench.formats.bench_file import BenchFile, Channel, Group
-from beltid.bench.read_options import ReadOptions
 from beltid.bench.recording import Recording, read_recording
+from beltid.bench.vocabulary import roles_meant
 from beltid.config import load_config
-from beltid.errors import InputError, Problems
-from beltid.tables import schemas
+from beltid.errors import InputError
 
 
 def write(folder: Path, header: str, rows: list[str], units: str = "") -> Path:
@@ -93,11 +87,6 @@ def test_other_channels_are_not_taken_for_ours():
         assert roles_meant(name, "press") == roles_meant(name, "rig") == ()
     # T1 and T2 tell nobody which one is the tight span
     assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
-
-
-def test_every_column_has_names():
-    columns = {name for kind in schemas.RECORDINGS for name in schemas.table(kind).names}
-    assert columns | {"file"} == set(VOCABULARY)
 
 
 def test_what_is_recognised_is_reported(tmp_path):
@@ -289,81 +278,6 @@ def test_a_decimal_comma_in_quotes_between_commas(tmp_path):
 
 
 # --- rates -----------------------------------------------------------------------------------
-
-
-def timed(name: str, rate: float, length: float, start: float = 0.0) -> Timed:
-    time = start + np.arange(round(length * rate)) / rate
-    return Timed(name, 3.0 + 2.0 * time, time)  # a straight line: interpolated exactly
-
-
-def test_rates_are_aligned_on_the_tight_span_and_nothing_is_extrapolated():
-    channels = {
-        "tension_tight_N": timed("T", 100.0, 2.0),
-        "tension_slack_N": timed("S", 40.0, 2.0, start=0.31),
-        "pulley_speed_rad_s": timed("v", 1000.0, 1.5),
-        "temperature_degC": timed("C", 1.0, 10.0, start=1.0),
-    }
-    noted = Problems()
-    values, time, notes = aligned(channels, "rig", "f", noted)
-    assert not noted.count
-    assert time[0] == pytest.approx(0.31, abs=1e-12)
-    assert time[-1] == pytest.approx(1.49, abs=1e-12)
-    for role in ("tension_tight_N", "tension_slack_N", "pulley_speed_rad_s"):
-        np.testing.assert_allclose(values[role], 3.0 + 2.0 * time, rtol=1e-12)
-    early = time < 1.0
-    assert np.isnan(values["temperature_degC"][early]).all()
-    np.testing.assert_allclose(values["temperature_degC"][~early], 3.0 + 2.0 * time[~early])
-    assert notes[0].startswith("S (40/s), v (1000/s), C (1/s) interpolated linearly to the times")
-    assert notes[1].startswith("81 samples outside the time shared by the sensors, 0.31 to 1.499 s")
-
-
-def test_rates_that_make_no_sense_are_refused():
-    channels = {
-        "tension_tight_N": timed("T", 1000.0, 2.0),
-        "tension_slack_N": timed("S", 2.0, 2.0),
-        "pulley_speed_rad_s": timed("v", 1000.0, 2.0),
-    }
-    noted = Problems()
-    aligned(channels, "rig", "f", noted)
-    assert (
-        "S has 2 samples per second, T 1000; rates that differ by more than 20" in noted.found[0][1]
-    )
-    noted = Problems()
-    channels["tension_slack_N"] = timed("S", 1000.0, 2.0, start=5.0)
-    aligned(channels, "rig", "f", noted)
-    assert "share 0 samples of time" in noted.found[0][1]
-
-
-def test_rasters_with_times_of_their_own_in_one_file():
-    fast, slow = np.arange(0, 5, 0.01), np.arange(0, 5, 0.02)
-    groups = (
-        Group("forces", (Channel("Zeit", "ms", 1000 * fast), Channel("Zugtrum", "N", 300 + fast))),
-        Group(
-            "other",
-            (
-                Channel("Time", "s", slow),
-                Channel("Leertrum", "N", 150 + slow),
-                Channel("Drehzahl", "rpm", np.where(slow > 1, 60.0, 0.0)),
-            ),
-        ),
-    )
-    noted = Problems()
-    config = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 230}}}})
-    options = ReadOptions.of(config, "rig")
-    context = MappingContext(schemas.table("rig"), options, "r.x", noted)
-    (piece,) = read_groups(BenchFile("x", groups), context)
-    np.testing.assert_allclose(piece.columns["time_s"], fast[:-1], atol=1e-12)
-    np.testing.assert_allclose(piece.columns["tension_slack_N"], 150 + fast[:-1], rtol=1e-12)
-
-
-def test_a_channel_without_any_time_is_refused():
-    groups = (
-        Group("", (Channel("Weg", "mm", np.arange(9.0)), Channel("Kraft", "N", np.arange(9.0)))),
-    )
-    noted = Problems()
-    context = MappingContext(schemas.table("press"), ReadOptions(), "r.x", noted)
-    assert not read_groups(BenchFile("x", groups), context)
-    assert noted.found[0][1] == "r.x: column time_s is missing"
 
 
 def test_the_mark_of_a_file_comes_before_the_encoding_of_the_config(tmp_path):

@@ -7,11 +7,7 @@ from pathlib import Path
 
 import pytest
 import writers
-from hypothesis import given
-from hypothesis import strategies as st
 
-from beltid.bench.formats import csv_table
-from beltid.bench.formats.numbers import NumberSigns
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
@@ -103,26 +99,6 @@ def test_the_other_decimal_sign_further_down_is_refused(tmp_path):
     assert forces(press(tmp_path, [*early, "1,000.85"]))[-1] == 1000.85  # no other reading
 
 
-@given(
-    value=st.integers(-(10**9), 10**9),
-    places=st.integers(0, 6),
-    decimal=st.sampled_from(".,"),
-    thousands=st.sampled_from(["", ",", ".", "'", " ", "\u202f"]),
-    stated=st.sampled_from([None, ".", ","]),
-)
-def test_no_number_is_ever_another_one(value, places, decimal, thousands, stated):
-    """Written with any signs and read under any config that is not wrong: itself, or refused."""
-    if thousands == decimal or (stated or decimal) != decimal:
-        return
-    whole, part = divmod(abs(value), 10**places)
-    text = f"{whole:,}".replace(",", thousands) + f"{decimal}{part:0{places}d}" * bool(places)
-    text = "-" * (value < 0) + text
-    found = NumberSigns.of([text], stated).number(text)
-    # a lone point before three digits is a decimal sign: the columns of a file tell otherwise
-    lone = thousands == "." and not places and 1000 <= whole < 10**6 and stated is None
-    assert isinstance(found, str) or found == value / 10**places or lone
-
-
 def test_alike_errors_are_one_with_a_count(tmp_path):
     found = problems(press(tmp_path, ["0.5", *(f"1,{i:03d}" for i in range(250, 450))]))
     assert len(found) == 1
@@ -144,13 +120,6 @@ def test_alike_errors_of_labview_are_one_with_a_count(tmp_path):
     found = [line for line in caught.value.problems if '"1.048;' in line]
     assert len(found) == 2  # one for each span
     assert all(line.endswith(" more like it)") for line in found)
-
-
-def test_known_groups_are_read_by_arrow(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_table, "_read_row_by_row", None)
-    rows = [written(f, "\u2009", ",") for f in FORCES * 100]
-    assert forces(press(tmp_path, rows)) == FORCES * 100
-    assert forces(press(tmp_path, ["", *rows[:3], " 12 "]))[1:] == [*FORCES[:3], 12.0]
 
 
 @pytest.mark.parametrize("sign", ["\u2212", "\u2013"])

@@ -11,10 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.big_recording import open_big
-from beltid.bench.formats.isolated.process import load, read_format, save
-from beltid.bench.read_options import ReadOptions
-from beltid.bench.recording import Opened, read_recording, recording_of
+from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
@@ -30,19 +27,12 @@ CONFIG = load_config()
 SETTINGS = load_config({"runs": {"rig": {"values": {"arc_deg": 82, "initial_tension_N": 270}}}})
 """For files that do not tell the settings of their run."""
 CORPUS = Path(__file__).parent / "corpus"
-ISOLATED = ("tdms", "mdf", "mat", "hdf5", "xlsx")
-"""Readers that run in a child process, where they may raise anything but must end."""
-
 _SHM = Path("/dev/shm")
 _FOLDER = Path(tempfile.mkdtemp(prefix="beltid-hostile-", dir=_SHM if _SHM.is_dir() else None))
 
 
 def _recording(kind: str) -> Callable[[Path], object]:
     return lambda path: read_recording(path, kind, CONFIG)
-
-
-def _stream(path: Path) -> object:
-    return [run.label for run in open_big(path)]
 
 
 def _artifact(path: Path) -> object:
@@ -70,23 +60,6 @@ def _law(path: Path) -> object:
     return law_from_text(text, path.name)
 
 
-def _isolated(format_name: str) -> Callable[[Path], object]:
-    """The reader of the child process, and what this process makes of its result."""
-
-    def read(path: Path) -> object:
-        try:
-            found = read_format(format_name, path)
-            if not found.groups:
-                return None
-            save(found, path.with_suffix(".npz"))
-        except Exception:  # the child tells it: see isolated.process
-            return None
-        opened = Opened(path.name, channels=load(path.with_suffix(".npz")))
-        return recording_of([opened], path, "rig", ReadOptions())
-
-    return read
-
-
 @atexit.register
 def clean() -> None:
     """Remove the folder of the files that were tried."""
@@ -98,7 +71,6 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "csv": ("x.csv", _recording("rig")),
     "press": ("x.csv", _recording("press")),
     "speedloss": ("x.csv", _recording("speedloss")),
-    "csv_stream": ("x.csv", _stream),
     "zwick": ("x.txt", _recording("press")),
     "lvm": ("x.lvm", lambda path: read_recording(path, "rig", SETTINGS)),
     "uff": ("x.unv", _recording("press")),
@@ -106,13 +78,12 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "zip": ("x.zip", _recording("rig")),
     "artifact": ("x.parquet", _artifact),
     "parquet": ("x.parquet", _recording("rig")),
-    "parquet_stream": ("x.parquet", _stream),
     "law": ("x.beltlaw.json", _law),
-    "tdms": ("x.tdms", _isolated("tdms")),
-    "mdf": ("x.mf4", _isolated("mdf")),
-    "mat": ("x.mat", _isolated("mat")),
-    "hdf5": ("x.h5", _isolated("hdf5")),
-    "xlsx": ("x.xlsx", _isolated("xlsx")),
+    "tdms": ("x.tdms", _recording("rig")),
+    "mdf": ("x.mf4", _recording("rig")),
+    "mat": ("x.mat", _recording("rig")),
+    "hdf5": ("x.h5", _recording("rig")),
+    "xlsx": ("x.xlsx", _recording("rig")),
 }
 """Reader -> name of its file, and the call."""
 

@@ -70,30 +70,11 @@ def fit_friction(rig: OptionalRig = None, *, table: Points = None, common: Commo
     forces or torque of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
     temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 
-    A CSV file or Parquet files of more than 64 MB (uncompressed) are read run by run and need not
-    fit into memory: the rows of a run must be contiguous.
-
     Example: beltid fit-friction rig.csv
     """
-    if table is not None and rig is None:
-        from beltid.stages.identification import fit_friction as stage
+    from beltid.stages.identification import fit_friction as stage
 
-        execute(stage.run, {"points": table}, "friction.parquet", common)
-        return
-    if rig is None or table is not None:
+    if (rig is None) == (table is None):
         raise typer.BadParameter("give a recording, or a table by --table")
-    from beltid.bench.recording import is_big
-    from beltid.stages.workers import Workers
-
-    workers = Workers()
-    if is_big(rig):
-        from beltid.batch.local import local_workers  # slow, and most recordings are small
-
-        workers = local_workers(None, ("beltid.stages.identification.reduction",))
-    with workers:
-        workers.prepare()
-        from beltid.stages.identification import (
-            fit_friction as stage,  # while the workers import, too
-        )
-
-        execute(stage.run, {"rig": rig}, "friction.parquet", common, workers)
+    inputs = {"rig": rig} if table is None else {"points": table}
+    execute(stage.run, inputs, "friction.parquet", common)

@@ -61,7 +61,7 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
                 raise InputError(error.at(str(path))) from None
         else:
             rig = read_rig(path, model)
-            runs = reduce_rig(rig, model, options.workers)
+            runs = reduce_rig(rig, model)
             notes, n_samples = rig.notes, rig.n_samples
         options.reporter.report(f"{path}: {n_samples} {'rows' if role == 'points' else 'samples'}")
         built = build.write(_outcome(runs, model, str(path), notes))

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.big_recording import BigRecording, open_big
 from beltid.bench.recording import Recording, columns_of
-from beltid.bench.runs.run_stream import RunColumns as StreamedRun
 from beltid.config import Config
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import (
@@ -29,17 +23,15 @@ from beltid.identify.friction.kinds import (
     RigKind,
     Span,
     Treatment,
-    drag_of,
 )
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     RunReduction,
     reduce_stream,
 )
-from beltid.identify.friction.run import Conditions, RunColumns, RunRecord, run_record, run_records
+from beltid.identify.friction.run import Conditions, RunRecord, run_records
 from beltid.laws.capstan import STRAIGHT, Spans
 from beltid.stages.outcome import table_columns_of
-from beltid.stages.workers import Workers
 from beltid.tables import schemas
 from beltid.tables.values import is_missing
 from beltid.uncertainty.reduced import friction_uncertainty
@@ -52,12 +44,6 @@ TOUCHING: Final = (
     "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
     "is not that of the pulley alone"
 )
-BATCH: Final = 8
-"""Runs per worker in a batch."""
-BATCH_BYTES: Final = 32 << 20
-"""Size at which a batch is closed even with fewer runs [bytes]."""
-BYTES_UNDER_WAY: Final = 96 << 20
-"""Maximum size of the batches that wait for their workers, without the one being filled."""
 
 
 def rig_kind(config: Config) -> RigKind:
@@ -82,25 +68,17 @@ def _known_cell(config: Config, span: Span) -> KnownCell:
     return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
 
 
-def reduce_rig(
-    rig: Recording | BigRecording, config: Config, workers: Workers | None = None
-) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the friction rig; a big one in bounded memory.
+def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the friction rig.
 
     Parameters
     ----------
-    rig : Recording or BigRecording
+    rig : Recording
         The recording.
     config : Config
         Kind of the rig, radius of the pulley.
-    workers : Workers, optional
-        Reduce the runs of a big recording while the next ones are read.
     """
-    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
-    # a single worker reduces run by run without holding a batch
-    if isinstance(rig, BigRecording) and workers is not None and workers.jobs > 1:
-        return reduce_stream(records, radius, partial(_parallel_map, workers))
-    return reduce_stream(records, radius)
+    return reduce_stream(records_of(rig, config), config.rig.pulley_radius_m)
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
@@ -119,31 +97,22 @@ def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = 
     return Recording("rig", columns, Path("frame"), is_artifact=simulated)
 
 
-def records_of(rig: Recording | BigRecording, config: Config) -> Iterator[RunRecord]:
-    """Yield the records of the runs of a recording; a big one is read run by run.
+def records_of(rig: Recording, config: Config) -> Iterator[RunRecord]:
+    """Yield the records of the runs of a recording.
 
     The recording of the simulated rig holds the tensions of both spans from perfect load cells, for
     every kind of bench. Only the span of a dead weight has no cell: its tension is the initial
     tension. The belt of a running rig runs here as well.
     """
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
-    if isinstance(rig, Recording):
-        columns = rig.columns
-        if rig.is_artifact:
-            kind = replace(kind, cells=KnownCells())
-            if config.rig.kind == "dead_weight":
-                columns = {**columns, "weight_N": columns["initial_tension_N"]}
-            else:
-                kind = replace(kind, measures="two_cells")
-        yield from run_records(columns, radius, kind)
-        return
-    drag = None
-    if kind.has_torque:
-        idle = (run for run in open_big(rig.path, config) if _columns(run).is_idle)
-        drag = drag_of([run.columns for run in idle])
-    for run in map(_columns, rig):
-        if not run.is_idle:
-            yield run_record(run, radius, kind, drag)
+    columns = rig.columns
+    if rig.is_artifact:
+        kind = replace(kind, cells=KnownCells())
+        if config.rig.kind == "dead_weight":
+            columns = {**columns, "weight_N": columns["initial_tension_N"]}
+        else:
+            kind = replace(kind, measures="two_cells")
+    yield from run_records(columns, radius, kind)
 
 
 def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
@@ -173,68 +142,6 @@ def with_conditions(runs: Sequence[RunReduction], config: Config) -> tuple[RunRe
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _columns(run: StreamedRun) -> RunColumns:
-    return RunColumns(run.label, run.columns, run.texts)
-
-
-def _parallel_map(
-    workers: Workers, function: Callable[[RunRecord], Any], records: Iterable[RunRecord]
-) -> Iterator[Any]:
-    """Yield the results in the order of the records; the next records are read meanwhile."""
-    batches = _batches(records, BATCH * workers.jobs)
-    batch = next(batches, [])
-    # a few runs are faster than starting workers, long runs faster than sending them to workers
-    if len(batch) < BATCH * workers.jobs:
-        one_by_one = itertools.chain.from_iterable(itertools.chain([batch], batches))
-        yield from map(function, one_by_one)
-        return
-    under_way: deque[tuple[Future[list[Any]], int]] = deque()
-    with ThreadPoolExecutor(1) as sender:
-        while batch:
-            size = sum(map(_bytes, batch))
-            under_way.append((sender.submit(_reduce_batch, workers, function, batch), size))
-            while under_way and (
-                under_way[0][0].done() or sum(size for _, size in under_way) > BYTES_UNDER_WAY
-            ):
-                yield from under_way.popleft()[0].result()
-            batch = next(batches, [])
-        while under_way:
-            yield from under_way.popleft()[0].result()
-
-
-def _batches(records: Iterable[RunRecord], most: int) -> Iterator[list[RunRecord]]:
-    """Group records into batches of at most `most`, of fewer if they are long."""
-    batch: list[RunRecord] = []
-    size = 0
-    for record in records:
-        batch.append(record)
-        size += _bytes(record)
-        if len(batch) == most or size >= BATCH_BYTES:
-            yield batch
-            batch, size = [], 0
-    if batch:
-        yield batch
-
-
-def _bytes(record: RunRecord) -> int:
-    channels = (getattr(record, field.name) for field in fields(record))
-    return sum(channel.nbytes for channel in channels if isinstance(channel, np.ndarray))
-
-
-def _reduce_batch(
-    workers: Workers, function: Callable[[RunRecord], Any], items: list[RunRecord]
-) -> list[Any]:
-    chunks = [items[k :: workers.jobs] for k in range(workers.jobs)]
-    results: list[Any] = [None] * len(items)
-    for k, part in workers.as_ended(_each, [(function, chunk) for chunk in chunks if chunk]):
-        results[k :: workers.jobs] = part
-    return results
-
-
-def _each(function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
-    return [function(item) for item in items]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.big_recording import BigRecording
 from beltid.bench.recording import Recording, read_recording, read_rig
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
@@ -98,12 +97,9 @@ def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
 
 
 def _thinned_runs(
-    recording: Recording | BigRecording, samples: Mapping[str, int], config: Config
+    recording: Recording, samples: Mapping[str, int], config: Config
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Return the thinned tensions of the runs to keep, as measured or derived on this rig.
-
-    A big recording is read one run at a time.
-    """
+    """Return the thinned tensions of the runs to keep, as measured or derived on this rig."""
     curves = {}
     for record in records_of(recording, config):
         if record.run not in samples:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Sequence
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Final
 
-from beltid.bench.channels.channel_mapping import ChannelMapping, sensors_of, unit_of
-from beltid.bench.inspection import FileView, Inspection, RunView, inspect_recording
+from beltid.bench.inspection import Inspection, RunView, inspect_recording, ranges
 from beltid.config import Config, ConfigSource
-from beltid.config.name_pattern import name_pattern
 from beltid.errors import EXIT_DONE, EXIT_INPUT, InputError
 from beltid.report.summary import Summary
 from beltid.stages.outcome import finite_or_none
+from beltid.stages.setup.file_sections import file_sections, quoted, section_lines
 from beltid.tables import schemas
-from beltid.tables.units import canonical_unit
 
 COMMANDS: Final = {
     "press": "fit-stiffness",
@@ -25,8 +21,6 @@ COMMANDS: Final = {
     "points": "fit-friction --table",
 }
 SHOWN_RUNS: Final = 8
-
-_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
@@ -53,7 +47,15 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
         try:
             parts.append(_summary(source.config, path, kind))
         except InputError as error:
-            parts.append(_unreadable(path, error))
+            parts.append(
+                Summary(
+                    stage="inspect",
+                    title=str(path),
+                    warnings=error.problems,
+                    verdict=f"cannot be read: {error.problems[0]}",
+                    exit_status=EXIT_INPUT,
+                )
+            )
     understood = sum(part.exit_status == EXIT_DONE for part in parts)
     return Summary(
         stage="inspect",
@@ -66,34 +68,22 @@ def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) ->
     )
 
 
-def _unreadable(path: Path, error: InputError) -> Summary:
-    return Summary(
-        stage="inspect",
-        title=str(path),
-        warnings=error.problems,
-        verdict=f"cannot be read: {error.problems[0]}",
-        exit_status=EXIT_INPUT,
-    )
-
-
 def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     """Summarise how one recording is read."""
     inspection = inspect_recording(path, config, stated)
     kind, runs, problems = inspection.kind, inspection.runs, inspection.problems
+    verdict = "not yet understood: see what is still missing"
     if not problems:
         verdict = f"understood: beltid {COMMANDS[kind]} {path} can read it"
-    else:
-        verdict = "not yet understood: see what is still missing"
+    bench = schemas.table(kind).command.removeprefix("the ") if kind else "an unknown bench"
     rows = _channel_rows(inspection)
-    bench = f"recording of the {_bench(kind)}" if kind else "recording of an unknown bench"
+    guessed = "" if stated or not kind else " (guessed)"
     return Summary(
         stage="inspect",
-        title=f"{path}, {bench}{'' if stated or not kind else ' (guessed)'}",
-        facts=_facts(inspection.files, kind, runs),
+        title=f"{path}, recording of {'the ' if kind else ''}{bench}{guessed}",
+        facts=_facts(inspection),
         table=rows,
-        shown=tuple(
-            name for name in next(iter(rows), {}) if name != "first"
-        ),  # a terminal has 80 columns
+        shown=tuple(n for n in next(iter(rows), {}) if n != "first"),  # terminals have 80 columns
         extra_tables={"runs": _run_rows(runs[:SHOWN_RUNS])} if runs else {},
         details={"all runs": _run_rows(runs)} if len(runs) > SHOWN_RUNS else {},
         notes=inspection.notes,
@@ -104,15 +94,12 @@ def _summary(config: Config, path: Path, stated: str | None) -> Summary:
     )
 
 
-def _bench(kind: str) -> str:
-    return schemas.table(kind).command.removeprefix("the ")
-
-
-def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dict[str, Any]:
-    facts: dict[str, Any] = {"format": ", ".join(dict.fromkeys(view.format for view in views))}
-    if views[0].encoding:
-        facts["encoding"] = ", ".join(dict.fromkeys(view.encoding for view in views))
-    facts |= {"kind": kind or None, "files": len(views)}
+def _facts(inspection: Inspection) -> dict[str, Any]:
+    first, runs = inspection.tables[0], inspection.runs
+    facts: dict[str, Any] = {"format": first.format}
+    if first.encoding:
+        facts["encoding"] = first.encoding
+    facts |= {"kind": inspection.kind or None, "files": len(inspection.names)}
     if not runs:
         return facts
     facts |= {"runs": len(runs), "samples": sum(run.n_samples for run in runs)}
@@ -120,42 +107,32 @@ def _facts(views: Sequence[FileView], kind: str, runs: Sequence[RunView]) -> dic
         values = sorted({run.settings[name] for run in runs if name in run.settings})
         if values:
             facts[name] = values
-    facts["runs_with_gaps"] = sum(1 for run in runs if run.gaps)
-    return facts
+    return facts | {"runs_with_gaps": sum(1 for run in runs if run.gaps)}
 
 
 def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
     """Return a row per channel of the first file; groups of equal channels appear once."""
-    channels, mappings = inspection.files[0].channels, inspection.mappings.values()
-    roles = {m.candidate.qualified: m.role for m in mappings}
-    roles |= {m.date.qualified: "date of time_s" for m in mappings if m.date is not None}
-    by_name = {qualified.partition("/")[2]: role for qualified, role in roles.items()}
-    rows = []
-    seen: set[str] = set()
-    for channel in channels:
-        candidate = channel.candidate
-        if candidate.name in seen:
+    found = inspection.found.values()
+    roles = {match.channel.base: match.role for match in found}
+    roles |= {m.date.base: "date of time_s" for m in found if m.date is not None}
+    rows: dict[str, dict[str, Any]] = {}
+    for channel in inspection.channels:
+        if channel.name in rows:
             continue
-        seen.add(candidate.name)
-        named = (candidate.qualified, candidate.name, candidate.base)
-        rows.append(
-            {
-                "channel": candidate.name,
-                "unit": candidate.written or unit_of(candidate) or None,
-                "read_as": roles.get(named[0]) or by_name.get(named[1]) or by_name.get(named[2]),
-                "samples": channel.n_samples,
-                "rate_Hz": finite_or_none(channel.rate_Hz),
-                "min": finite_or_none(channel.low),
-                "max": finite_or_none(channel.high),
-                "first": finite_or_none(channel.first),
-                "can_be": ", ".join(inspection.can_be.get(candidate.qualified, ())) or None,
-            }
-        )
+        span = ranges(channel)
+        rows[channel.name] = {
+            "channel": channel.name,
+            "unit": channel.written or channel.unit or None,
+            "read_as": roles.get(channel.base),
+            "samples": len(channel.raw.frame),
+            **{name: finite_or_none(value) for name, value in span.items()},
+            "can_be": ", ".join(inspection.can_be.get(channel.qualified, ())) or None,
+        }
     for name in ("rate_Hz", "can_be", "read_as"):
-        if all(row[name] is None for row in rows):
-            for row in rows:
+        if all(row[name] is None for row in rows.values()):
+            for row in rows.values():
                 del row[name]
-    return rows
+    return list(rows.values())
 
 
 def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
@@ -174,143 +151,11 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
 
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
     """Return the config section for what was recognised, with comments for what is missing."""
-    kind, mappings, lines = inspection.kind, inspection.mappings, []
+    kind, lines = inspection.kind, list[str]()
     if kind and kind != "points":  # a table of plateaus is an argument of the command
-        lines += ["data:", f"  {kind}: {_quoted(str(path.absolute()))}"]
+        lines += ["data:", f"  {kind}: {quoted(str(path.absolute()))}"]
     if inspection.rig:
         lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]
-    mapped = {role: r for role, r in mappings.items() if r.how != "own name"}
-    if mapped:
-        lines += ["columns:", f"  {kind}:"]
-        lines += [
-            f"    {role}: {_quoted(('-' if r.negated else '') + r.candidate.name)}"
-            for role, r in mapped.items()
-        ]
-    lines += _open_columns(inspection, inside=bool(mapped))
-    if kind:
-        units = _units(kind, config, mappings)
-        if units:
-            lines += ["units:", f"  {kind}:"]
-            lines += [f"    {role}: {unit}" for role, unit in units.items()]
-        lines += _open_units(kind, mappings, inside=bool(units))
-        unknown = {c.name for c in schemas.table(kind).columns if c.required} - set(mappings)
-        lacks_settings = bool(inspection.problems) and bool(unknown & {*schemas.SETTINGS})
-        lines += _runs_lines(kind, config, inspection.files, lacks_settings)
-    for problem in dict.fromkeys(inspection.problems):
-        lines += [f"# still missing: {problem}"]
+    lines += section_lines({kind: file_sections(inspection, config)})
+    lines += [f"# still missing: {problem}" for problem in dict.fromkeys(inspection.problems)]
     return "\n".join(lines) + "\n"
-
-
-def _open_columns(inspection: Inspection, *, inside: bool) -> list[str]:
-    """Return commented lines for columns without a channel, with the channels that would fit."""
-    names = {c.qualified: c.name for c in inspection.files[0].candidates}
-    channels_by_role: dict[str, list[str]] = {}
-    for qualified, roles in inspection.can_be.items():
-        for role in roles:
-            channels_by_role.setdefault(role, []).append(names[qualified])
-    lines: list[str] = []
-    used: set[str] = set()
-    for kind in [inspection.kind] if inspection.kind else schemas.RECORDINGS:
-        used.clear()
-        sensors = set(sensors_of(schemas.table(kind)))
-        if not inspection.kind and not (sensors and sensors <= set(channels_by_role)):
-            continue
-        candidates = [c.name for c in schemas.table(kind).columns if c.name in channels_by_role]
-        if candidates and not inside:
-            lines += ["# columns:", f"#   {kind}:"]
-        for role in candidates:
-            channels = list(dict.fromkeys(channels_by_role[role]))
-            first = next((name for name in channels if name not in used), channels[0])
-            used.add(first)
-            others = [name for name in channels if name != first]
-            alternatives = f"  # or {', '.join(map(_quoted, others[:5]))}" if others else ""
-            lines.append(f"#     {role}: {_quoted(first)}{alternatives}")
-    return lines
-
-
-def _units(kind: str, config: Config, mappings: dict[str, ChannelMapping]) -> dict[str, str]:
-    """Return the units stated in the config, else those written in the file."""
-    stated = config.units[kind]
-    units: dict[str, str] = {}
-    for role, mapping in mappings.items():
-        setting = stated.get(role)
-        if isinstance(setting, dict):
-            units[role] = f"{{factor: {setting['factor']!r}, offset: {setting['offset']!r}}}"
-        elif setting is not None:
-            units[role] = _quoted(setting)
-        elif mapping.unit_stated and unit_of(mapping.candidate):
-            units[role] = _quoted(canonical_unit(unit_of(mapping.candidate)))
-    return units
-
-
-def _open_units(kind: str, mappings: dict[str, ChannelMapping], *, inside: bool) -> list[str]:
-    """Return commented lines with the default units of columns whose units are not stated."""
-    lines = [
-        f"#     {role}: {_quoted(unit)}  # if correct{', or rpm' if unit == 'rad/s' else ''}"
-        for role, mapping in mappings.items()
-        if mapping.how == "recognised" and not mapping.unit_stated
-        if (unit := schemas.table(kind).column(role).unit)
-        if not canonical_unit(unit_of(mapping.candidate)).strip("-")
-    ]
-    return lines if inside or not lines else ["# units:", f"#   {kind}:", *lines]
-
-
-def _runs_lines(
-    kind: str, config: Config, views: Sequence[FileView], lacks_settings: bool
-) -> list[str]:
-    """Return the config lines about the runs; a commented pattern if settings are missing."""
-    runs = config.runs[kind]
-    entries = []
-    if runs["pattern"]:
-        entries.append(f"    pattern: {_quoted(runs['pattern'])}")
-    if runs["table"]:
-        entries.append(f"    table: {_quoted(str(runs['table'].absolute()))}")
-    for part in ("fields", "values"):
-        if runs[part]:
-            inside = ", ".join(f"{k}: {_quoted(v)}" for k, v in runs[part].items())
-            entries.append(f"    {part}: {{{inside}}}")
-    if entries:
-        return ["runs:", f"  {kind}:", *entries]
-    if lacks_settings:
-        pattern = _proposed_pattern([PurePath(view.name).name for view in views], kind)
-        if pattern:
-            return [
-                f"# runs: {{{kind}: {{pattern: {_quoted(pattern)}}}}}  # if this fits the names"
-            ]
-    return []
-
-
-def _proposed_pattern(names: Sequence[str], kind: str) -> str:
-    """Return a pattern that the names of all files follow; "" if none is obvious."""
-    label = schemas.table(kind).label
-    pattern = names[0].rsplit(".", 1)[0]
-    ending = names[0][len(pattern) :]
-    for words, role in (
-        (r"(?i:deg|grad|°)", "arc_deg"),
-        (r"(?:N|n)", "initial_tension_N"),
-        (r"(?:C|degC|°C)", "temperature_degC"),
-    ):
-        if role in schemas.table(kind).names:
-            pattern = re.sub(
-                rf"(?<![\w{{]){_NUMBER}(?={words}(?![A-Za-z]))|(?<=_){_NUMBER}(?={words}(?![A-Za-z]))",
-                f"{{{role}}}",
-                pattern,
-                count=1,
-            )
-    if "{" not in pattern:
-        return ""
-    first, separator, remainder = pattern.partition("_")
-    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
-    if separator and "{" not in first:
-        pattern = f"{{{label}}}_{remainder}"
-        if numbered and all(name.startswith(first + separator) for name in names):
-            pattern = f"{first}_{{{label}}}{remainder[numbered.end() :]}"
-    pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + ending
-    compiled = name_pattern(pattern)
-    return pattern if all(compiled.values(name) is not None for name in names) else ""
-
-
-def _quoted(value: Any) -> str:
-    if isinstance(value, str) and not re.fullmatch(r"[A-Za-z][\w./-]*", value):
-        return json.dumps(value, ensure_ascii=False)
-    return str(value)

@@ -6,18 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.file_bytes import opened, read_bytes
-from beltid.bench.big_recording import read_head
-from beltid.bench.channels.text_tables import kind_of_columns
-from beltid.bench.files.archives import members
-from beltid.bench.files.sniff import GZIP, TEXT, ZIP, sniff
-from beltid.bench.files.sources import exists, is_many, sources_of
-from beltid.bench.read_options import ReadOptions
-from beltid.bench.recording import read_recording, read_rig
+from beltid.bench.files import exists, sources_of
+from beltid.bench.inspection import kind_of_file
+from beltid.bench.recording import read_recording
 from beltid.config import Config, ConfigSource
 from beltid.config.source import KeyPath, Source, format_path, read_source
 from beltid.errors import InputError
-from beltid.tables import schemas
 
 WITHOUT: Final = {
     "press": "no recording of the press (data.press): no contact law; the friction surface is that "
@@ -56,11 +50,11 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
 
 
 def unread_recordings(config: Config) -> list[str]:
-    """Return why named recordings cannot be read; of a big rig recording, only the head is read."""
+    """Return why named recordings cannot be read."""
     problems: list[str] = []
     for kind, file in config.data.files.items():
         try:
-            read_rig(file, config) if kind == "rig" else read_recording(file, kind, config)
+            read_recording(file, kind, config)
         except InputError as error:
             problems += error.problems
     return problems
@@ -69,7 +63,7 @@ def unread_recordings(config: Config) -> list[str]:
 def _mismatched_kinds(config: Config, places: Source) -> list[str]:
     """Return problems of text files whose columns are those of another kind of recording."""
     data = config.data.files
-    found_kinds = {kind: _header_kind(file, config, kind) for kind, file in data.items()}
+    found_kinds = {kind: kind_of_file(file, config, kind) for kind, file in data.items()}
     mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
     problems: list[str] = []
     for kind, found in mismatched.items():
@@ -87,37 +81,12 @@ def _mismatched_kinds(config: Config, places: Source) -> list[str]:
     return problems
 
 
-def _header_kind(file: Path, config: Config, kind: str) -> str:
-    """Return the kind of recording from the header of a text file; "" if undetermined."""
-    if is_many(file) or config.columns[kind]:
-        return ""
-    with opened(file) as stream:
-        if sniff(stream.read(1024), file.name) not in (TEXT, GZIP):
-            return ""
-    try:
-        head = read_head(file, ReadOptions.of(config, kind), schemas.table(kind))
-    except InputError:  # the stage that reads the file reports the problem
-        return ""
-    return kind_of_columns(head.layout.header)
-
-
 def _file_problems(file: Path, tables: list[Path]) -> Iterator[str]:
     """Yield the problems of the files of a path, as the text after its key."""
     if not exists(file):
         yield f"{file}, there is no such file"
         return
     try:
-        if is_many(file):
-            sources_of(file, tables)
-        else:
-            _check_readable(file)
+        sources_of(file, tables)
     except InputError as error:
         yield from error.problems
-
-
-def _check_readable(file: Path) -> None:
-    """Raise an error for an unreadable file, or for a zip file that holds no recording."""
-    with opened(file) as stream:
-        head = stream.read(4)
-    if head[:2] == b"PK" and sniff(data := read_bytes(file)) == ZIP:
-        list(members(data, file))

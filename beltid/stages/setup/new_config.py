@@ -12,7 +12,7 @@ import numpy as np
 
 from beltid.artifacts.file_bytes import write_text
 from beltid.artifacts.metadata_models import plain
-from beltid.bench.inspection import RunView, inspect_recording
+from beltid.bench.inspection import Inspection, RunView, inspect_recording
 from beltid.config import Config, load_config
 from beltid.config.loading import effective_values
 from beltid.config.source import format_path
@@ -22,6 +22,7 @@ from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
+from beltid.stages.setup.file_sections import file_sections, section_lines
 from beltid.stages.simulation.planned_runs import nominal_settings
 from beltid.tables.schemas import RECORDINGS
 
@@ -65,12 +66,15 @@ def run(name: str, files: Sequence[Path], out: Path | None, options: Options) ->
     if path.exists() and not options.force:
         raise InputError(already_exists(path))
     problems: list[str] = []
+    sections: dict[str, Any] = {}
     for file in files:
         try:
-            found = _of_recording(file, path.parent, options)
+            inspection = _inspected(file, options)
         except InputError as error:
             problems += error.problems
             continue
+        found = _stated_by(inspection, file, path.parent, options)
+        sections[inspection.kind] = file_sections(inspection, Config())
         key = next(iter(found))
         if key in values:
             problems.append(f"{file}: a second recording for {key}, beside {values[key]}")
@@ -79,7 +83,8 @@ def run(name: str, files: Sequence[Path], out: Path | None, options: Options) ->
     if problems:
         raise InputError(problems)
     config = load_config(_sections(values))
-    write_text(path, template_text(config, sources))
+    text = "\n".join([template_text(config, sources), *section_lines(sections), ""])
+    write_text(path, text)
     return _summary(path, config, sources)
 
 
@@ -92,22 +97,30 @@ def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
     return values, dict.fromkeys(values, "from the name")
 
 
-def _of_recording(file: Path, folder: Path, options: Options) -> dict[str, Any]:
-    """Return what a recording states, by config key: its path, and for the rig its settings."""
+def _inspected(file: Path, options: Options) -> Inspection:
+    """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
     inspection = inspect_recording(file, Config())
-    kind = inspection.kind
     kinds = [name for name in RECORDINGS if name in type(Config().data).model_fields]
-    if kind not in kinds:
+    if inspection.kind not in kinds:
         raise InputError(
-            f"{file}: recording of {kind or 'an unknown bench'}, must be of {', '.join(kinds)}; "
-            f"`beltid inspect {file}` shows its channels"
+            f"{file}: recording of {inspection.kind or 'an unknown bench'}, must be of "
+            f"{', '.join(kinds)}; `beltid inspect {file}` shows its channels"
         )
     for line in inspection.problems[:1]:
         options.reporter.warn(
-            f"data.{kind}: {line}; `beltid inspect {file}` lists everything that must be stated"
+            f"data.{inspection.kind}: {line}; `beltid inspect {file}` lists everything that must "
+            "be stated"
         )
-    values: dict[str, Any] = {f"data.{kind}": Path(os.path.relpath(file, folder)).as_posix()}
-    if kind == "rig":
+    return inspection
+
+
+def _stated_by(
+    inspection: Inspection, file: Path, folder: Path, options: Options
+) -> dict[str, Any]:
+    """Return what a recording states, by config key: its path, and for the rig its settings."""
+    place = Path(os.path.relpath(file, folder)).as_posix()
+    values: dict[str, Any] = {f"data.{inspection.kind}": place}
+    if inspection.kind == "rig":
         values |= {f"rig.{name}": word for name, word in inspection.rig.items()}
         values |= _settings(inspection.runs, options)
     return values

@@ -1,0 +1,125 @@
+"""Excel workbooks (.xlsx): every sheet with a table is a table."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import zipfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from beltid.artifacts.file_bytes import MAX_BYTES
+from beltid.bench.header import SEARCHED, distinct_names, find_head, unit_in_name
+from beltid.bench.raw import Raw
+from beltid.errors import InputError
+
+MAX_COLUMNS: Final = 2000
+_UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
+"""A formula without a value in the XML of a sheet."""
+
+
+def read(path: Path, place: str) -> Iterator[Raw]:
+    """Read the sheets of a workbook that hold a table; hidden ones only if no other does."""
+    from openpyxl import load_workbook
+
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+            raise InputError(f"{place}: unpacks to more than {MAX_BYTES >> 20} MB, split it")
+        if "xl/workbook.bin" in archive.namelist():
+            raise InputError(f"{place}: is a binary Excel workbook (.xlsb), save it as .xlsx")
+        broken = archive.testzip()
+        if broken is not None:
+            raise InputError(f"{place}: damaged: {broken} in it does not match its checksum")
+    tables: dict[bool, list[Raw]] = {True: [], False: []}
+    notes = []
+    with path.open("rb") as stream:
+        book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
+        for sheet in book.worksheets:
+            rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True)]
+            table = _table(place, sheet.title, rows)
+            if table is not None:
+                tables[sheet.sheet_state == "visible"].append(table)
+            elif any(rows):
+                notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+    found = tables[True] or tables[False]
+    if tables[True] and tables[False]:
+        hidden = ", ".join(table.name for table in tables[False])
+        notes.append(f"hidden sheets left out: {hidden}")
+    if not found or any(table.frame.isna().to_numpy().any() for table in found):
+        _refuse_formulas(path, place)
+    if not found:
+        raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
+    yield replace(found[0], notes=tuple(notes))
+    yield from found[1:]
+
+
+def _refuse_formulas(path: Path, place: str) -> None:
+    """Refuse formulas without computed values, whose cells would be read as empty."""
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            if name.startswith("xl/worksheets/") and _UNCOMPUTED.search(archive.read(name)):
+                raise InputError(
+                    f"{place}: holds formulas without their values: open it in a spreadsheet "
+                    "program, which computes them, and save it"
+                )
+
+
+def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
+    cells = list(row[: MAX_COLUMNS + 1])
+    while cells and (cells[-1] is None or cells[-1] == ""):
+        cells.pop()
+    if len(cells) > MAX_COLUMNS:
+        raise InputError(f"{place}: more than {MAX_COLUMNS} columns")
+    return cells
+
+
+def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
+    head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
+    if head is None:
+        return None
+    body, columns, units = rows[head.first_row :], {}, {}
+    written = (*head.units, *[""] * len(head.names))
+    for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
+        if name:
+            cells = [row[i] if i < len(row) else None for row in body]
+            columns[name], in_cells = _column(cells)
+            units[name] = in_cells or unit or unit_in_name(name)
+    if not columns or not body:
+        return None
+    return Raw(
+        place,
+        pd.DataFrame(columns),
+        title,
+        "Excel workbook",
+        {name: unit for name, unit in units.items() if unit},
+        head.fields,
+        lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
+        header_line=head.row + 1,
+        units_line=head.units_row + 1,
+    )
+
+
+def _shown(cell: Any) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, datetime.datetime) and cell.year <= 1900:  # a time of day past midnight
+        cell = cell.time()
+    return repr(cell) if isinstance(cell, float) else str(cell).strip()
+
+
+def _column(cells: list[Any]) -> tuple[Any, str]:
+    """Return the cells of a column as numbers or texts, and the unit that they imply."""
+    filled = [cell for cell in cells if cell is not None and cell != ""]
+    if filled and all(isinstance(cell, datetime.timedelta) for cell in filled):  # [h]:mm:ss
+        seconds = [
+            c.total_seconds() if isinstance(c, datetime.timedelta) else np.nan for c in cells
+        ]
+        return np.array(seconds, dtype=float), "s"
+    if filled and all(isinstance(c, (int, float)) and not isinstance(c, bool) for c in filled):
+        return np.array([np.nan if c is None or c == "" else float(c) for c in cells]), ""
+    return pd.array([_shown(cell) or None for cell in cells], dtype="str"), ""

@@ -1,0 +1,255 @@
+"""The files that a path names: one file, or one per run in a folder, pattern or zip file."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Final, NamedTuple
+
+from beltid.artifacts.file_bytes import MAX_BYTES, opened, sha256
+from beltid.bench.packed import MAX_FILES, format_of, members, natural, unpack
+from beltid.errors import InputError
+
+_NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
+_COMPANIONS: Final = frozenset({".tdms_index", ".lnk"})
+_OF_WINDOWS: Final = frozenset({"thumbs.db", "desktop.ini"})
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file of a recording.
+
+    Attributes
+    ----------
+    name : str
+        Name for messages.
+    path : Path
+        The file, or the zip file that holds it.
+    inside : PurePath
+        Path within the folder or zip file; for a single file its name.
+    member : str
+        Its name in the zip file, "" if it is in none.
+    """
+
+    name: str
+    path: Path
+    inside: PurePath
+    member: str = ""
+
+    @contextlib.contextmanager
+    def plain(self) -> Iterator[tuple[Path, str]]:
+        """Give the file and its format; a packed one is unpacked to a temporary file.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, is damaged, too large or packed twice.
+        """
+        form = "" if self.member else format_of(self.path, self.inside.name)
+        if not self.member and form != "gzip":
+            _check_size(self.path, self.name)
+            yield self.path, form
+            return
+        with _temporary(self.name) as folder:
+            out = folder / "recording"
+            unpack(self.path, out, self.name, self.member)
+            form = format_of(out, self.inside.name.removesuffix(".gz"))
+            if form == "gzip" and self.member:
+                packed, out = out, folder / "unpacked"
+                unpack(packed, out, self.name)
+                form = format_of(out, self.inside.name.removesuffix(".gz"))
+            if form in ("gzip", "zip"):
+                raise InputError(f"{self.name}: is packed twice, unpack it")
+            yield out, form
+
+
+@contextlib.contextmanager
+def _temporary(name: str) -> Iterator[Path]:
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="beltid-")
+    except OSError as error:
+        raise InputError(f"{name}: no temporary folder to unpack it: {error}; set TMPDIR") from None
+    with folder:
+        yield Path(folder.name)
+
+
+def _check_size(path: Path, name: str) -> None:
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise InputError(f"{name}: larger than {MAX_BYTES >> 20} MB, split the recording")
+    if not size:
+        raise InputError(f"{name}: the file is empty")
+
+
+def is_many(path: Path) -> bool:
+    """Return whether a path names several files: a folder or a pattern."""
+    return path.is_dir() or (not path.exists() and glob.has_magic(str(path)))
+
+
+def exists(path: Path) -> bool:
+    """Return whether the file or folder exists, or any file matches the pattern."""
+    return path.exists() or (glob.has_magic(str(path)) and any(glob.iglob(str(path))))
+
+
+def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
+    """List the files that a path names.
+
+    Parameters
+    ----------
+    path : Path
+        A file, a zip file, a folder, or a pattern with ``*`` and ``?``.
+    besides : sequence of Path
+        Files that are not recordings and are skipped, such as a table of the runs.
+
+    Raises
+    ------
+    InputError
+        If there is no file, or a folder holds files of several kinds.
+    """
+    if is_many(path):
+        root = path if path.is_dir() else folder_of(path)
+        files = _files(path, {b.absolute() for b in besides})
+        if sum(f.stat().st_size for f in files if f.exists()) > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
+        inside = [PurePath(_shown(file.relative_to(root))) for file in files]
+        return [Source(_shown(file), file, name) for file, name in zip(files, inside, strict=True)]
+    name = _shown(path)
+    if format_of(path) != "zip":
+        return [Source(name, path, PurePath(path.name))]
+    packed = members(path, name)
+    return [
+        Source(f"{name}/{m}" if len(packed) > 1 else name, path, PurePosixPath(m), m)
+        for m in packed
+    ]
+
+
+def _shown(path: PurePath) -> str:
+    """Return a path as text for messages and labels; bytes that are not UTF-8 become U+FFFD."""
+    return str(path).encode(errors="surrogateescape").decode(errors="replace")
+
+
+def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
+    """Note the subfolders that hold files of the same kind but are not read."""
+    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
+
+    if not path.is_dir():
+        return []
+    ending = glob.escape(sources[0].path.suffix)
+    folders = [
+        folder.name
+        for folder in sorted(path.iterdir())
+        if folder.is_dir() and not folder.name.startswith((".", "_"))
+        if any(not may_be_artifact(file) for file in folder.rglob(f"*{ending}"))
+    ]
+    return [f"folders with further files left out: {', '.join(folders[:12])}"] if folders else []
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """Checksum of a file, or of names and contents of several, and whether it is one of Parquet."""
+
+    sha256: str
+    is_parquet: bool
+
+
+def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
+    """Return the content of one or several files, without those in `besides`."""
+    if not is_many(path):
+        return _file_content(path)
+    sources = sources_of(path, besides)
+    lines = [f"{s.inside.as_posix()}\0{_file_content(s.path).sha256}\n" for s in sources]
+    return Content(sha256("".join(lines).encode(errors="surrogateescape")), is_parquet=False)
+
+
+def _file_content(path: Path) -> Content:
+    with opened(path) as file:
+        is_parquet = file.peek(4)[:4] == b"PAR1"
+        return Content(hashlib.file_digest(file, "sha256").hexdigest(), is_parquet)
+
+
+class FileState(NamedTuple):
+    """State of a file in the file system; changes when the file is replaced or written."""
+
+    name: str
+    modified_ns: int
+    size: int
+    number: int
+
+
+Signature = tuple[FileState, ...]
+
+
+def signature_of(path: Path) -> Signature:
+    """Return the state of every file that a path names; the reader reports missing ones."""
+    states = []
+    with contextlib.suppress(OSError):
+        for file in _candidates(path) if is_many(path) else [path]:
+            stat = file.stat()
+            states.append(FileState(str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
+    return tuple(sorted(states))
+
+
+def folder_of(path: Path) -> Path:
+    """Return the folder that contains the path; for a pattern, the part before its wildcards."""
+    if path.exists() or not glob.has_magic(str(path)):
+        return path.parent
+    parts = []
+    for part in path.parts:
+        if glob.has_magic(part):
+            break
+        parts.append(part)
+    return Path(*parts) if parts else Path()
+
+
+def _files(path: Path, excluded: set[Path]) -> list[Path]:
+    """List the files of a folder or pattern in natural order; all must be of one kind."""
+    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
+
+    if path.parts.count("**") > 1 and not path.is_dir():
+        raise InputError(f"{path}: contains ** more than once, which matches the same files again")
+    try:
+        candidates = _candidates(path)
+    except PermissionError:
+        raise InputError(f"{path}: no permission to open the folder") from None
+    files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
+    if path.is_dir():
+        files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
+        _refuse_kinds(files, path)
+    if not files:
+        what = "holds no recording" if path.is_dir() else "no file matches this pattern"
+        raise InputError(f"{path}: {what}")
+    if len(files) > MAX_FILES:
+        raise InputError(f"{path}: {len(files)} files, must be at most {MAX_FILES}")
+    return sorted(files, key=lambda f: natural(f.as_posix()))
+
+
+def _candidates(path: Path) -> list[Path]:
+    """List the files of a folder or pattern that may be recordings."""
+    paths = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path), recursive=True))
+    return [
+        f
+        for f in paths
+        if (f.is_file() or (f.is_symlink() and not f.is_dir()))  # the reader reports a dead link
+        and not f.name.startswith((".", "~$"))
+        and f.suffix.lower() not in _COMPANIONS
+        and f.name.lower() not in _OF_WINDOWS
+    ]
+
+
+def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
+    kinds: dict[str, int] = {}
+    for file in files:
+        ending = "".join(file.suffixes[-2:] if file.suffix == ".gz" else file.suffixes[-1:]).lower()
+        kinds[ending] = kinds.get(ending, 0) + 1
+    if len(kinds) > 1:
+        shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
+        most = max(kinds, key=lambda ending: kinds[ending])
+        raise InputError(
+            f"{path}: holds files of several kinds ({shown}); "
+            f"name only the runs, such as {path / f'*{most}'}"
+        )

@@ -1,0 +1,170 @@
+"""A table as a file holds it, before anything is mapped to our columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from beltid.bench.numbers import NumberSigns
+from beltid.errors import InputError, Problems
+from beltid.tables.units import T, allowed_units, conversion
+
+SCALING: Final = {
+    **dict.fromkeys(("slope", "scale", "scaling", "factor", "gain", "multiplier", "lsb"), 1.0),
+    **dict.fromkeys(("offset", "intercept", "y_intercept", "bias", "add_offset"), 0.0),
+    "scale_factor": 1.0,
+}
+"""Properties that scale the counts of a converter -> the value that has no effect."""
+UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
+"""Properties that hold the unit of a channel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """An entry of a header: name, value as text, unit as written ("" if none is given)."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Raw:
+    """A table of a file: all of it, or a group, sheet, struct, raster or segment.
+
+    Attributes
+    ----------
+    place : str
+        File, and group in it, for messages.
+    frame : DataFrame
+        Columns by their written names: float64 with nan where a number is missing, or texts.
+    name : str
+        Name of the group or sheet; "" if it is the whole file.
+    format : str
+        The format in words, such as ``"NI TDMS"``.
+    units : mapping of str to str
+        Written name -> written unit, where the file states one.
+    fields : tuple of Field
+        Entries of the header.
+    times : ndarray or None
+        Time of every row [s], where the format has it besides the columns.
+    scaling : mapping of str to str
+        Written name -> scaling of whole numbers that the file states and nobody applied.
+    lines : sequence of int
+        Line of every row in the file, from 1; empty if the format has none.
+    header_line, units_line : int
+        Line of the names and of the units; 0 if there is none.
+    signs : NumberSigns
+        How numbers among the texts are written.
+    encoding : str
+        Encoding of a text file.
+    notes : tuple of str
+        What was detected or left out.
+    problems : Problems
+        Rows that could not be read.
+    row_word : str
+        Word for a row in messages, if the file has no lines.
+    """
+
+    place: str
+    frame: pd.DataFrame
+    name: str = ""
+    format: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    fields: tuple[Field, ...] = ()
+    times: np.ndarray | None = None
+    scaling: Mapping[str, str] = field(default_factory=dict)
+    lines: Sequence[int] | np.ndarray = ()
+    header_line: int = 0
+    units_line: int = 0
+    signs: NumberSigns = field(default_factory=NumberSigns)
+    encoding: str = ""
+    notes: tuple[str, ...] = ()
+    problems: Problems = field(default_factory=Problems)
+    row_word: str = "sample"
+
+    def bare(self) -> Raw:
+        """Return the table with its first rows only."""
+        return replace(self, frame=self.frame.head(200).copy(), times=None)
+
+    def at(self, row: int) -> tuple[str, int]:
+        """Return the place of a row for messages, and its line to sort them."""
+        if len(self.lines):
+            return f"{self.place}:{self.lines[row]}", int(self.lines[row])
+        return f"{self.place}, {self.row_word} {row + 1}", row + 1
+
+    @property
+    def names(self) -> list[str]:
+        """Written names of the columns."""
+        return [str(name) for name in self.frame]
+
+    @property
+    def head(self) -> str:
+        """Place of the names, for messages."""
+        return f"{self.place}:{self.header_line}" if self.header_line else self.place
+
+    @property
+    def units_place(self) -> str:
+        """Place of the units, for messages."""
+        return f"{self.place}:{self.units_line}" if self.units_line else self.head
+
+
+def column_of(values: Any) -> Any:
+    """Return values as a column of a `Raw`: numbers as float64, all else as texts or None."""
+    array = np.asarray(values)
+    if array.dtype.kind in "iuf":
+        return array.astype(float)
+    if array.dtype.kind == "b":
+        return pd.array(np.where(array, "true", "false").tolist(), dtype="str")
+    texts = [
+        (v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v)).strip("\0 ") or None
+        for v in array.tolist()
+    ]
+    return pd.array(texts, dtype="str")
+
+
+def is_text(values: pd.Series) -> bool:
+    """Return whether a column holds texts, not numbers."""
+    return not pd.api.types.is_numeric_dtype(values)
+
+
+def first_texts(values: pd.Series) -> list[str]:
+    """Return the texts among the first 200 values; none for a column of numbers."""
+    return [v for v in values.iloc[:200] if isinstance(v, str)] if is_text(values) else []
+
+
+def unapplied_scaling(values: np.ndarray, properties: Mapping[str, Any]) -> str:
+    """List the properties that scale whole numbers, such as ``slope = 0.02``; else ""."""
+    found = []
+    for name, value in properties.items() if values.dtype.kind in "iu" else ():
+        try:
+            number = float(np.ravel(value)[0])
+        except (TypeError, ValueError, IndexError):
+            continue
+        if number != SCALING.get(str(name).lower(), number):
+            found.append(f"{name} = {number:g}")
+    return ", ".join(found)
+
+
+def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
+    """Return the times of evenly spaced samples [s], rounded: 3 * 0.02 is 0.06, as if listed."""
+    return np.round(start_s + step_s * np.arange(n), 12)
+
+
+def in_seconds(times: T, unit: str, place: str) -> T:
+    """Convert times to seconds; times without a unit are taken as seconds.
+
+    Raises
+    ------
+    InputError
+        If the unit is not a unit of time.
+    """
+    by = conversion(unit, "s") or conversion(unit.lower(), "s")
+    if by is None and unit.strip():
+        allowed = ", ".join(allowed_units("s"))
+        raise InputError(f"{place}: the time is in {unit.strip()}, must be one of {allowed}")
+    return times if by is None or by.factor == 1.0 else by.apply(times)

@@ -1,0 +1,171 @@
+"""Files of nested variables: MATLAB 4, 5 and 7.3, plain HDF5.
+
+A vector is a column, a number or text a header field, a struct or group a table; a struct of
+samples (``data``) with a ``unit`` is a column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.containers import Rasters
+from beltid.bench.raw import SCALING, UNITS, Field, Raw, unapplied_scaling
+from beltid.errors import InputError
+
+MAX_DEPTH: Final = 6
+SAMPLES: Final = ("data", "values", "value", "y")
+TIMES: Final = ("time", "t", "x", "Time")
+
+
+def read_matlab(path: Path, place: str) -> Iterator[Raw]:
+    """Read a MATLAB file of version 5 or 4."""
+    from scipy.io import loadmat
+
+    with path.open("rb") as stream:
+        content = loadmat(stream, squeeze_me=True, simplify_cells=True)
+    members = {k: v for k, v in content.items() if not k.startswith("__")}
+    yield from _tables(members, place, "MATLAB, version 5")
+
+
+def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
+    """Read HDF5 or a MATLAB file of version 7.3; what lies in another file is refused."""
+    import h5py
+
+    with path.open("rb") as stream:
+        form = "MATLAB, version 7.3" if stream.read(10) == b"MATLAB 7.3" else "HDF5"
+    with h5py.File(path, "r") as file:
+        number = h5py.h5o.get_info(file.id).fileno
+        members = _group(file, number, place, 0)
+    yield from _tables(members, place, form)
+
+
+def _group(group: Any, number: int, place: str, depth: int) -> dict[str, Any]:
+    """Convert the members of a group of HDF5, and its attributes, to nested dicts."""
+    import h5py
+
+    members: dict[str, Any] = {}
+    for name in group if depth <= MAX_DEPTH else ():
+        link = group.get(name, getlink=True)
+        outside = isinstance(link, h5py.ExternalLink)
+        if name.startswith("#") or (isinstance(link, h5py.SoftLink) and name not in group):
+            continue
+        item: Any = None if outside else group[name]
+        outside = outside or h5py.h5o.get_info(item.id).fileno != number
+        if outside or (isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)):
+            raise InputError(f"{place}: {name} lies in another file, which is not followed")
+        if isinstance(item, h5py.Group):
+            members[name] = _group(item, number, place, depth + 1)
+        elif isinstance(item, h5py.Dataset):
+            members[name] = _dataset(item, place)
+    for name, value in group.attrs.items():  # plain HDF5 stores settings as attributes
+        if not name.startswith("MATLAB") and np.size(value) == 1:
+            members.setdefault(name, _plain(value))
+    return members
+
+
+def _dataset(item: Any, place: str) -> Any:
+    """Convert a dataset: an array, a text, a table of records, or a struct with a unit."""
+    import h5py
+
+    attributes = dict(item.attrs)
+    if item.dtype == h5py.ref_dtype or attributes.get("MATLAB_empty", 0):
+        return None  # a cell array, an array of structs
+    values = np.asarray(item[()])
+    if attributes.get("MATLAB_class", b"") == b"char":
+        return "".join(chr(code) for code in np.ravel(values, order="F"))
+    if values.dtype.kind == "V":
+        return {
+            n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names or ()
+        }
+    values = np.squeeze(values)
+    if values.dtype.kind in "OS":
+        return np.array([_plain(v) for v in np.ravel(values)], dtype=object)
+    for mark in ("_FillValue", "missing_value"):
+        if np.isin(attributes.get(mark, np.nan), values).any():
+            raise InputError(
+                f"{place}: {item.name} marks missing samples by a {mark}: export to CSV"
+            )
+    scaling = {n: v for n, v in attributes.items() if n.lower() in SCALING}
+    unit = next((_plain(v) for n, v in attributes.items() if n in UNITS), None)
+    if values.ndim == 1 and (unit is not None or unapplied_scaling(values, scaling)):
+        return {**scaling, "unit": unit or "", "data": values}
+    return values
+
+
+def _plain(value: Any) -> Any:
+    value = np.ravel(value)[0] if np.size(value) == 1 and not isinstance(value, str) else value
+    value = value.item() if hasattr(value, "item") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _tables(members: Mapping[str, Any], place: str, form: str) -> Iterator[Raw]:
+    """Yield the tables in variables; InputError if there is none."""
+    left_out: list[str] = []
+    tables = list(_struct("", members, place, form, left_out, (), 0))
+    if not tables:
+        held = ", ".join(left_out) or ", ".join(members) or "nothing"
+        raise InputError(
+            f"{place}: holds no vector of samples (found: {held}); save vectors, or a struct of "
+            "vectors"
+        )
+    yield from tables
+
+
+def _struct(
+    name: str,
+    members: Mapping[str, Any],
+    place: str,
+    form: str,
+    left_out: list[str],
+    above: tuple[Field, ...],
+    depth: int,
+) -> Iterator[Raw]:
+    """Yield the table of a struct, then those of the structs in it."""
+    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), Mapping)), {})
+    rasters, fields = Rasters(place, name, form), list[Field]()
+    inner: list[tuple[str, Mapping[str, Any]]] = []
+    for key, value in members.items():
+        if isinstance(value, Mapping):
+            if not _channel(key, value, rasters) and value is not units:
+                inner.append((f"{name}.{key}" if name else key, value))
+            continue
+        array = np.asarray(value)
+        unit = str(units.get(key, ""))
+        if array.size == 1 and array.dtype.kind in "biufOSU" and value is not None:
+            text = _plain(array)
+            plain = repr(float(text)) if isinstance(text, (int, float)) else str(text)
+            fields.append(Field(key, plain, unit))
+        elif (array.ndim == 1 and array.dtype.kind in "biufSU") or (
+            array.ndim == 1 and array.size and all(isinstance(v, str) for v in array)
+        ):
+            rasters.add(key, array, unit)
+        elif array.size:
+            left_out.append(f"{key} left out: no list of numbers or texts")
+    settings = [members_ for n, members_ in inner if not _has_samples(members_)]
+    for struct in settings:  # a struct of settings only
+        fields += [Field(k, repr(v) if isinstance(v, float) else str(v)) for k, v in struct.items()]
+    rasters.fields, rasters.notes = (*above, *fields), left_out if depth == 0 else []
+    yield from rasters.tables()
+    for inner_name, struct in inner if depth < MAX_DEPTH else ():
+        yield from _struct(inner_name, struct, place, form, left_out, (*above, *fields), depth + 1)
+
+
+def _has_samples(members: Mapping[str, Any]) -> bool:
+    return any(isinstance(v, Mapping) or np.size(v) > 1 for v in members.values())
+
+
+def _channel(key: str, members: Mapping[str, Any], rasters: Rasters) -> bool:
+    """Add a struct of samples with a unit as a channel; return whether it is one."""
+    samples = next((members[n] for n in SAMPLES if n in members), None)
+    unit = next((members[n] for n in UNITS if n in members), None)
+    values = np.squeeze(np.asarray(samples))
+    if unit is None or values.dtype.kind not in "biuf" or values.ndim != 1 or values.size < 2:
+        return False
+    time = np.squeeze(np.asarray(next((members[n] for n in TIMES if n in members), np.nan)))
+    clock = time.astype(float) if time.shape == values.shape and time.dtype.kind in "iuf" else None
+    rasters.add(key, values, str(unit), clock, unapplied_scaling(values, members))
+    return True
