@@ -69,7 +69,10 @@ class ReadOptions:
         runs, rig = config.runs[kind], config.rig
         return cls(
             runs["fields"] | config.columns[also] | config.columns[kind],
-            {n: _unit(unit) for n, unit in (config.units[also] | config.units[kind]).items()},
+            {
+                name: Calibration(**unit) if isinstance(unit, dict) else unit
+                for name, unit in (config.units[also] | config.units[kind]).items()
+            },
             runs["pattern"],
             runs["table"],
             runs["values"],
@@ -83,8 +86,3 @@ class ReadOptions:
         if kind != "rig":
             return schemas.table(kind)
         return schemas.rig_table(measures, weight_on, running=running)
-
-
-def _unit(stated: Any) -> Any:
-    """Return a unit, or the calibration that takes its place."""
-    return Calibration(**stated) if isinstance(stated, dict) else stated

@@ -99,7 +99,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     settings, parts = Settings(needs), list[Part]()
     for source in sources:  # one file after the other, so that only one is in memory as written
         parts += parts_of(source.inside, source.name, tables_in(source, needs), settings)
-    if needs.problems.count:
+    if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
     recording = recording_of(parts, path, kind, settings)
     return replace(recording, notes=(*recording.notes, *folders_left_out(path, sources)))

@@ -312,14 +312,14 @@ def solve_loop(
     if near is not None and near.slack:
         near = None
     u = loop.first_guess(near)
-    state = loop.state(u)
+    first, state = np.max(u[:n]), loop.state(u)
     r = loop.residual(state)
     size, difference = float(np.abs(r).max()), DIFFERENCE
     J, stuck = None if near is None else near.slopes, 0
     for iteration in range(MOST_ITERATIONS):
         if size <= TOLERANCE:
             return replace(state, iterations=iteration, slopes=J)
-        if np.min(u[:n]) < SLACK * np.max(u[:n]):
+        if np.min(u[:n]) < SLACK * max(first, np.max(u[:n])):  # or all of them together
             return replace(state, iterations=iteration, slack=True)
         fresh = J is None
         if J is None:

@@ -16,7 +16,8 @@ import pytest
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 MOST_FILES = 60
-MOST_OPENS = 2
+MOST_OPENS = 5
+"""To hash it, to recognise it (format, encoding, header, clock) and to read it block by block."""
 COUNTER = """
 import inspect, json, os, sys, threading
 from pathlib import Path
@@ -74,5 +75,5 @@ def test_few_of_our_files_are_entered(counts):
     assert len(counts["files"]) <= MOST_FILES, counts["files"]
 
 
-def test_the_recording_is_opened_to_hash_it_and_to_read_it(counts):
+def test_the_recording_is_opened_to_hash_recognise_and_read_it(counts):
     assert counts["opens"] <= MOST_OPENS
