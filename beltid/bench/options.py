@@ -70,8 +70,8 @@ class ReadOptions:
         return cls(
             runs["fields"] | config.columns[also] | config.columns[kind],
             {
-                name: Calibration(**unit) if isinstance(unit, dict) else unit
-                for name, unit in (config.units[also] | config.units[kind]).items()
+                n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
+                for n, u in (config.units[also] | config.units[kind]).items()
             },
             runs["pattern"],
             runs["table"],
