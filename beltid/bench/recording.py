@@ -188,11 +188,6 @@ def _distinct(parts: Sequence[Part]) -> list[Part]:
     ]
 
 
-def read_rig(path: str | Path, config: Any = None) -> Recording:
-    """Read a recording of the friction rig; see `read_recording`."""
-    return read_recording(path, "rig", config)
-
-
 def _simulated(path: Path, kind: str) -> Recording | None:
     """Read our artifact of the simulated rig; None if the file is no artifact."""
     from beltid.artifacts.artifact import may_be_artifact, read_artifact

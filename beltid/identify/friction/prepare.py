@@ -1,8 +1,8 @@
 """Prepare each run alone (first pass): condense its recording to the data the campaign needs.
 
 Checks the sensors, finds rest and rotation and averages the sliding of one run, independently of
-the other runs. The result is small, so that a bench of any size can be read once, run by run. The
-quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of both tensions,
+the other runs. The quantity is z = ln(T_tight/T_slack), linearised about the smooth course m of
+both tensions,
 
     z = ln(m_t/m_s) + (T_t/m_t - 1) - (T_s/m_s - 1),                                         (S1)
 

@@ -11,9 +11,7 @@ record leaves the build-up and joins the model; that time is known to one sample
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,12 +56,9 @@ STANDS_OUT = 3.0
 __all__ = [
     "RunRecord",
     "RunReduction",
+    "reduce_records",
     "reduce_runs",
-    "reduce_stream",
 ]
-
-Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
-"""Apply a function to items, in order, possibly in other processes."""
 
 FEWEST_FOR_MISFIT = 5
 """Fewest runs of a bench with which one of them can be rejected as unlike the others."""
@@ -102,13 +97,11 @@ def reduce_runs(
     """
     _check_radius(pulley_radius_m)  # a torque is divided by it
     records = run_records(columns, pulley_radius_m, kind)
-    return reduce_stream(records, pulley_radius_m)
+    return reduce_records(records, pulley_radius_m)
 
 
-def reduce_stream(
-    records: Iterable[RunRecord], R: float, mapper: Mapper = map
-) -> tuple[RunReduction, ...]:
-    """Reduce any number of runs of a bench, reading each recording only once.
+def reduce_records(records: Iterable[RunRecord], R: float) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a bench together.
 
     Parameters
     ----------
@@ -116,8 +109,6 @@ def reduce_stream(
         The runs.
     R : float
         Radius of the belt's centreline on the pulley [m], > 0.
-    mapper : callable
-        ``map``, or a version that distributes the work over processes.
 
     Returns
     -------
@@ -131,7 +122,7 @@ def reduce_stream(
         :func:`against_stated`.
     """
     _check_radius(R)
-    prepared = list(mapper(partial(prepare_run, R=R), records))
+    prepared = [prepare_run(record, R) for record in records]
     sliding = [run for run in prepared if run.sliding is not None]
     if sliding:
         _reduce_together(sliding, R)

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import columns_of, read_recording, read_rig
+from beltid.bench.recording import columns_of, read_recording
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.estimators.statistics import snap_to_settings
@@ -52,19 +52,17 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     build = Build(KIND, config, (*USES, *reading(role)), inputs, out, options)
     built = build.up_to_date()
     if built is None:
+        recording = read_recording(path, role, model)
         if role == "points":
-            points = read_recording(path, "points", model)
-            notes, n_samples = points.notes, points.n_samples
             try:
-                runs = reduce_points(points.columns, model)
+                runs = reduce_points(recording.columns, model)
             except InputError as error:
                 raise InputError(error.at(str(path))) from None
         else:
-            rig = read_rig(path, model)
-            runs = reduce_rig(rig, model)
-            notes, n_samples = rig.notes, rig.n_samples
-        options.reporter.report(f"{path}: {n_samples} {'rows' if role == 'points' else 'samples'}")
-        built = build.write(_outcome(runs, model, str(path), notes))
+            runs = reduce_rig(recording, model)
+        what = "rows" if role == "points" else "samples"
+        options.reporter.report(f"{path}: {recording.n_samples} {what}")
+        built = build.write(_outcome(runs, model, str(path), recording.notes))
     return summarise(built)
 
 

@@ -1,9 +1,9 @@
-"""Reduction of recordings: settings; the runs of a rig, in memory or streamed; their table."""
+"""Reduction of recordings: settings; the runs of a rig; their table."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +27,7 @@ from beltid.identify.friction.kinds import (
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
     RunReduction,
-    reduce_stream,
+    reduce_records,
 )
 from beltid.identify.friction.run import Conditions, RunRecord, run_records
 from beltid.laws.capstan import STRAIGHT, Spans
@@ -78,7 +78,7 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     config : Config
         Kind of the rig, radius of the pulley.
     """
-    return reduce_stream(records_of(rig, config), config.rig.pulley_radius_m)
+    return reduce_records(records_of(rig, config), config.rig.pulley_radius_m)
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
@@ -97,8 +97,8 @@ def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = 
     return Recording("rig", columns, Path("frame"), is_artifact=simulated)
 
 
-def records_of(rig: Recording, config: Config) -> Iterator[RunRecord]:
-    """Yield the records of the runs of a recording.
+def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
+    """Return the records of the runs of a recording.
 
     The recording of the simulated rig holds the tensions of both spans from perfect load cells, for
     every kind of bench. Only the span of a dead weight has no cell: its tension is the initial
@@ -112,7 +112,7 @@ def records_of(rig: Recording, config: Config) -> Iterator[RunRecord]:
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
         else:
             kind = replace(kind, measures="two_cells")
-    yield from run_records(columns, radius, kind)
+    return run_records(columns, radius, kind)
 
 
 def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from beltid.artifacts.artifact import read_artifact
-from beltid.bench.recording import Recording, read_recording, read_rig
+from beltid.bench.recording import Recording, read_recording
 from beltid.config import Config, ConfigSource
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
@@ -68,7 +68,7 @@ def rig_curves(
     built = build.up_to_date()
     if built is None:
         samples = samples_of_runs(read_artifact(friction, "friction").columns)
-        parts = _thinned_runs(read_rig(rig, source.config), samples, source.config)
+        parts = _thinned_runs(read_recording(rig, "rig", source.config), samples, source.config)
         missing = sorted(set(samples) - set(parts))
         if missing:
             raise InputError(
