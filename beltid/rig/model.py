@@ -143,6 +143,7 @@ class Bench:
             C_P=float(self.contact.C_P * POINTS_OF_THE_PAPER / path.length),
             ratio=float(self.contact.sticking_ratio),
             k_t=float(STICK * self.belt.EA / h**2),
+            memory=0.0,
             surface=self.surface.tables(),
         )
 
