@@ -39,6 +39,7 @@ class Pulley(NamedTuple):
     ``C_P`` [N s/m²] is the damping of Eq. (4) per length of belt, ``ratio`` the friction limit at
     rest over that of sliding at the lowest measured speed, ``k_t`` [N/m²] the stiffness of a stick
     per length. ``memory`` [m] is the slip over which friction follows the speed, 0: at once.
+    ``edge`` [-] is the growth of the penetration over the belt where the contact begins.
     """
 
     R: float
@@ -48,6 +49,7 @@ class Pulley(NamedTuple):
     ratio: float
     k_t: float
     memory: float
+    edge: float
     surface: SurfaceTables
 
 
@@ -90,6 +92,23 @@ class Motion(NamedTuple):
     share: float
     v0: float
     scale: float
+
+
+@kernel
+def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float]:
+    """Return the line force of a point and its slope over the penetration, Eqs. (1) and (3).
+
+    A point stands for a ``part`` [m] of the belt, of which only some touches at the ends of the
+    contact. So the penetration grows from zero smoothly, as its mean over the part does, and no
+    stiffness jumps. ``gap`` is g_N [m], negative in contact.
+    """
+    delta, half = -gap, 0.5 * pulley.edge * part
+    grows = 1.0
+    if delta < half:
+        grows = max(0.0, (delta + half) / (2.0 * half))
+        delta = grows * grows * half
+    f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
+    return f, elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic) * grows
 
 
 @kernel
@@ -142,16 +161,15 @@ def add_contact(
                 x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
             rho = math.sqrt(x * x + y * y)
             point.rho, point.theta = rho, math.atan2(x, y)
-            delta, w = R - rho, mesh.w_c[el, c] * stretch
-            if delta <= 0.0:
+            w = mesh.w_c[el, c] * stretch
+            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
                 point.limit = point.slip = point.speed = 0.0
                 point.sticks, point.sign = False, 1.0
                 continue
             n = (x / rho, y / rho)
             t = (n[1], -n[0])
-            f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-            slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic)
             F_N, k, slip = w * f, w * slope, 0.0
             v, v_slip = sliding_speed(motion.omega, R), 0.0
             if rate > 0.0:
@@ -168,12 +186,13 @@ def add_contact(
                     v, v_slip = v - lag * change, (1 - lag) * v_slip
                     v_slip += lag * lag * change / pulley.memory
             mu, mu_f, mu_v = friction(pulley.surface, f, v)
-            limit, k_t = motion.share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
-            at_rest, trial = pulley.ratio * limit, before.F_T + k_t * slip
+            share = motion.share * (pulley.ratio if before.sticks else 1.0)
+            limit, k_t = share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
+            trial = before.F_T + k_t * slip
             if revise and rate > 0.0:
                 sticks, sign = point.sticks, point.sign
                 if sticks:
-                    point.sticks = abs(trial) <= at_rest * (1 + CONE_TOLERANCE)
+                    point.sticks = abs(trial) <= limit * (1 + CONE_TOLERANCE)
                     point.sign = math.copysign(1.0, trial)
                 else:
                     point.sticks = sign * slip < -SLIP_TOLERANCE
@@ -181,11 +200,10 @@ def add_contact(
             sign = point.sign
             if rate > 0.0 and point.sticks:
                 F_T, by_delta, by_slip = trial, 0.0, k_t
-                limit = at_rest
             else:
                 F_T = sign * limit
-                by_delta = sign * motion.share * (mu * k + mu_f * slope * F_N)
-                by_slip = sign * motion.share * mu_v * v_slip * F_N * math.copysign(1.0, slip)
+                by_delta = sign * share * (mu * k + mu_f * slope * F_N)
+                by_slip = sign * share * mu_v * v_slip * F_N * math.copysign(1.0, slip)
             point.f_N, point.F_N, point.F_T = f, F_N, F_T
             point.limit, point.slip, point.speed = limit, slip, v
             for i in range(2):
@@ -241,13 +259,12 @@ def add_flow_contact(
             t = (n[1], -n[0])
             turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
             g = R * omega - fall * turn
-            delta, w = R - rho, mesh.w_c[el, c] * stretch
+            w = mesh.w_c[el, c] * stretch
+            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
             point.speed, point.sticks = g, False
-            if delta <= 0.0:
+            if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
                 continue
-            f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-            slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic)
             F_N, k = w * f, w * slope
             mu, mu_f, mu_v = friction(pulley.surface, f, abs(g))
             size = math.sqrt(g * g + motion.scale * motion.scale)
