@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 LARGEST_STRAIN = 0.2
 POINTS_OF_THE_PAPER = 50  # ten elements of five contact points, each with its damping C_P
-EDGE = 0.5  # share of its part over which a point comes into contact [-]
+EDGE = 0.7  # share of its part over which a point comes into contact: the bed is softer there [-]
 STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force, over the layer [-]
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
 WEIGHTS: Final = {"tight": (1.0, 0.0), "slack": (0.0, 1.0), "hub": (1.0, 1.0)}
