@@ -14,7 +14,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -55,7 +55,8 @@ def kernel(function: F) -> F:
     import numba
 
     if _writable():
-        numba.config.CACHE_DIR = str(cache_folder())
+        settings: Any = numba.config  # numba sets its attributes at run time: no static types
+        settings.CACHE_DIR = str(cache_folder())
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "cache": _writable()}
     return cast(F, numba.njit(**options)(function))
 

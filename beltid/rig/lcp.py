@@ -1,8 +1,9 @@
 """The paper's own friction: a step as a linear complementarity problem, Eqs. (11) and (12).
 
-Coulomb's law is exactly set-valued here: a sticking point does not move at all. The linearised step
-matrix S takes the place of the mass matrix of Eq. (12). With the directions W_T of the friction
-forces the slips of a step are ``slip_free - G F_T``, with the Delassus matrix ``G = W_T' S^-1 W_T``.
+Coulomb's law is exactly set-valued here: a sticking point does not move at all. The linearised
+step matrix S takes the place of the mass matrix of Eq. (12). With the directions W_T of the
+friction forces the slips of a step are ``slip_free - G F_T``, with the Delassus matrix
+``G = W_T' S^-1 W_T``.
 Five points per element are more constraints than an element has freedoms: G is only positive
 semi-definite, the slips are unique, the split of the stick forces is not (trap (b) of the method).
 Lemke's method copes. It is slower than return mapping, and needs no guess of what sticks.
@@ -97,7 +98,7 @@ def _lexicographic_minimum(
     basis: NDArray[np.intp],
     artificial: int,
 ) -> int:
-    """Return the row with the least (right-hand side, basis inverse)/divisor; the artificial first."""
+    """Return the row of the least (right-hand side, basis inverse)/divisor; artificial first."""
     for k in range(-1, basis.size):
         values = tableau[rows, k] / divisors
         smallest = values.min()
@@ -114,9 +115,9 @@ def _lexicographic_minimum(
 def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array, int]:
     """Solve Coulomb friction with given limits as a complementarity problem, Eqs. (11), (12).
 
-    The slips are ``slip = slip_free - G F``; a sticking point has slip 0 and |F| <= limit, a sliding
-    one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the upper
-    bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
+    The slips are ``slip = slip_free - G F``; a sticking point has slip 0 and |F| <= limit, a
+    sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
+    upper bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
 
     Parameters
     ----------

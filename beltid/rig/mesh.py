@@ -7,7 +7,6 @@ B, so the span at A is the tight one (trap (d) of the method).
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,8 +15,9 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
+from beltid.laws.capstan import Spans
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Rig
+from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Path:
     def stretched(self, other: Path, s: Array) -> Array:
         """Map path coordinates ``s`` of this path to another one, part by part in proportion."""
         corners = [[0.0, p.span, p.length - p.span, p.length] for p in (self, other)]
-        return np.asarray(np.interp(s, *corners))
+        return np.asarray(np.interp(s, corners[0], corners[1]))
 
 
 class Mesh(NamedTuple):
@@ -118,6 +118,16 @@ def shapes(x: Array, h: Array, order: int) -> Array:
 def bending_length(EI: float, T: float) -> float:
     """Return the length sqrt(EI/T) over which a tightened span straightens [m]."""
     return math.sqrt(EI / T)
+
+
+def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
+    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
+
+    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
+    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
+    stays in line with the belt.
+    """
+    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
 
 
 def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:

@@ -177,7 +177,7 @@ def _simulate_laid(
         last = ContactState(model, sliding.stretch, sliding.force, sliding.q, sliding.points)
         tensions, recording, run = (sliding.T_A, sliding.T_B), None, None
     else:
-        falls = bench.surface.falls_with_speed
+        falls = bool(np.any(np.diff(bench.surface.mu_nodes, axis=1) < 0.0))
         if settings.friction_solver == "lemke":
             from beltid.rig.lcp import march_by_lemke
 

@@ -29,7 +29,7 @@ def test_it_is_that_of_this_installation(package: Path) -> None:
     [
         "laws/capstan.py",
         "identify/friction/campaign.py",
-        "rigsim/steady.py",
+        "rig/steady.py",
         "bench/recording.py",
         "params.py",
     ],

@@ -19,8 +19,8 @@ from beltid.plan.candidates import (
     simulate_candidates,
 )
 from beltid.refine.effects import ARC
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source
 

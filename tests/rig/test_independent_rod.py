@@ -32,7 +32,9 @@ def draw(number: int) -> tuple[Bench, OperatingPoint]:
         surface = FrictionSurface(f, v, mu * (1.0 + 0.1 * np.log(v / v[1])))
         supports = "pinned" if number % 2 else "clamped"
         rig = Rig(R, span, supports)  # type: ignore[arg-type]
-        return Bench(Belt(EA, EI, 0.1), rig, Contact(), law, surface), OperatingPoint(beta, T_0, 0.2)
+        return Bench(Belt(EA, EI, 0.1), rig, Contact(), law, surface), OperatingPoint(
+            beta, T_0, 0.2
+        )
 
 
 @pytest.mark.parametrize(
@@ -54,5 +56,11 @@ def test_random_rigs(number: int) -> None:
     )
     run = simulate(bench, point, STEADY)
     exact = rod.solve(point.T_0)
-    print(number, run.tension_tight_N / exact[0] - 1, run.tension_slack_N / exact[1] - 1, run.record.elements,run.record.newton_iterations)
+    print(
+        number,
+        run.tension_tight_N / exact[0] - 1,
+        run.tension_slack_N / exact[1] - 1,
+        run.record.elements,
+        run.record.newton_iterations,
+    )
     assert (run.tension_tight_N, run.tension_slack_N) == pytest.approx(exact, rel=5e-4)

@@ -94,7 +94,7 @@ def run(
         first_time = any(not (folder / source.name).is_dir() for source in sources)
         has_work = first_time or common.force
         if has_work and not address:
-            from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
+            from beltid.rig.compiler import COMPILING, compile_ahead
 
             if compile_ahead(packages_with_kernels(sources)):
                 reporter.report(COMPILING)
@@ -123,7 +123,7 @@ def packages_with_kernels(sources: Sequence[ConfigSource]) -> list[str]:
         for config in simulated
         if "drive" in config.model_fields_set and "speedloss" in config.data.files
     ]
-    return [*(["rigsim"] if simulated else []), *(["drive"] if driven else [])]
+    return [*(["rig"] if simulated else []), *(["drive"] if driven else [])]
 
 
 def scheduler_address(stated: str | None, jobs: int | None) -> str:

@@ -12,15 +12,15 @@ from beltid.errors import BeltidError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import swinging_share
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import (
+from beltid.rig.mesh import swinging_share
+from beltid.rig.model import Bench
+from beltid.rig.runs import (
     Method,
     RunResult,
     SimulationSettings,
     runs_of_one_belt,
 )
-from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.rig.runs import campaign as rig_campaign
 from beltid.stages.reporter import Reporter
 from beltid.stages.simulation.planned_runs import PlannedRun, refuse_running
 from beltid.stages.tables import checked_law, is_number, surface_from

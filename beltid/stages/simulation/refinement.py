@@ -15,7 +15,7 @@ from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 from beltid.stages.identification.conditions import rows_of_one
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.simulation.campaign import RIG_USES

@@ -14,8 +14,8 @@ from beltid.artifacts.metadata_models import SimulatedMetadata, SurfaceMetadata
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_NUMERICS, BeltidError, NumericsError, counted, percent
 from beltid.report.summary import Summary
-from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
-from beltid.rigsim.rig import SimulationSettings
+from beltid.rig.compiler import COMPILING, compile_ahead
+from beltid.rig.runs import SimulationSettings
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, rows_per_setting, span
@@ -126,7 +126,7 @@ def run(
         options.reporter.report(
             f"{counted(len(runs), 'run')}, {settings.method}, {settings_source}"
         )
-        if compile_ahead(["rigsim"]):
+        if compile_ahead(["rig"]):
             options.reporter.report(COMPILING)
         bench, workers = bench_of(model, surface_of(surface), press.law), options.workers
         parallel = workers if workers.jobs > 1 else jobs
