@@ -199,7 +199,7 @@ def add_contact(
                 changes += sticks != point.sticks
             sign = point.sign
             if rate > 0.0 and point.sticks:
-                F_T, by_delta, by_slip = trial, 0.0, k_t
+                F_T, by_delta, by_slip = trial, -k_t * slip / rho, k_t
             else:
                 F_T = sign * limit
                 by_delta = sign * share * (mu * k + mu_f * slope * F_N)
