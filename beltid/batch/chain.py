@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.file_bytes import remove_stale
+from beltid.store.disk import remove_stale
 from beltid.batch.belts import FAILED, HELD_OUT, batch_summary
 from beltid.batch.folders import alone_in, refuse_links_out
 from beltid.batch.schedule import Chain, run_chains

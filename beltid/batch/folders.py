@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.file_bytes import remove_stale
+from beltid.store.disk import remove_stale
 from beltid.errors import InputError
 from beltid.stages.reporter import Reporter
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import types
 
-from beltid.artifacts.parquet_table import damaged, open_parquet
+from beltid.store.parquet import damaged, open_parquet
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
 from beltid.errors import InputError

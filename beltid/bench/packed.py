@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
-from beltid.artifacts.file_bytes import MAX_BYTES, opened
+from beltid.store.disk import MAX_BYTES, opened
 from beltid.errors import InputError
 
 MAX_FILES: Final = 5000

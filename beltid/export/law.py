@@ -17,7 +17,7 @@ from pydantic import (
     field_validator,
 )
 
-from beltid.artifacts.metadata_models import Origin
+from beltid.store.artifact import Origin
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw

@@ -410,6 +410,7 @@ TABLES: Final[dict[str, Table]] = {
         _SURFACE,
         Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
         _COMPARE,
+        replace(_COMPARE, kind="crossvalidation", command="beltid cross-validate"),
         _DRIVE,
         _COMPARE_DRIVE,
         _PRESS_CURVES,
