@@ -11,6 +11,7 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from beltid.errors import BeltidWarning
@@ -18,16 +19,30 @@ from beltid.errors import BeltidWarning
 log: Final = logging.getLogger("beltid")
 log.addHandler(logging.NullHandler())
 
-_prefix: ContextVar[str] = ContextVar("prefix", default="")
+@dataclass(frozen=True, slots=True)
+class Prefix:
+    """What stands before the notes of a belt, and the warnings that were given already."""
+
+    text: str
+    warned: set[str] = field(default_factory=set)
+
+
+_prefix: ContextVar[Prefix] = ContextVar("prefix", default=Prefix(""))  # noqa: B039
 
 
 class _Prefixed(logging.Filter):
-    """Put the name of the belt at work before a line."""
+    """Put the prefix at work before a line; give each warning of a belt only once."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Change the message of a record once."""
-        if (prefix := _prefix.get()) and not hasattr(record, "prefixed"):
-            record.msg, record.args, record.prefixed = f"{prefix}{record.getMessage()}", (), True
+        """Change the message of a record; drop a repeated warning."""
+        prefix, text = _prefix.get(), record.getMessage()
+        if not prefix.text or hasattr(record, "progress"):
+            return True
+        if record.levelno == logging.WARNING:
+            if text in prefix.warned:
+                return False
+            prefix.warned.add(text)
+        record.msg, record.args = f"{prefix.text}{text}", ()
         return True
 
 
@@ -35,7 +50,7 @@ log.addFilter(_Prefixed())
 
 
 @contextlib.contextmanager
-def prefixed(prefix: str) -> Iterator[None]:
+def prefixed(prefix: Prefix) -> Iterator[None]:
     """Put a prefix, such as ``5pk: ``, before all notes of this thread inside."""
     token = _prefix.set(prefix)
     try:
@@ -52,7 +67,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
     def advance() -> None:
         nonlocal done
         done += 1
-        log.info(label, extra={"progress": (f"{_prefix.get()}{label}", done, total)})
+        log.info(label, extra={"progress": (f"{_prefix.get().text}{label}", done, total)})
 
     yield advance
 

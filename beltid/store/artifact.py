@@ -187,7 +187,7 @@ def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "arti
     values = normalised(columns, table, name)
     stated = {**asdict(record), "version": table.version}
     text = json.dumps(
-        plain(stated), sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True
+        plain(stated), separators=(",", ":"), allow_nan=False, ensure_ascii=True
     ).encode()
     sealed = arrow_table(values, table).replace_schema_metadata(
         {RECORD_KEY: text, SEAL_KEY: _seal(text, values)}
