@@ -19,6 +19,7 @@ from beltid.errors import BeltidWarning
 log: Final = logging.getLogger("beltid")
 log.addHandler(logging.NullHandler())
 
+
 @dataclass(frozen=True, slots=True)
 class Prefix:
     """What stands before the notes of a belt, and the warnings that were given already."""

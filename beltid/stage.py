@@ -132,9 +132,7 @@ class Outcome(Generic[Result]):
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")
         return figures[name]
 
-    def save(
-        self, path: str | Path, *, origin: Origin | None = None, force: bool = False
-    ) -> Path:
+    def save(self, path: str | Path, *, origin: Origin | None = None, force: bool = False) -> Path:
         """Write the table as an artifact (.parquet) that every command reads, or as .csv.
 
         Parameters
@@ -374,7 +372,9 @@ class Stage:
             for role, kind in kinds.items()
         }
         tables = {
-            kind: table for kind, table in source.config.run_tables.items() if kind in kinds.values()
+            kind: table
+            for kind, table in source.config.run_tables.items()
+            if kind in kinds.values()
         }
         read = {**given, **{f"{kind}_runs": table for kind, table in tables.items()}}
         seen = {role: signature_of(path) for role, path in read.items()}
@@ -385,9 +385,7 @@ class Stage:
         }
         settings = self.settings(source.config, kinds, chosen)
         made_from = self._made_from(source.config, contents, settings)
-        work = Work(
-            source, given, kinds, names, out, chosen, settings, contents, seen, made_from
-        )
+        work = Work(source, given, kinds, names, out, chosen, settings, contents, seen, made_from)
         fresh = existing if existing and existing.record.made_from == made_from else None
         return work, None if force else fresh
 

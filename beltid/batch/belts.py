@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.report.summary import Summary
-from beltid.store.artifact import combined_origin
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, percent
 from beltid.report.results import LEFT_OUT
+from beltid.report.summary import Summary
+from beltid.store.artifact import combined_origin
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"

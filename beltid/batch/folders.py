@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from beltid.errors import InputError
 from beltid.notes import log
 from beltid.store.disk import remove_stale
-from beltid.errors import InputError
 
 LOCK: Final = ".beltid-lock"
 

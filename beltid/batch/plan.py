@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.batch.chain import chain_of
 from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
+from beltid.batch.chain import chain_of
 from beltid.batch.folders import refuse_links_out
 from beltid.batch.steps import Call, Step, within_reach
 from beltid.config import ConfigSource

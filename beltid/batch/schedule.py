@@ -9,9 +9,6 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from pathlib import Path
 from typing import Any
 
-from beltid.notes import Prefix, log, prefixed
-from beltid.stages.named_recordings import WITHOUT, lacking
-from beltid.stages.planned_runs import NOT_SIMULATED
 from beltid.batch.belts import (
     DONE,
     FAILED,
@@ -25,7 +22,10 @@ from beltid.batch.belts import (
 from beltid.batch.steps import Step, run_step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
+from beltid.notes import Prefix, log, prefixed
 from beltid.report.summary import Summary
+from beltid.stages.named_recordings import WITHOUT, lacking
+from beltid.stages.planned_runs import NOT_SIMULATED
 from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps in progress per worker: while some read and write, others compute

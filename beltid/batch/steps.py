@@ -10,8 +10,8 @@ from beltid.config import ConfigSource
 from beltid.notes import Kept, heard_by, log, python_warnings
 from beltid.report.summary import Summary
 from beltid.report.view import summary_of
-from beltid.stage import STAGES
-from beltid.stages import steps
+from beltid.stage import STAGES, Stage
+from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.workers import Workers
 
 Call = tuple[ConfigSource, Mapping[str, Path], Path]
@@ -44,7 +44,7 @@ class Step:
     section: str = ""
 
     @property
-    def stage(self) -> steps.Stage:
+    def stage(self) -> Stage:
         """The stage."""
         return STAGES[self.name.partition(" ")[0]]
 
@@ -83,9 +83,7 @@ def run_step(step: Step, call: Call, workers: Workers, *, force: bool) -> Summar
     stage = step.stage
     if step.spreads or workers.jobs == 1 or not workers.share_files:
         built = stage.run(*call, force=force, workers=workers)
-        return summary_of(
-            built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with
-        )
+        return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
     _, existing = stage.look(*call, force=force)
     if existing is not None:
         return summary_of(existing, up_to_date=True, fails_with=stage.fails_with)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Final, NamedTuple
 
-from beltid.store.disk import MAX_BYTES, opened, sha256
 from beltid.bench.packed import MAX_FILES, format_of, members, natural, unpack
 from beltid.errors import InputError
+from beltid.store.disk import MAX_BYTES, opened, sha256
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
 _COMPANIONS: Final = frozenset({".tdms_index", ".lnk"})

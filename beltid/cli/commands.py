@@ -259,9 +259,7 @@ def report(
 @command(
     "show",
     short=FIRST["show"],
-    out=_out(
-        "FILE", "Table to write (.csv), or figure (.svg, .png, .pdf). Default: the terminal."
-    ),
+    out=_out("FILE", "Table to write (.csv), or figure (.svg, .png, .pdf). Default: the terminal."),
 )
 def show(
     artifact: Annotated[

@@ -101,12 +101,10 @@ class Common:
             text="File to write. Default: next to the input, as named in the help.",
         ),
     ] = None
-    json: Annotated[
-        bool, _option("--json", text="Print one JSON object instead of a table.")
-    ] = False
-    quiet: Annotated[
-        bool, _option("--quiet", "-q", text="Print warnings and errors only.")
-    ] = False
+    json: Annotated[bool, _option("--json", text="Print one JSON object instead of a table.")] = (
+        False
+    )
+    quiet: Annotated[bool, _option("--quiet", "-q", text="Print warnings and errors only.")] = False
     verbose: Annotated[
         bool,
         # eager: --version, wherever it stands, must know it

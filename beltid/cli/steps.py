@@ -100,9 +100,7 @@ def _run(stage: Stage, given: dict[str, Any], common: Common) -> None:
         source = find_config(first, common.config)
         log.info("config: %s", source.origin)
         built = stage.run(source, files, out, force=common.force, **given)
-        return summary_of(
-            built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with
-        )
+        return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
 
     finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
 

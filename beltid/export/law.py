@@ -17,10 +17,10 @@ from pydantic import (
     field_validator,
 )
 
-from beltid.store.artifact import Origin
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.store.artifact import Origin
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1

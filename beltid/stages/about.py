@@ -10,8 +10,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.store.artifact import plain
-from beltid.store.disk import source_sha256
 from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
 from beltid.config.source import format_path
@@ -23,6 +21,8 @@ from beltid.stages.named_recordings import (
     unread_recordings,
     wrong_recordings,
 )
+from beltid.store.artifact import plain
+from beltid.store.disk import source_sha256
 
 LIBRARIES: Final = (
     *("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "rich", "ruamel.yaml", "typer"),

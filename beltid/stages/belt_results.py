@@ -11,17 +11,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
-from beltid.stages.curves import typical_runs
-from beltid.store.artifact import Artifact, read_artifact
-from beltid.store.together import misfits, refuse_misfits
 from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
+from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.stages.law_of_belt import config_of_results
 from beltid.stages.campaign import bench_of
+from beltid.stages.curves import typical_runs
+from beltid.stages.law_of_belt import config_of_results
+from beltid.store.artifact import Artifact, read_artifact
+from beltid.store.together import misfits, refuse_misfits
 
 ARTIFACTS: Final = {
     "stiffness": "stiffness",
@@ -129,7 +129,9 @@ def _left_out(
     named = {} if config is None else config.data.files
     dropped: dict[str, list[str]] = {}
     for name, artifact in artifacts.items():
-        unnamed = [kind for kind in artifact.record.ancestors if kind in RECORDED and kind not in named]
+        unnamed = [
+            kind for kind in artifact.record.ancestors if kind in RECORDED and kind not in named
+        ]
         if named and unnamed:
             dropped.setdefault(f"the config names no {unnamed[0]} recording", []).append(name)
         elif made is not None and name not in (*made, *CURVES):

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from beltid.errors import BeltidError, InputError, percent
-from beltid.laws.friction_surface import FrictionSurface
-from beltid.laws.penalty import NormalLaw
 from beltid.notes import progress
 from beltid.params import OperatingPoint
 from beltid.rigsim.beam.path import swinging_share
@@ -22,8 +20,8 @@ from beltid.rigsim.rig import (
     runs_of_one_belt,
 )
 from beltid.rigsim.rig import campaign as rig_campaign
-from beltid.stages.planned_runs import PlannedRun, refuse_running
 from beltid.stages.inputs import checked_law, is_number, surface_from
+from beltid.stages.planned_runs import PlannedRun, refuse_running
 from beltid.stages.workers import Workers
 from beltid.tables import schemas
 
@@ -77,7 +75,7 @@ def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]
     ]
 
 
-def bench_of(config: Config, surface: FrictionSurface | float, law: NormalLaw) -> Bench:
+def bench_of(config: Config, surface: Any, law: Any) -> Bench:
     """Build the rig of a config with identified laws; a number for a surface is a constant mu."""
     refuse_running(config)
     return Bench(

@@ -24,6 +24,7 @@ OF_PREDICTION: Final = {
     "loss_slip_rad_s": "loss_slip_rad_s",
 }
 
+
 def compared(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
     """Compare every measured run with its prediction, and judge those of enough torque."""
     measured, rows = slip.columns, _predicted_rows(slip, drive)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 
@@ -96,15 +96,14 @@ def predicted_runs(
     by = by or config.cross_validate.by
     if by not in FEWEST:
         raise InputError(f"by = {by}, must be {' or '.join(FEWEST)}")
-    setting = cast(HoldOut, by)
     columns = with_tensions(friction_columns(friction, HELD_OUT), config)
     log.info("every %s left out once and predicted", by)
     pool = workers if workers is not None and workers.jobs > 1 else threads(jobs)
-    folds_predicted = predictions(columns, press_law(law, config), config, setting, pool)
+    folds_predicted = predictions(columns, press_law(law, config), config, by, pool)
     rows = np.concatenate([prediction.fold.left_out for prediction in folds_predicted])
     measured = {name: values[rows] for name, values in columns.items()}
     predicted, uncertainty = as_simulated(columns, folds_predicted)
-    notes = tuple(_notes(columns, folds_predicted, setting))
+    notes = tuple(_notes(columns, folds_predicted, by))
     outcome = agreement(measured, predicted, config, uncertainty, notes)
     groups = outcome.tables["groups"]
     if by == "speed":

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.store.disk import write_bytes
-from beltid.store.place import anyone_s, check_place
 from beltid.errors import InputError
 from beltid.export.law import ContactLaw
 from beltid.export.reduction import reference_point
 from beltid.export.targets import TARGETS, Export, export
 from beltid.report.summary import Summary
-from beltid.stages.law_of_belt import law_of_folder
 from beltid.stages.inputs import load_law
+from beltid.stages.law_of_belt import law_of_folder
+from beltid.store.disk import write_bytes
+from beltid.store.place import anyone_s, check_place
 
 ALL: Final = "all"
 

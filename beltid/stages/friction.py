@@ -162,5 +162,3 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
             "their resolution or noise, which carry little weight"
         )
     return tuple(lines)
-
-

@@ -1,4 +1,4 @@
-"""Laws, surfaces and tables as stages and the Python functions take them: files, results, numbers."""
+"""Laws, surfaces and tables as the Python functions take them: files, results, numbers."""
 
 from __future__ import annotations
 

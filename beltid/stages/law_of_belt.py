@@ -10,9 +10,6 @@ from typing import Any, Final
 import numpy as np
 from pydantic import ValidationError
 
-from beltid.notes import log
-from beltid.store.artifact import Artifact, Record, combined_origin, read_artifact
-from beltid.store.together import refuse_misfits
 from beltid._version import __version__
 from beltid.config import Config, ConfigSource, find_config, load_config
 from beltid.errors import ArtifactError, ConfigError, InputError
@@ -26,7 +23,10 @@ from beltid.export.law import (
     friction_part,
 )
 from beltid.export.law_file import SUFFIX, validation_problems
+from beltid.notes import log
 from beltid.stages.inputs import friction_in, friction_of, law_of, surface_of
+from beltid.store.artifact import Artifact, Record, combined_origin, read_artifact
+from beltid.store.together import refuse_misfits
 
 STIFFNESS: Final = "stiffness.parquet"
 SURFACES: Final = {"refined": "surface_refined.parquet", "published": "surface.parquet"}

@@ -10,10 +10,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.notes import log
-from beltid.store.artifact import plain
-from beltid.store.disk import write_text
-from beltid.store.place import anyone_s, check_place
 from beltid.bench.inspection import Inspection, RunView, inspect_recording
 from beltid.config import Config, load_config
 from beltid.config.loading import effective_values
@@ -21,9 +17,13 @@ from beltid.config.source import format_path
 from beltid.config.writing import SECTIONS, template_text
 from beltid.errors import InputError
 from beltid.identify.agreement.compare import SAME_SETTING
+from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.file_sections import file_sections, section_lines
 from beltid.stages.planned_runs import nominal_settings
+from beltid.store.artifact import plain
+from beltid.store.disk import write_text
+from beltid.store.place import anyone_s, check_place
 from beltid.tables.schemas import RECORDINGS
 
 SETTINGS: Final = {

@@ -13,11 +13,11 @@ from beltid.errors import ArgumentTypeError, InputError
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
 from beltid.plan.present import KnownSurface, sources_of_plan
-from beltid.stages.reduction import rig_kind
 from beltid.stage import Outcome
 from beltid.stages.columns import ok_rows
-from beltid.stages.planned_runs import KEYS, measured_settings, setting_lists
 from beltid.stages.inputs import press_law, shown, surface_of
+from beltid.stages.planned_runs import KEYS, measured_settings, setting_lists
+from beltid.stages.reduction import rig_kind
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.store.artifact import Artifact
 from beltid.uncertainty.measured import measured_runs, valid_rows

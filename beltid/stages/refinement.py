@@ -16,9 +16,9 @@ from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
 from beltid.rigsim.model import Bench
-from beltid.stages.surface import rows_of_one
-from beltid.stages.reduction import rig_kind
 from beltid.stages.planned_runs import refuse_running
+from beltid.stages.reduction import rig_kind
+from beltid.stages.surface import rows_of_one
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.campaign import Campaign

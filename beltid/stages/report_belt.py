@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from beltid.notes import log
-from beltid.stages.steps import press_curves, rig_curves
-from beltid.store.disk import page_source_sha256, read_bytes, sha256, write_text
-from beltid.store.place import FOREIGN, OURS, check_place
 from beltid._version import __version__
 from beltid.config import ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, InputError
+from beltid.notes import log
 from beltid.report.html import GENERATOR, rendered
 from beltid.report.page import Page, belt_page, belts_page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
 from beltid.stages.belt_results import check_folder, completed, config_of, gather
+from beltid.stages.steps import press_curves, rig_curves
+from beltid.store.disk import page_source_sha256, read_bytes, sha256, write_text
+from beltid.store.place import FOREIGN, OURS, check_place
 
 NAME: Final = "report.html"
 STAGE: Final = "report"

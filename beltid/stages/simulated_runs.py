@@ -20,6 +20,7 @@ from beltid.stages.campaign import (
     simulated_results,
     simulation_settings,
 )
+from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import (
     KEYS,
     Picked,
@@ -28,7 +29,6 @@ from beltid.stages.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.inputs import friction_columns
 from beltid.stages.workers import available_cores
 
 if TYPE_CHECKING:

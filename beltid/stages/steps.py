@@ -678,7 +678,11 @@ def plan_runs(
 
 
 @stage(
-    "press-curves", makes="press_curves", reads={"frame": "press"}, uses=("press",), is_command=False
+    "press-curves",
+    makes="press_curves",
+    reads={"frame": "press"},
+    uses=("press",),
+    is_command=False,
 )
 def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Keep the branches of the press cycles that the report shows."""

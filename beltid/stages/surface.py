@@ -49,9 +49,8 @@ def published(
         if direct:
             columns = {**columns, "arc_deg": np.full(len(columns["arc_deg"]), NO_ARC_DEG)}
         se = own_errors(columns)
-        result = build_surface(
-            *(columns[name][good] for name in NEEDED), None if se is None else se[good]
-        )
+        arcs, force, speed, mu = (columns[name][good] for name in NEEDED)
+        result = build_surface(arcs, force, speed, mu, None if se is None else se[good])
     surface, rig = result.surface, config.rig_params()
     used = valid_rows(columns, good)
     measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
@@ -63,13 +62,13 @@ def published(
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     facts, budget = said_of_surface(surface, columns, good, ranges, uncertainty)
     table = result.to_columns()
-    arcs = table["arc_deg"]
+    arc_deg = table["arc_deg"]
     return Outcome(
         {**table, **uncertainty.columns(len(table["mu"]))},
         result,
         facts={
             "points": result.n_points,
-            "arcs_deg": np.unique(arcs[np.isfinite(arcs)]).tolist(),
+            "arcs_deg": np.unique(arc_deg[np.isfinite(arc_deg)]).tolist(),
             "arc_to_arc_spread_rms_percent": in_percent(result.rms_arc_spread),
             "method": "published",
             **facts,

@@ -45,5 +45,3 @@ def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
         "it cannot be separated from them; a random run order with some repeats at the end would "
         "separate it",
     )
-
-
