@@ -126,7 +126,7 @@ class Outcome(Generic[Result]):
         from beltid.report.charts import pictures_of
         from beltid.report.results import sheet_of
 
-        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.kind, self._artifact()))}
+        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.kind, self.as_artifact()))}
         name = figure or next(iter(figures), "")
         if name not in figures:
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")
@@ -166,7 +166,7 @@ class Outcome(Generic[Result]):
             raise InputError(f"{path}: must end in .parquet or .csv")
         return path
 
-    def _artifact(self) -> Artifact:
+    def as_artifact(self) -> Artifact:
         """Return the result as if it were read from a file."""
         from beltid.store.artifact import Artifact, plain
 
@@ -177,7 +177,7 @@ class Outcome(Generic[Result]):
     def __repr__(self) -> str:
         from beltid.report.view import text_of
 
-        return text_of(self._artifact())
+        return text_of(self.as_artifact())
 
     def _repr_html_(self) -> str:
         """Render the table for a notebook, with its warnings."""

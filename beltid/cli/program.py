@@ -65,18 +65,17 @@ def show_version(context: typer.Context, wanted: bool) -> None:
     raise typer.Exit
 
 
-Version = Annotated[
-    bool,
-    typer.Option(
-        "--version",
-        callback=show_version,
-        help="Show the version and exit; with -v, those of all libraries, and the environment.",
-    ),
-]
-
-
 def _option(*names: str, text: str, **about: Any) -> Any:
     return typer.Option(*names, help=text, hidden=True, **about)
+
+
+def _version(*, hidden: bool) -> Any:
+    text = "Show the version and exit; with -v, those of all libraries, and the environment."
+    option = typer.Option("--version", callback=show_version, help=text, hidden=hidden)
+    return Annotated[bool, option]
+
+
+Version = _version(hidden=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +228,7 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
     if out is not None:
         common["out"] = Annotated[Path | None, out]
     keyword = inspect.Parameter.KEYWORD_ONLY
+    version = inspect.Parameter("version", keyword, default=False, annotation=_version(hidden=True))
     shared = [
         inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
         for field in fields(Common)
@@ -236,10 +236,11 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
 
     @functools.wraps(function)
     def wrapper(*args: Any, **values: Any) -> None:
+        values.pop("version")
         chosen = {field.name: values.pop(field.name) for field in fields(Common)}
         function(*args, common=Common(**chosen), **values)
 
-    parameters = [*own, *shared]
+    parameters = [*own, *shared, version]
     wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
     return wrapper

@@ -107,7 +107,10 @@ def _run(stage: Stage, given: dict[str, Any], common: Common) -> None:
 
 def _option(stage: Stage, p: inspect.Parameter, of: str, text: str) -> inspect.Parameter:
     """Return the option of a keyword; its choices or its type stand in the docstring."""
-    annotation = eval(str(p.annotation), dict(stage.compute.__globals__))
+    hints = inspect.signature(stage.compute, eval_str=True).parameters
+    annotation = hints[p.name].annotation
+    if annotation is p.empty:
+        annotation = type(p.default)
     choices = "|".join(re.findall(r'"([^"]+)"', of))
     name = f"--{p.name.replace('_', '-')}"
     about: dict[str, Any] = {"help": text, "show_default": p.default not in (None, False)}

@@ -188,6 +188,17 @@ class ContactLaw(Part):
     validity: Validity
     provenance: Provenance
 
+    def __repr__(self) -> str:
+        said = {
+            "origin": self.origin or "not stated",
+            "normal": self.normal_law,
+            "friction": f"{self.friction.method}, {self.surface!r}",
+            "validity": self.validity,
+            "written by": self.provenance.software,
+        }
+        lines = [f"  {name}: {value}" for name, value in said.items()]
+        return "\n".join([f"contact law of the belt {self.belt.name}", *lines])
+
     @property
     def surface(self) -> FrictionSurface:
         """The friction surface with its uncertainty."""

@@ -133,10 +133,10 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_ten
 
 def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
-    record, view = artifact.record, VIEWS[artifact.kind]
+    record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
     rows, columns = _rows(artifact, view)
     names = tuple(n for n in f"{view.by} {view.shown}".split() if n in columns)
-    names = tuple(dict.fromkeys(("run", *names) if "run" in names else names))
+    names = tuple(dict.fromkeys(("run", *names) if "run" in names else names or columns))
     titled = {TITLES.get(name, name.replace("_", " ")): name for name in record.tables}
     tables = {
         title: _budget_cells(record.tables[name]) if name == "budget" else record.tables[name]

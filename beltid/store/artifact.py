@@ -238,9 +238,11 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
         stated = json.loads(text)
         known = {f.name for f in fields(Record)}
         record = Record(**{name: value for name, value in stated.items() if name in known})
-        table = schemas.table(record.kind)
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, AttributeError):
         raise ArtifactError(f"{path}: damaged: its record cannot be read") from None
+    if record.kind not in schemas.TABLES:
+        raise ArtifactError(f"{path}: is a {record.kind} artifact, which this version knows not")
+    table = schemas.table(record.kind)
     if kind not in (None, record.kind):
         raise ArtifactError(f"{path}: is a {record.kind} artifact{_needed(kind)}")
     if record.version != table.version:

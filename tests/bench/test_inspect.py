@@ -11,7 +11,7 @@ import pytest
 import writers
 from typer.testing import CliRunner
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.config import load_config

@@ -12,7 +12,7 @@ import pytest
 from pyarrow.compute import add
 from pyarrow.csv import read_csv, write_csv
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 DATA = Path(__file__).parents[2] / "rigdata" / "5pk"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from beltid.artifacts.artifact import read_artifact, write_artifact
+from beltid.store.artifact import read_artifact, write_artifact
 
 Predict = Callable[[dict[str, Any]], Any]
 
@@ -46,7 +46,7 @@ def predict(
     finished: Path, tmp_path: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> Predict:
     """Simulate a drive with the laws of the finished folder: exit_code, stderr."""
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
     monkeypatch.setenv("COLUMNS", "1000")
     laws = [finished / "surface.parquet", finished / "stiffness.parquet"]

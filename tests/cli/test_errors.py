@@ -108,7 +108,7 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
     assert result.exit_code == 3
     assert "warning: run S015: no equilibrium" in result.stderr
     assert "2 of 16 runs failed" in result.stdout
-    from beltid.artifacts.artifact import read_artifact
+    from beltid.store.artifact import read_artifact
 
     artifact = read_artifact(bench / "simulated.parquet", "simulated")
     assert len(set(artifact.columns["run"])) == 14

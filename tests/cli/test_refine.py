@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import beltid as package
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 CALL = ("refine-surface", "friction.parquet", "stiffness.parquet")
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 CALL = ("simulate-rig", "surface.parquet", "stiffness.parquet")
 ONE = ("--arc", "82", "--tension", "220", "--speed", "0.21")

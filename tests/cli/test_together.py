@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 BELT = Path("runs/5pk")
 STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
@@ -135,7 +135,7 @@ def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, b
     assert "proven" not in text.replace("not proven", "")
     page = (BELT / "report.html").read_text()
     assert 'id="figure-compare_refined"' not in page
-    assert "compare_refined.parquet, compare_hold_out.parquet: not shown" in page
+    assert "compare_refined.parquet, crossvalidation.parquet: not shown" in page
     assert (BELT / "compare_refined.parquet").read_bytes() == before
 
 

@@ -11,7 +11,7 @@ import beltid
 from beltid.bench.recording import read_recording
 from beltid.identify.surface.laws import fit_friction_laws
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.stages.identification.alternatives import (
+from beltid.stages.alternatives import (
     friction_formulas,
     friction_law_rows,
     normal_law_rows,

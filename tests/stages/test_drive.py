@@ -21,7 +21,7 @@ TWO = [
 @pytest.fixture(autouse=True)
 def two_tensions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The limits over the tension, most of the work of a call, at two tensions only."""
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (0.8, 1.25))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (0.8, 1.25))
 
 
 def true_surface() -> beltid.FrictionSurface:

@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 from beltid.cli.program import app
 from beltid.errors import InputError
-from beltid.stages.identification.build_surface import build_surface
-from beltid.stages.identification.fit_friction import fit_friction
+from beltid.stages.build_surface import build_surface
+from beltid.stages.fit_friction import fit_friction
 
 R = 0.05
 

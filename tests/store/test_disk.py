@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from beltid.artifacts.file_bytes import STALE_AFTER_S, write_bytes, write_text
+from beltid.store.disk import STALE_AFTER_S, write_bytes, write_text
 from beltid.errors import ArtifactError
 
 
@@ -80,7 +80,7 @@ def test_a_full_disk_for_real(tmp_path):
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
         "from beltid.errors import ArtifactError\n"
-        "from beltid.artifacts.file_bytes import write_bytes\n"
+        "from beltid.store.disk import write_bytes\n"
         "try:\n    write_bytes(sys.argv[1], b'x' * 100_000)\n"
         "except ArtifactError as error:\n    print(error)\n"
     )
@@ -97,9 +97,9 @@ def test_a_killed_writer_leaves_no_half_file_and_its_rest_is_removed(tmp_path):
     path.write_bytes(b"earlier")
     code = (
         "import os, signal, sys\n"
-        "from beltid.artifacts import file_bytes\n"
+        "from beltid.store import disk\n"
         "os.fsync = lambda d: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "file_bytes.write_bytes(sys.argv[1], b'new')\n"
+        "disk.write_bytes(sys.argv[1], b'new')\n"
     )
     run = subprocess.run([sys.executable, "-c", code, str(path)], check=False)
     assert run.returncode == -signal.SIGKILL
