@@ -24,12 +24,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from beltid.artifacts.metadata_models import Metadata
 
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
 from beltid.store.artifact import artifact_bytes, artifact_from_bytes, read_artifact
 from beltid.store.disk import write_bytes
-from beltid.artifacts.metadata_models import Metadata
 from beltid.store.parquet import columns_sha256
-from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[1]

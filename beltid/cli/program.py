@@ -69,13 +69,9 @@ def _option(*names: str, text: str, **about: Any) -> Any:
     return typer.Option(*names, help=text, hidden=True, **about)
 
 
-def _version(*, hidden: bool) -> Any:
-    text = "Show the version and exit; with -v, those of all libraries, and the environment."
-    option = typer.Option("--version", callback=show_version, help=text, hidden=hidden)
-    return Annotated[bool, option]
-
-
-Version = _version(hidden=False)
+VERSION: Final = "Show the version and exit; with -v, those of all libraries, and the environment."
+Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
+HiddenVersion = Annotated[bool, _option("--version", text=VERSION, callback=show_version)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +224,7 @@ def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..
     if out is not None:
         common["out"] = Annotated[Path | None, out]
     keyword = inspect.Parameter.KEYWORD_ONLY
-    version = inspect.Parameter("version", keyword, default=False, annotation=_version(hidden=True))
+    version = inspect.Parameter("version", keyword, default=False, annotation=HiddenVersion)
     shared = [
         inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
         for field in fields(Common)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from typer.testing import CliRunner, Result
 
+from beltid.cli import app
 from beltid.store.artifact import read_artifact
 from beltid.store.parquet import columns_sha256
-from beltid.cli import app
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

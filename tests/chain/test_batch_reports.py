@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from small_bench import contents
 
-from beltid.notes import Kept, heard_by
 from beltid.batch.chain import write_reports
 from beltid.batch.local import ProcessWorkers
 from beltid.batch.schedule import Chain
 from beltid.batch.sources import config_sources
 from beltid.config import ConfigSource
+from beltid.notes import Kept, heard_by
 from beltid.report.summary import Summary
 from beltid.stages.workers import Workers
 

@@ -17,8 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 import beltid
-from beltid.store.artifact import read_artifact
 from beltid.cli import app
+from beltid.store.artifact import read_artifact
 
 ROOT = Path(__file__).parents[2]
 # everything but the writing of pages

@@ -10,9 +10,6 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from beltid.report.view import shown_of
-from beltid.stages.belt_results import checked_sheet
-from beltid.store.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
@@ -20,7 +17,10 @@ from beltid.export.law_file import law_from_text
 from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
+from beltid.report.view import shown_of
+from beltid.stages.belt_results import checked_sheet
 from beltid.stages.inputs import press_law, surface_of
+from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
 CONFIG = load_config()

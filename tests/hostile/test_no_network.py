@@ -15,7 +15,6 @@ from beltid.cli.program import FIRST
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
 
-
 GUARD = """\
 import os, sys
 

@@ -17,12 +17,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from beltid.store import parquet
-from beltid.store.artifact import read_artifact
 from beltid.bench.files import sources_of
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
+from beltid.store import parquet
+from beltid.store.artifact import read_artifact
 
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"

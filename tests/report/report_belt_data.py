@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from beltid.store.artifact import Record, write_artifact
 from beltid.report.results import ArcProfile, BeltResults, Sheet
+from beltid.store.artifact import Record, write_artifact
 
 ARCS = (40.0, 82.0)
 TENSIONS = (100.0, 300.0, 410.0)

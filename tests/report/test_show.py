@@ -14,10 +14,10 @@ from report_belt_data import sheets, stating, write
 from typer.testing import CliRunner
 
 import beltid
-from beltid.stage import Outcome
-from beltid.store.artifact import read_artifact, write_artifact
 from beltid.cli import app
 from beltid.report.charts import pictures_of
+from beltid.stage import Outcome
+from beltid.store.artifact import read_artifact, write_artifact
 
 
 @pytest.fixture(scope="module")

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-import beltid
-from beltid.bench.recording import read_recording
-from beltid.identify.surface.laws import fit_friction_laws
-from beltid.laws.friction_surface import FrictionSurface
 from beltid.stages.alternatives import (
     friction_formulas,
     friction_law_rows,
     normal_law_rows,
 )
+
+import beltid
+from beltid.bench.recording import read_recording
+from beltid.identify.surface.laws import fit_friction_laws
+from beltid.laws.friction_surface import FrictionSurface
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 CONFIG = Path(__file__).parents[2] / "configs" / "5pk.yaml"

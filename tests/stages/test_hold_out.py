@@ -13,10 +13,10 @@ from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement.hold_out import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.steps import cross_validate
 from beltid.stages.cross_validate import Predicted, predict
-from beltid.stages.planned_runs import with_tensions
 from beltid.stages.inputs import press_law
+from beltid.stages.planned_runs import with_tensions
+from beltid.stages.steps import cross_validate
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = NormalLaw(6.5e7, 3.0256e11)

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beltid.stages.identification import build_surface, fit_friction, fit_stiffness
+from beltid.stages.reporter import Options
+from beltid.stages.simulation import compare, simulate_rig
 
-from beltid.store.artifact import read_artifact, write_artifact
 from beltid.config import ConfigSource, find_config, load_config
 from beltid.laws.penalty import NormalLaw
 from beltid.report.summary import Summary
-from beltid.stages.identification import build_surface, fit_friction, fit_stiffness
 from beltid.stages.columns import Outcome
-from beltid.stages.reporter import Options
-from beltid.stages.simulation import compare, simulate_rig
 from beltid.stages.workers import Workers
+from beltid.store.artifact import read_artifact, write_artifact
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"

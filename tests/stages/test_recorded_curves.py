@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beltid.stages.identification import fit_friction
+from beltid.stages.reporter import Options
 
-from beltid.store.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.config import find_config
 from beltid.identify.friction.kinds import KnownCells
-from beltid.stages.identification import fit_friction
-from beltid.stages.reduction import records_of
-from beltid.stages.reporter import Options
 from beltid.stages.curves import SMALL_SAMPLES, rig_curves, typical_runs
+from beltid.stages.reduction import records_of
+from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
-
-from beltid.store.artifact import read_artifact
-from beltid.cli.program import app
-from beltid.errors import InputError
 from beltid.stages.build_surface import build_surface
 from beltid.stages.fit_friction import fit_friction
+from typer.testing import CliRunner
+
+from beltid.cli.program import app
+from beltid.errors import InputError
+from beltid.store.artifact import read_artifact
 
 R = 0.05
 

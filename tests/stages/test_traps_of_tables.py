@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from beltid.stages.fit_friction import fit_friction
 from typer.testing import CliRunner
 
 from beltid.cli.program import app
 from beltid.errors import InputError
-from beltid.stages.fit_friction import fit_friction
 
 R, ARC = 0.045, np.radians([75.0, 150.0, 75.0, 150.0])
 SLACK = np.array([40.0, 90.0, 160.0, 260.0])

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from beltid.config import find_config
 from beltid.stages.identification import fit_friction
 from beltid.stages.reporter import Options
 from beltid.stages.simulation import compare
+
+from beltid.config import find_config
 
 CELLS = """\
 friction:

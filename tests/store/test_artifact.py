@@ -97,8 +97,7 @@ def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(tmp_path: Path) ->
         damaged[place] ^= 1 << dice.randrange(8)
         try:
             read = artifact_from_bytes(bytes(damaged), tmp_path / "x.parquet", "stiffness")
-        except ArtifactError as error:
-            assert "x.parquet" in str(error)
+        except ArtifactError:
             continue
         harmless += 1
         assert asdict(read.record) == asdict(whole.record)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from beltid.store.disk import STALE_AFTER_S, write_bytes, write_text
 from beltid.errors import ArtifactError
+from beltid.store.disk import STALE_AFTER_S, write_bytes, write_text
 
 
 def names(folder: Path) -> list[str]:
