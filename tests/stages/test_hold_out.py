@@ -101,7 +101,7 @@ def test_friction_with_a_maximum_between_the_speeds_is_covered() -> None:
     outcome = cross_validate(columns, LAW, by="speed")
     assert outcome.result.overall.rms == pytest.approx(0.08, abs=0.02)
     assert np.all(np.abs(outcome.columns["e_over_u"]) < 2.0)
-    assert "interpolation between the speeds" in [row["source"] for row in outcome.extra["budget"]]
+    assert "interpolation between the speeds" in [row["source"] for row in outcome.tables["budget"]]
 
 
 def test_between_speeds_the_interpolation_is_as_uncertain_as_its_curvature() -> None:

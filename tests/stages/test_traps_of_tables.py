@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from beltid.stages.fit_friction import fit_friction
 from typer.testing import CliRunner
 
+from beltid import fit_friction
 from beltid.cli.program import app
 from beltid.errors import InputError
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from beltid.cli import app
 from beltid.config import Config, find_config
-from beltid.stage import STAGES
+from beltid.stage import RECORDINGS, STAGES, Stage
 from beltid.stages.report_belt import keep_curves
 
 CONFIG = """\
@@ -58,15 +58,19 @@ def test_a_stage_reads_no_section_that_it_does_not_name(
 ) -> None:
     ran: set[str] = set()
 
-    def guarded(compute: Callable[..., Any], name: str, uses: tuple[str, ...]) -> Any:
+    def guarded(compute: Callable[..., Any], stage: Stage) -> Any:
+        # of a recording, how it is read counts, too
+        recorded = any(callable(kind) or kind in RECORDINGS for kind in stage.reads.values())
+        uses = (*stage.uses, *(("units",) if recorded else ()))
+
         def call(**given: Any) -> Any:
-            ran.add(name)
+            ran.add(stage.name)
             return compute(**{**given, "config": poisoned(given["config"], uses)})
 
         return call
 
-    for name, stage in STAGES.items():
-        monkeypatch.setattr(stage, "compute", guarded(stage.compute, name, stage.uses))
+    for stage in STAGES.values():
+        monkeypatch.setattr(stage, "compute", guarded(stage.compute, stage))
     monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
     runner = CliRunner()
     done = runner.invoke(app, ["run", "beltid.yaml", "-j", "1", "--no-report"])
