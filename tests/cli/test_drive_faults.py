@@ -172,7 +172,7 @@ def test_runs_without_a_prediction_count_against_it(bench: Path, beltid: Any) ->
     loads = np.abs(read_artifact(bench / "slip.parquet").columns["torque_N_m"])
     kept = np.isin(drive.columns["run"], runs[int(loads.argmax())])
     few = {name: values[kept] for name, values in drive.columns.items()}
-    write_artifact(bench / "few.parquet", "drive", few, drive.metadata)
+    write_artifact(bench / "few.parquet", few, drive.record)
     whole = json.loads(beltid("compare-drive", "slip.parquet", "drive.parquet", "--json").stdout)
     result = beltid("compare-drive", "slip.parquet", "few.parquet", "-o", "c.parquet", "--json")
     assert result.exit_code == 4

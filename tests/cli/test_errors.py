@@ -112,7 +112,7 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
 
     artifact = read_artifact(bench / "simulated.parquet", "simulated")
     assert len(set(artifact.columns["run"])) == 14
-    assert {row["run"] for row in artifact.metadata.set_aside} == {"S015", "S016"}
+    assert {row["run"] for row in artifact.record.set_aside} == {"S015", "S016"}
     compared = beltid("compare", "friction.parquet", "simulated.parquet")
     assert compared.exit_code == 0
     assert "2 runs not compared: no simulated run with these settings" in compared.stderr

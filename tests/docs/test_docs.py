@@ -121,7 +121,7 @@ def test_the_session_in_python_runs(project: Path) -> None:
     assert "<svg" in Path("friction.svg").read_text()
     saved = beltid.build_surface(read_artifact("friction.parquet"))
     assert saved.columns["mu"].size
-    assert read_artifact("friction.parquet").metadata.origin == "synthetic"
+    assert read_artifact("friction.parquet").origin == "synthetic"
 
 
 def test_the_page_on_real_numbers_prints_what_it_shows(

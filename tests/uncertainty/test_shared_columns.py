@@ -110,7 +110,7 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
         for name, size in (("shape of the tail", TAIL), ("common drift", -DRIFT)):
             assert 0.99 * low < found[name] / (100 * size) < 1.01 * high
         assert found["scatter of the runs"] < 100 * OWN * 1.1 or outcome is published
-        names = [s["error"] for s in outcome.extra["uncertainty"]["sources"]]
+        names = [s["error"] for s in outcome.facts["uncertainty"]["sources"]]
         assert names[:2] == ["shared_tail", "shared_drift"]
         factor = outcome.columns["mu_factor"]
         known = np.isfinite(outcome.columns["mu_u"])
