@@ -74,7 +74,7 @@ def test_a_string_on_a_stiff_pulley_obeys_euler_eytelwein(given: str, arc: float
     rig = bench(1e-5, EA=1e6, law=STIFF, mu=mu, given_force=given)
     _, _, state = slid(rig, at(arc, W))
     ratio = math.exp(mu * math.radians(arc))
-    assert state.T_A / state.T_B == pytest.approx(ratio, rel=1e-3)
+    assert pytest.approx(ratio, rel=1e-3) == state.T_A / state.T_B
     of = {"tight": state.T_A, "slack": state.T_B, "hub": 0.5 * (state.T_A + state.T_B)}
     assert of.get(given, W) == pytest.approx(W, rel=1e-8)
 
@@ -91,7 +91,7 @@ def test_a_given_force_is_the_held_rig_that_ends_at_it(given: str) -> None:
 
     pick: Any = {"tight": lambda a, b: a, "slack": lambda a, b: b, "hub": lambda a, b: (a + b) / 2}
     T_0 = brentq(lambda T: pick[given](*held(T)) - W, 0.5 * W, 2 * W, xtol=1e-3)
-    assert (state.T_A, state.T_B) == pytest.approx(held(T_0), rel=2e-3)
+    assert pytest.approx(held(T_0), rel=2e-3) == (state.T_A, state.T_B)
 
 
 def test_supports_balance_the_contact_forces() -> None:
@@ -106,7 +106,7 @@ def test_supports_balance_the_contact_forces() -> None:
     x, y = state.q[[0, -4]], state.q[[1, -3]]
     of_supports = np.sum(x * state.force[1::2] - y * state.force[::2])
     assert moment == pytest.approx(of_supports, rel=1e-6)
-    assert model.path.R * (state.T_A - state.T_B) == pytest.approx(moment, rel=0.02)
+    assert pytest.approx(moment, rel=0.02) == model.path.R * (state.T_A - state.T_B)
 
 
 def test_the_profile_shows_the_peaks_where_the_belt_enters_and_leaves() -> None:
@@ -126,12 +126,12 @@ def test_results_do_not_depend_on_the_mesh_that_is_chosen() -> None:
     for arc, T_0 in ((40, 120), (82, 300)):
         _, _, fine = slid(rig, at(arc, T_0), 240)
         _, _, default = slid(rig, at(arc, T_0))
-        assert (default.T_A, default.T_B) == pytest.approx((fine.T_A, fine.T_B), rel=5e-4)
+        assert pytest.approx((fine.T_A, fine.T_B), rel=5e-4) == (default.T_A, default.T_B)
 
 
 def test_friction_is_looked_up_at_the_force_and_the_speed_of_the_point() -> None:
     surface = surface_5pk()
-    model, _, state = slid(bench(law=LAW_5PK, mu=surface), at())
+    _, _, state = slid(bench(law=LAW_5PK, mu=surface), at())
     points = state.points[state.touching]
     expected = surface.mu(points["f_N"], 0.21 * 0.05) * points["F_N"]
     np.testing.assert_allclose(points["F_T"], expected, rtol=1e-9)
@@ -146,7 +146,7 @@ def test_look_ups_outside_the_measured_range_are_counted() -> None:
 
 
 def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
-    with pytest.raises(ConvergenceError, match="arc 82 deg, T0 0.001 N, omega 0.21 rad/s") as found:
+    with pytest.raises(ConvergenceError, match=r"arc 82 deg, T0 0\.001 N, omega") as found:
         simulate(bench(law=LAW_5PK), HOPELESS)
     assert found.value.iterations > 0
     assert found.value.residual > 1e-9

@@ -19,7 +19,7 @@ from beltid.rig.mesh import Mesh
 Array = NDArray[np.float64]
 
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])  # a x b = a.J b; t = J n
-I = np.eye(2)  # noqa: E741
+I = np.eye(2)
 
 
 def outer(a: Array, b: Array) -> Array:
