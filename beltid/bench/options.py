@@ -14,12 +14,8 @@ from beltid.tables.columns import Table
 from beltid.tables.units import Calibration
 
 DIALECT: Final[Mapping[str, Any]] = {
-    "separator": None,
-    "decimal": None,
-    "thousands": None,
-    "encoding": None,
+    **dict.fromkeys(("separator", "decimal", "thousands", "encoding", "names")),
     "skip_lines": 0,
-    "names": None,
 }
 """What is None is detected from the file."""
 
@@ -65,20 +61,15 @@ class ReadOptions:
                 f'config: dialect.decimal and dialect.thousands are both "{dialect["decimal"]}", '
                 "must differ"
             )
-        also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
+        kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
         runs, rig = config.runs[kind], config.rig
-        return cls(
-            runs["fields"] | config.columns[also] | config.columns[kind],
-            {
-                n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
-                for n, u in (config.units[also] | config.units[kind]).items()
-            },
-            runs["pattern"],
-            runs["table"],
-            runs["values"],
-            dialect,
-            (rig.measures, rig.weight_on, rig.kind == "running"),
-        )
+        units = {
+            n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
+            for n, u in config.units[kind].items()
+        }
+        stated = runs["pattern"], runs["table"], runs["values"]
+        measures = rig.measures, rig.weight_on, rig.kind == "running"
+        return cls(config.columns[kind], units, *stated, dialect, measures)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -42,10 +42,8 @@ class Raw:
         File, and group in it, for messages.
     frame : DataFrame
         Columns by their written names: float64 with nan where a number is missing, or texts.
-    name : str
-        Name of the group or sheet; "" if it is the whole file.
-    format : str
-        The format in words, such as ``"NI TDMS"``.
+    name, format : str
+        Name of the group or sheet, "" if it is the whole file; the format in words.
     units : mapping of str to str
         Written name -> written unit, where the file states one.
     fields : tuple of Field
@@ -66,8 +64,6 @@ class Raw:
         What was detected or left out.
     problems : Problems
         Rows that could not be read.
-    row_word : str
-        Word for a row in messages, if the file has no lines.
     """
 
     place: str
@@ -85,7 +81,6 @@ class Raw:
     encoding: str = ""
     notes: tuple[str, ...] = ()
     problems: Problems = field(default_factory=Problems)
-    row_word: str = "sample"
 
     def bare(self) -> Raw:
         """Return the table with its first rows only."""
@@ -95,12 +90,8 @@ class Raw:
         """Return the place of a row for messages, and its line to sort them."""
         if len(self.lines):
             return f"{self.place}:{self.lines[row]}", int(self.lines[row])
-        return f"{self.place}, {self.row_word} {row + 1}", row + 1
-
-    @property
-    def names(self) -> list[str]:
-        """Written names of the columns."""
-        return [str(name) for name in self.frame]
+        word = "row" if self.format == "Parquet" else "sample"
+        return f"{self.place}, {word} {row + 1}", row + 1
 
     @property
     def head(self) -> str:
@@ -113,16 +104,64 @@ class Raw:
         return f"{self.place}:{self.units_line}" if self.units_line else self.head
 
 
-def column_of(values: Any) -> Any:
+class Rasters:
+    """Channels of a group: those with the same times are one table.
+
+    Parameters
+    ----------
+    place, name, form : str
+        File and group, and the format in words.
+    fields : tuple of Field
+        Entries of the header.
+    """
+
+    def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
+        self.place, self.name, self.form, self.fields = place, name, form, fields
+        self.notes: list[str] = []
+        self.parts: dict[Any, tuple[dict[str, Any], dict[str, str], dict[str, str], Any]] = {}
+
+    def add(
+        self, name: str, values: Any, unit: str = "", times: Any = None, scaling: str = ""
+    ) -> None:
+        """Add a channel; one that is no list of numbers or texts is left out and noted."""
+        values = np.asarray(values)
+        if values.ndim != 1 or values.dtype.kind not in "biufOSU":
+            self.notes.append(f"channel {name} left out: no plain numbers")
+            return
+        if not values.size:
+            return
+        key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
+        columns, units, scalings, _ = self.parts.setdefault(key, ({}, {}, {}, times))
+        number = 2
+        while name in columns:
+            name, number = f"{name.partition(' #')[0]} #{number}", number + 1
+        columns[name], units[name], scalings[name] = column_of(values), unit, scaling
+
+    def tables(self) -> Iterator[Raw]:
+        """Yield a table per raster."""
+        for columns, units, scalings, times in self.parts.values():
+            yield Raw(
+                self.place,
+                pd.DataFrame(columns),
+                self.name,
+                self.form,
+                {n: u for n, u in units.items() if u},
+                self.fields,
+                times,
+                {n: s for n, s in scalings.items() if s},
+                notes=tuple(self.notes),
+            )
+
+
+def column_of(values: np.ndarray) -> Any:
     """Return values as a column of a `Raw`: numbers as float64, all else as texts or None."""
-    array = np.asarray(values)
-    if array.dtype.kind in "iuf":
-        return array.astype(float)
-    if array.dtype.kind == "b":
-        return pd.array(np.where(array, "true", "false").tolist(), dtype="str")
+    if values.dtype.kind in "iuf":
+        return values.astype(float)
+    if values.dtype.kind == "b":
+        return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
     texts = [
         (v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v)).strip("\0 ") or None
-        for v in array.tolist()
+        for v in values.tolist()
     ]
     return pd.array(texts, dtype="str")
 
@@ -141,12 +180,11 @@ def unapplied_scaling(values: np.ndarray, properties: Mapping[str, Any]) -> str:
     """List the properties that scale whole numbers, such as ``slope = 0.02``; else ""."""
     found = []
     for name, value in properties.items() if values.dtype.kind in "iu" else ():
-        try:
-            number = float(np.ravel(value)[0])
-        except (TypeError, ValueError, IndexError):
-            continue
-        if number != SCALING.get(str(name).lower(), number):
-            found.append(f"{name} = {number:g}")
+        neutral = SCALING.get(str(name).lower())
+        if neutral is not None and np.size(value) == 1:
+            number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
+            if number == number and number != neutral:
+                found.append(f"{name} = {number:g}")
     return ", ".join(found)
 
 

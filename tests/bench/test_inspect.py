@@ -136,7 +136,7 @@ def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_kno
     assert can_be["C [mm]"] == "displacement_mm"
     assert can_be["B [N]"] == "force_N, tension_tight_N, tension_slack_N"
     assert can_be["Dehnung"] is None
-    assert "say --kind press, rig, speedloss or points" in found["warnings"][0]
+    assert "say so with --kind press, rig or speedloss" in found["warnings"][0]
     status, found = inspect(path, "--kind", "press")
     assert status == 2
     kept = [line for line in found["snippet"].splitlines() if "still missing" not in line]

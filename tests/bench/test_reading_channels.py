@@ -169,8 +169,8 @@ def test_a_recognised_channel_without_a_unit_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("header", "cell", "words"),
     [
-        ("Zeit [s];Weg [mm];Kraft [kip]", "1", 'the unit of "Kraft [kip]" must be one of N, mN, '),
-        ("Zeit [s];Weg [MM];Kraft [N]", "1", 'displacement_mm, is "MM", which is not known'),
+        ("Zeit [s];Weg [mm];Kraft [kip]", "1", "is in kip, must be one of N, mN, daN, kN, lbf"),
+        ("Zeit [s];Weg [MM];Kraft [N]", "1", "is in MM, must be one of mm, um, cm, m, in"),
         ("Zeit;Weg [mm];Kraft [N]", "20-Nov-2026 11:59", 'time_s, holds "20-Nov-2026 11:59", must'),
         ("Zeit;Weg [mm];Kraft [N]", "1 s", 'time_s, holds "1 s", must be a clock time such as'),
     ],

@@ -11,7 +11,6 @@ from beltid.cli.execute import finish
 from beltid.cli.inputs import FILES
 from beltid.cli.program import Common, command
 from beltid.errors import InputError
-from beltid.tables.schemas import RECORDINGS
 
 
 @command("inspect")
@@ -39,13 +38,14 @@ def inspect(
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
+    from beltid.config.layout import KINDS
     from beltid.report.summary import Summary
     from beltid.stages.reporter import Options
     from beltid.stages.setup import inspect_file as stage
 
     def work(options: Options) -> Summary:
-        if kind is not None and kind not in RECORDINGS:
-            raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
+        if kind is not None and kind not in KINDS:
+            raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
         source = find_config(files[0], common.config)
         options.reporter.report(f"config: {source.origin}")
         return stage.run(source, files, kind)

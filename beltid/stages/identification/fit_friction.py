@@ -49,18 +49,18 @@ def run(config: ConfigSource, inputs: Mapping[str, Path], out: Path, options: Op
     """Reduce a recording (input ``rig``) or a table of plateaus (``points``), write, summarise."""
     model = config.config
     (role, path), *_ = inputs.items()
-    build = Build(KIND, config, (*USES, *reading(role)), inputs, out, options)
+    build = Build(KIND, config, (*USES, *reading("rig")), inputs, out, options)
     built = build.up_to_date()
     if built is None:
         recording = read_recording(path, role, model)
-        if role == "points":
+        if recording.kind == "points":
             try:
                 runs = reduce_points(recording.columns, model)
             except InputError as error:
                 raise InputError(error.at(str(path))) from None
         else:
             runs = reduce_rig(recording, model)
-        what = "rows" if role == "points" else "samples"
+        what = "rows" if recording.kind == "points" else "samples"
         options.reporter.report(f"{path}: {recording.n_samples} {what}")
         built = build.write(_outcome(runs, model, str(path), recording.notes))
     return summarise(built)

@@ -12,6 +12,7 @@ from beltid.bench.inspection import Inspection
 from beltid.bench.mapping import sensors_of
 from beltid.bench.options import ReadOptions
 from beltid.config import Config
+from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
@@ -70,7 +71,7 @@ def _open_columns(inspection: Inspection) -> Lines:
         for role in roles:
             fitting.setdefault(role, []).append(names[qualified])
     found: Lines = {}
-    for kind in [inspection.kind] if inspection.kind else schemas.RECORDINGS:
+    for kind in [inspection.kind] if inspection.kind else KINDS:
         sensors, used = {*sensors_of(schemas.table(kind))}, set[str]()
         if not inspection.kind and not (sensors and sensors <= {*fitting}):
             continue

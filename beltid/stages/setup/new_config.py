@@ -14,6 +14,7 @@ from beltid.artifacts.file_bytes import write_text
 from beltid.artifacts.metadata_models import plain
 from beltid.bench.inspection import Inspection, RunView, inspect_recording
 from beltid.config import Config, load_config
+from beltid.config.layout import KINDS
 from beltid.config.loading import effective_values
 from beltid.config.source import format_path
 from beltid.config.writing import SECTIONS, template_text
@@ -24,7 +25,6 @@ from beltid.stages.build_artifact import already_exists
 from beltid.stages.reporter import Options
 from beltid.stages.setup.file_sections import file_sections, section_lines
 from beltid.stages.simulation.planned_runs import nominal_settings
-from beltid.tables.schemas import RECORDINGS
 
 SETTINGS: Final = {
     "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
@@ -100,11 +100,10 @@ def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
 def _inspected(file: Path, options: Options) -> Inspection:
     """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
     inspection = inspect_recording(file, Config())
-    kinds = [name for name in RECORDINGS if name in type(Config().data).model_fields]
-    if inspection.kind not in kinds:
+    if not inspection.kind:
         raise InputError(
-            f"{file}: recording of {inspection.kind or 'an unknown bench'}, must be of "
-            f"{', '.join(kinds)}; `beltid inspect {file}` shows its channels"
+            f"{file}: recording of an unknown bench, must be of {', '.join(KINDS)}; "
+            f"`beltid inspect {file}` shows its channels"
         )
     for line in inspection.problems[:1]:
         options.reporter.warn(
