@@ -134,7 +134,11 @@ def test_a_date_with_the_time_in_parquet_and_frames(tmp_path, dates):
         (3, ["10:00:00", "25:00:00"], '"25:00:00", must be a clock time such as'),
         (3, ["10:00:00", "noon", "midday"], '"noon", must be a clock time such as'),
         (3, ["2026-02-28T10:00:00", "2026-02-29T10:00:00"], "must be a clock time such as"),
-        (3, ["10:00:00", "2026-02-28T10:00:01"], "like the first time with or without a date or a zone"),
+        (
+            3,
+            ["10:00:00", "2026-02-28T10:00:01"],
+            "like the first time with or without a date or a zone",
+        ),
         (
             3,
             ["2026-02-28T10:00:00Z", "2026-02-28T10:00:01"],

@@ -140,5 +140,7 @@ def test_header_fields(tmp_path, text, value):
     if value is not None:
         assert set(read_recording(path, "rig").columns["initial_tension_N"]) == {value}
         return
-    with pytest.raises(InputError, match=r'header field "Vorspannkraft"\) = "1,250", may be 1.250 or'):
+    with pytest.raises(
+        InputError, match=r'header field "Vorspannkraft"\) = "1,250", may be 1.250 or'
+    ):
         read_recording(path, "rig")
