@@ -127,7 +127,7 @@ def test_the_hash_follows_the_values_not_the_writing(tmp_path):
     assert len({load_config(change).sha256 for change in [{}, *changes]}) == len(changes) + 1
 
 
-@pytest.mark.parametrize("kind", ("press", "rig", "speedloss"))
+@pytest.mark.parametrize("kind", ["press", "rig", "speedloss"])
 def test_every_number_of_a_recording_may_come_in_the_unit_of_its_table(kind):
     numbers = [c for c in schemas.table(kind).columns if c.dtype == "float64"]
     units = {column.name: column.unit for column in numbers}
