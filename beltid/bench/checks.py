@@ -26,19 +26,7 @@ TRUTHS: Final = {
 class Checker:
     """Check the columns of one recording and collect the problems.
 
-    Parameters
-    ----------
-    name : str
-        Name of the recording, for messages.
-    columns : dict of str to ndarray
-        The columns, in our names and units; settings that only some rows of a run state are
-        filled in, and words brought to their form.
-    table : Table
-        The schema.
-    place : callable
-        Index of a row -> its place for messages and its line.
-    problems : Problems
-        Collects the problems.
+    Settings that only some rows of a run state are filled in, and words brought to their form.
     """
 
     def __init__(

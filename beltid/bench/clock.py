@@ -63,41 +63,19 @@ def written_as(cells: Sequence[str]) -> str:
 
 @dataclass(slots=True)
 class Clock:
-    """Reader of the clock times of a recording; the first time sets the form and the day.
+    """Reader of the clock times of a recording; the first time sets the form and the day."""
 
-    Attributes
-    ----------
-    name, first, form : str
-        Name of the channel, the first time as written, and its form for `pandas.to_datetime`.
-    dated : bool
-        Whether the first time has a date.
-    midnight_ns : int
-        Midnight before the first time [ns from 1970-01-01]; seconds are counted from it.
-    midnights : int
-        Number of times that a time of day has passed midnight.
-    """
-
-    name: str = ""
-    first: str = ""
-    form: str = ""
-    dated: bool = False
-    midnight_ns: int | None = None
-    midnights: int = 0
+    name: str = ""  # of the channel
+    first: str = ""  # the first time as written
+    form: str = ""  # of it, for `pandas.to_datetime`
+    dated: bool = False  # whether it has a date
+    midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
+    midnights: int = 0  # passed by times of day
 
     def read(
         self, times: pd.Series, dates: pd.Series | None, place: PlaceOf, problems: Problems
     ) -> np.ndarray:
-        """Convert clock times to seconds from the midnight before the first; nan if there is none.
-
-        Parameters
-        ----------
-        times, dates : Series
-            Texts, and the texts of dates beside them, shape (n,).
-        place : callable
-            Index of a row -> its location as text, and its line.
-        problems : Problems
-            Collects times that cannot be read, with their lines.
-        """
+        """Convert clock times to seconds from the midnight before the first; nan for none."""
         self.name = self.name or str(times.name)
         text = times.astype("str").str.strip()
         if dates is not None and not re.match(r"\d+[-./]", next(iter(text.dropna()), "")):
@@ -143,19 +121,7 @@ class Clock:
     def elapsed(
         self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf, problems: Problems
     ) -> np.ndarray:
-        """Return the times from the first sample of each run [s], continued past midnight.
-
-        Parameters
-        ----------
-        seconds : ndarray
-            Seconds from `read`, shape (n,).
-        runs : ndarray of int
-            Number of the run of every sample, shape (n,).
-        place : callable
-            Index of a sample -> its location as text, and its line.
-        problems : Problems
-            Collects times that go back, and times that are too coarse for the samples.
-        """
+        """Return the times from the first sample of each run [s], continued past midnight."""
         time = seconds.copy()
         order = np.argsort(runs, kind="stable")
         order = order[np.isfinite(time[order])]

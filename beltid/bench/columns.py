@@ -46,39 +46,17 @@ Timed = dict[str, tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A recording, or one run of it, in our columns.
+    """A recording, or one run of it, in our columns."""
 
-    Attributes
-    ----------
-    place : str
-        File, and group in it.
-    raw : Raw
-        The table that gives the places of the samples.
-    columns : dict of str to ndarray
-        Our columns that were found, in our units.
-    found : dict of str to Found
-        How they were read.
-    label : str
-        Label of the run, if no column holds any.
-    names : tuple of str
-        Names by which patterns and tables of runs know it, the most specific first.
-    fields : tuple of Field
-        Entries of the header.
-    notes : list of str
-        Notes for the user.
-    rows : ndarray or None
-        Rows of the table that are samples; None: all of them.
-    """
-
-    place: str
-    raw: Raw
-    columns: dict[str, np.ndarray]
-    found: dict[str, Found]
-    label: str = ""
-    names: tuple[str, ...] = ()
-    fields: tuple[Field, ...] = ()
+    place: str  # file, and group in it
+    raw: Raw  # gives the places of the samples
+    columns: dict[str, np.ndarray]  # those found, in our units
+    found: dict[str, Found]  # how they were read
+    label: str = ""  # of the run, if no column holds any
+    names: tuple[str, ...] = ()  # by which patterns and tables of runs know it
+    fields: tuple[Field, ...] = ()  # entries of the header
     notes: list[str] = field(default_factory=list)
-    rows: np.ndarray | None = None
+    rows: np.ndarray | None = None  # of the table that are samples; None: all
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

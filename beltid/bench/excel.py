@@ -15,7 +15,8 @@ import pandas as pd
 
 from beltid.artifacts.file_bytes import MAX_BYTES
 from beltid.bench.header import SEARCHED, distinct_names, find_head, unit_in_name
-from beltid.bench.raw import Raw
+from beltid.bench.numbers import NumberSigns
+from beltid.bench.raw import Raw, first_texts
 from beltid.errors import InputError
 
 MAX_COLUMNS: Final = 2000
@@ -88,6 +89,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
         if name:
             columns[name], in_cells = _column([row[i] if i < len(row) else None for row in body])
             units[name] = in_cells or unit or unit_in_name(name)
+    texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
     return Raw(
         place,
         pd.DataFrame(columns),
@@ -98,6 +100,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
         lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
         header_line=head.row + 1,
         units_line=head.units_row + 1,
+        signs=NumberSigns.of(texts),
     )
 
 

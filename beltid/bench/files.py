@@ -23,34 +23,16 @@ _OF_WINDOWS: Final = frozenset({"thumbs.db", "desktop.ini"})
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One file of a recording.
+    """One file of a recording."""
 
-    Attributes
-    ----------
-    name : str
-        Name for messages.
-    path : Path
-        The file, or the zip file that holds it.
-    inside : PurePath
-        Path within the folder or zip file; for a single file its name.
-    member : str
-        Its name in the zip file, "" if it is in none.
-    """
-
-    name: str
-    path: Path
-    inside: PurePath
-    member: str = ""
+    name: str  # for messages
+    path: Path  # the file, or the zip file that holds it
+    inside: PurePath  # path within the folder or zip file; for a single file its name
+    member: str = ""  # its name in the zip file, "" if it is in none
 
     @contextlib.contextmanager
     def plain(self) -> Iterator[tuple[Path, str]]:
-        """Give the file and its format; a packed one is unpacked to a temporary file.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, is damaged, too large or packed twice.
-        """
+        """Give the file and its format; a packed one is unpacked to a temporary file."""
         path, member = self.path, self.member
         with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
             form = "zip" if member else format_of(path, self.inside.name)

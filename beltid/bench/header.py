@@ -32,24 +32,14 @@ _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Header lines above the numbers of a table.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-        Cells of the header, and of the row of units; empty if there is none.
-    row, units_row, first_row : int
-        Index of the header, of the units (-1 if there is none) and of the first row below.
-    fields : tuple of Field
-        Title lines of the form name and value.
-    """
+    """Header lines above the numbers of a table, by their index."""
 
     names: tuple[str, ...]
-    units: tuple[str, ...]
-    row: int
-    units_row: int
-    first_row: int
-    fields: tuple[Field, ...] = ()
+    units: tuple[str, ...]  # empty if there is no row of units
+    row: int  # of the names
+    units_row: int  # -1 if there is none
+    first_row: int  # below the header
+    fields: tuple[Field, ...] = ()  # title lines of the form name and value
 
 
 def find_head(rows: Sequence[Sequence[str]]) -> Head | None:

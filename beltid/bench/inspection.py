@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,6 +35,7 @@ from beltid.bench.recording import of_plateaus, read_recording, tables_in
 from beltid.bench.runs import settings_in_head
 from beltid.bench.vocabulary import roles_hinted
 from beltid.config.layout import KINDS
+from beltid.config.name_pattern import name_pattern
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -41,75 +43,43 @@ from beltid.tables.columns import Table
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 HEAD: Final = 1 << 18
 """Bytes of a text that show the kind of its recording."""
+_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 GAP: Final = 3.0
 """Steps of time over which samples are missing."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunView:
-    """A run found in a recording.
-
-    Attributes
-    ----------
-    label : str
-        Its label.
-    n_samples : int
-        Number of samples.
-    duration_s, rate_Hz : float
-        Duration [s] and median rate [1/s].
-    gaps : list of float
-        Times after which samples are missing [s].
-    settings : dict
-        Arc, tension, temperature, speed reached, if the kind has them.
-    """
+    """A run found in a recording."""
 
     label: str
     n_samples: int
     duration_s: float
-    rate_Hz: float
-    gaps: list[float]
-    settings: dict[str, float]
+    rate_Hz: float  # median
+    gaps: list[float]  # times after which samples are missing [s]
+    settings: dict[str, float]  # arc, tension, temperature, speed reached
 
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """Result of inspecting a recording.
+    """Result of inspecting a recording."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind of recording, stated or recognised; "" if it cannot be recognised.
-    names : tuple of str
-        Names of its files.
-    tables : list of Raw
-        Tables of the first file as written.
-    channels : list of Channel
-        Their channels.
-    found : dict of str to Found
-        Our columns -> how they are read, as far as known.
-    runs : list of RunView
-        Its runs; empty if it cannot be read yet.
-    notes, problems : tuple of str
-        Notes, and what must still be stated or corrected; without problems the command reads it.
-    rig : dict of str to str
-        Keys of the section `rig` that the channels require and the config does not state.
-    can_be : dict of str to tuple of str
-        Channels that are not read -> our columns that they can be.
-    """
-
-    kind: str
-    names: tuple[str, ...]
-    tables: list[Raw]
-    channels: list[Channel]
-    found: dict[str, Found] = field(default_factory=dict)
-    runs: list[RunView] = field(default_factory=list)
-    notes: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
-    rig: dict[str, str] = field(default_factory=dict)
-    can_be: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    kind: str  # stated or recognised; "" if it cannot be recognised
+    names: tuple[str, ...]  # of its files
+    tables: list[Raw]  # of the first file as written
+    channels: list[Channel]  # of these tables
+    found: dict[str, Found]  # our columns -> how they are read, as far as known
+    runs: list[RunView]  # empty if it cannot be read yet
+    notes: tuple[str, ...]
+    problems: tuple[str, ...]  # to be stated or corrected; without, the command reads it
+    rig: dict[str, str]  # keys of `rig` that the channels require and the config does not state
+    can_be: dict[str, tuple[str, ...]]  # channels that are not read -> what they can be
+    pattern: str  # of the file names, for settings that are nowhere else; "" if none
 
 
-def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspection:
+def inspect_recording(
+    path: Path, config: Any, kind: str | None = None, *, guess: bool = False
+) -> Inspection:
     """Look into the first file of a recording, and read all of it as the stage of its kind does.
 
     Parameters
@@ -120,6 +90,9 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
         Options stated so far.
     kind : {"press", "rig", "speedloss"}, optional
         Kind of recording; None: recognised from the channels.
+    guess : bool
+        Whether to read the settings of the runs from the names of the files if they seem to be
+        there and nowhere else.
 
     Raises
     ------
@@ -137,6 +110,11 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
     rig = view.rig() if kind == "rig" else {}
     if rig:
         view.config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
+    names = tuple(source.inside.name for source in sources)
+    pattern = _pattern(names, view.needs(kind), view.columns(kind), len(tables)) if kind else ""
+    if pattern and guess:
+        stated = {kind: {**view.config.runs[kind], "pattern": pattern}}
+        view.config = view.config.model_copy(update={"runs": view.config.runs | stated})
     found = view.found(kind) if kind else {}
     notes, runs, problems = tables[0].notes, list[RunView](), tuple[str, ...]()
     try:
@@ -156,7 +134,7 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
     return Inspection(
         kind,
-        tuple(source.inside.name for source in sources),
+        names,
         tables,
         view.channels,
         found,
@@ -165,7 +143,37 @@ def inspect_recording(path: Path, config: Any, kind: str | None = None) -> Inspe
         problems,
         rig,
         {} if runs else view.can_be([kind] if kind else KINDS, found),
+        pattern,
     )
+
+
+def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
+    """Return a pattern of all file names with a setting that is found nowhere else, or ""."""
+    options = needs.options
+    required = {c.name for c in needs.table.columns if c.required and c.name in schemas.NOMINAL}
+    if not required - found - {*options.values} or options.pattern or options.run_table:
+        return ""
+    pattern, dot, ending = names[0].rpartition(".")
+    for words, role in (
+        (r"(?i:deg|grad|°)", "arc_deg"),
+        (r"[Nn]", "initial_tension_N"),
+        (r"(?:C|degC|°C)", "temperature_degC"),
+    ):
+        if role in needs.table.names and role not in found:
+            unit = rf"{_NUMBER}(?={words}(?![A-Za-z]))"
+            places = rf"(?<![\w{{]){unit}|(?<=_){unit}"
+            pattern = re.sub(places, f"{{{role}}}", pattern, count=1)
+    if "{" not in pattern:
+        return ""
+    first, separator, remainder = pattern.partition("_")
+    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
+    if separator and "{" not in first and n_tables == 1:
+        pattern = f"{{{needs.table.label}}}_{remainder}"
+        if numbered and all(name.startswith(first + separator) for name in names):
+            pattern = f"{first}_{{{needs.table.label}}}{remainder[numbered.end() :]}"
+    pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + dot + ending
+    values = name_pattern(pattern).values
+    return pattern if all(values(name) is not None for name in names) else ""
 
 
 def _not_reduced(columns: dict[str, np.ndarray], needs: Needs) -> tuple[str, ...]:
@@ -204,7 +212,7 @@ class _View:
 
     def __init__(self, tables: Sequence[Raw], config: Any) -> None:
         self.tables, self.channels, self.config = tables, channels_of(tables), config
-        self.fields = [field for table in tables for field in table.fields]
+        self.fields = [entry for table in tables for entry in table.fields]
 
     def needs(self, kind: str) -> Needs:
         """Return what a kind of recording needs with the config so far."""
@@ -260,7 +268,7 @@ class _View:
 
     def _missing(self, kind: str) -> float:
         """Return the share of the sensors of a kind for which the file has no channel."""
-        columns = self._columns(kind)
+        columns = self.columns(kind)
         if kind == "rig":
             n_forces = min(len(columns & {*FORCES}), 2)
             return 1.0 - (n_forces + ("pulley_speed_rad_s" in columns)) / 3
@@ -270,9 +278,9 @@ class _View:
     def rig(self) -> dict[str, str]:
         """Return the `rig` keys that the channels require and the config does not state."""
         stated = self.config.rig.model_fields_set & {"kind", "weight_on"}
-        return {} if stated else rig_of(self._columns("rig"), self.needs("rig"))
+        return {} if stated else rig_of(self.columns("rig"), self.needs("rig"))
 
-    def _columns(self, kind: str) -> set[str]:
+    def columns(self, kind: str) -> set[str]:
         """Return the columns of a kind that channels or header fields of the file can be."""
         needs = Needs(schemas.table(kind), ReadOptions.of(self.config, kind))
         return {*meant(self.channels, needs), *settings_in_head(self.fields, needs)}
@@ -284,7 +292,7 @@ def ranges(channel: Channel) -> dict[str, float]:
     numbers = np.full(len(values), np.nan)
     if not is_text(values):
         numbers = values.to_numpy()
-    elif raw.signs.thousands:
+    elif not channel.written:
         numbers = numbers_of(values, raw.signs, "", raw.at, Problems())
     finite = numbers[np.isfinite(numbers)]
     low, high, first = (finite.min(), finite.max(), finite[0]) if finite.size else [np.nan] * 3

@@ -31,13 +31,7 @@ Header = dict[str, list[str]]
 
 
 def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
-    """Read a LabVIEW measurement; segments without a gap between them are one table.
-
-    Raises
-    ------
-    InputError
-        With every line that cannot be read, or if there are no samples.
-    """
+    """Read a LabVIEW measurement; segments without a gap between them are one table."""
     data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)

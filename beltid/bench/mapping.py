@@ -126,33 +126,15 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A channel that is one of our columns.
+    """A channel that is one of our columns."""
 
-    Attributes
-    ----------
-    role : str
-        Our column.
-    channel : Channel
-        The channel.
-    how : {"config", "own name", "recognised"}
-        How it was identified.
-    by : Conversion
-        Conversion of the numbers in the file, including the sign.
-    stated : bool
-        Whether file or config states the unit.
-    negated : bool
-        Whether the config reverses the sign.
-    date : Channel or None
-        Channel with the dates of its clock times.
-    """
-
-    role: str
+    role: str  # our column
     channel: Channel
-    how: str
-    by: Conversion = field(default_factory=lambda: Conversion(1.0))
-    stated: bool = False
-    negated: bool = False
-    date: Channel | None = None
+    how: str  # "config", "own name" or "recognised"
+    by: Conversion = field(default_factory=lambda: Conversion(1.0))  # with the sign
+    stated: bool = False  # whether file or config states the unit
+    negated: bool = False  # whether the config reverses the sign
+    date: Channel | None = None  # with the dates of its clock times
 
     @property
     def is_clock(self) -> bool:
@@ -297,19 +279,7 @@ def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
 def mapped(
     channels: Sequence[Channel], needs: Needs, place: str, roles: Collection[str] | None = None
 ) -> dict[str, Found]:
-    """Find the channel of each of our columns; report what is ambiguous or has no clear unit.
-
-    Parameters
-    ----------
-    channels : sequence of Channel
-        Channels of a recording.
-    needs : Needs
-        Columns needed; collects the problems.
-    place : str
-        Place of the units, for messages.
-    roles : collection of str, optional
-        Search for these of our columns only.
-    """
+    """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
     found: dict[str, Found] = {}
     fitting = meant(channels, needs, roles, numbered=True)
     taken = {id(match.channel) for matches in fitting.values() for match in matches}

@@ -100,21 +100,7 @@ class NumberSigns:
 def numbers_of(
     texts: pd.Series, signs: NumberSigns, shown: str, place: PlaceOf, problems: Problems
 ) -> np.ndarray:
-    """Convert a column of texts to numbers; nan where one is missing or cannot be read.
-
-    Parameters
-    ----------
-    texts : Series
-        The cells, shape (n,).
-    signs : NumberSigns
-        Decimal sign and thousands separator.
-    shown : str
-        Name of the column in messages.
-    place : callable
-        Index of a cell -> its location as text, and its line.
-    problems : Problems
-        Collects cells that are not numbers or are ambiguous.
-    """
+    """Convert texts to numbers, nan for a missing one; report what is none or ambiguous."""
     codes, cells = pd.factorize(texts)
     values = np.full(len(cells) + 1, np.nan)
     wrong: dict[bool, dict[int, str]] = {}

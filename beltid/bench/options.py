@@ -22,33 +22,15 @@ DIALECT: Final[Mapping[str, Any]] = {
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Differences between the files of a bench and ours; none by default.
+    """Differences between the files of a bench and ours; none by default."""
 
-    Attributes
-    ----------
-    names : mapping
-        Our column -> its name in the file, or that of a field of its head.
-    units : mapping
-        Our column -> its unit in the file, or the calibration of its sensor.
-    pattern : str or None
-        Pattern of the file names with label and settings.
-    run_table : Path or None
-        Table with a row per file.
-    values : mapping
-        Settings of all runs.
-    dialect : mapping
-        Separators and encoding of texts; see `DIALECT`.
-    rig : str, str, bool
-        What the friction rig measures, on which span a weight is, whether its belt runs.
-    """
-
-    names: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
-    pattern: str | None = None
-    run_table: Path | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)
+    pattern: str | None = None  # of the file names, with label and settings
+    run_table: Path | None = None  # with a row per file
+    values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
-    rig: tuple[str, str, bool] = ("two_cells", "tight", False)
+    rig: tuple[str, str, bool] = ("two_cells", "tight", False)  # measures, weight on, running
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:

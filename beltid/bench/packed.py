@@ -80,13 +80,7 @@ def natural(name: str) -> tuple[tuple[int, str], ...]:
 
 
 def unpack(path: Path, out: Path, shown: str, member: str = "") -> None:
-    """Unpack a gzip file, or a file in a zip file, in parts and up to a limit.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, empty, or unpacks to more than the limit.
-    """
+    """Unpack a gzip file, or a file in a zip file, in parts and up to a limit."""
     try:
         with opened(path) as file, out.open("wb") as target, contextlib.ExitStack() as stack:
             written, stream = 0, stack.enter_context(_stream(file, member))
@@ -114,11 +108,6 @@ def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, li
 
     A file that is not UTF-8 is read as latin-1 only if all western European encodings that
     measuring computers use (latin-1, cp1252) give the same text.
-
-    Raises
-    ------
-    InputError
-        If the bytes are not text, are not in the encoding, or the encoding is ambiguous.
     """
     notes: list[str] = []
     encoding = (stated or "utf-8").lower()

@@ -34,53 +34,23 @@ class Field:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """A table of a file: all of it, or a group, sheet, struct, raster or segment.
+    """A table of a file: all of it, or a group, sheet, struct, raster or segment."""
 
-    Attributes
-    ----------
-    place : str
-        File, and group in it, for messages.
-    frame : DataFrame
-        Columns by their written names: float64 with nan where a number is missing, or texts.
-    name, format : str
-        Name of the group or sheet, "" if it is the whole file; the format in words.
-    units : mapping of str to str
-        Written name -> written unit, where the file states one.
-    fields : tuple of Field
-        Entries of the header.
-    times : ndarray or None
-        Time of every row [s], where the format has it besides the columns.
-    scaling : mapping of str to str
-        Written name -> scaling of whole numbers that the file states and nobody applied.
-    lines : sequence of int
-        Line of every row in the file, from 1; empty if the format has none.
-    header_line, units_line : int
-        Line of the names and of the units; 0 if there is none.
-    signs : NumberSigns
-        How numbers among the texts are written.
-    encoding : str
-        Encoding of a text file.
-    notes : tuple of str
-        What was detected or left out.
-    problems : Problems
-        Rows that could not be read.
-    """
-
-    place: str
-    frame: pd.DataFrame
-    name: str = ""
-    format: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
-    fields: tuple[Field, ...] = ()
-    times: np.ndarray | None = None
-    scaling: Mapping[str, str] = field(default_factory=dict)
-    lines: Sequence[int] | np.ndarray = ()
-    header_line: int = 0
-    units_line: int = 0
-    signs: NumberSigns = field(default_factory=NumberSigns)
+    place: str  # file, and group in it, for messages
+    frame: pd.DataFrame  # by written names: float64 with nan where one is missing, or texts
+    name: str = ""  # of the group or sheet; "" if it is the whole file
+    format: str = ""  # in words
+    units: Mapping[str, str] = field(default_factory=dict)  # written name -> unit, if stated
+    fields: tuple[Field, ...] = ()  # entries of the header
+    times: np.ndarray | None = None  # of every row [s], if the format has it besides the columns
+    scaling: Mapping[str, str] = field(default_factory=dict)  # stated, but not applied
+    lines: Sequence[int] | np.ndarray = ()  # of the rows in the file, from 1; empty: none
+    header_line: int = 0  # of the names; 0 if there is none
+    units_line: int = 0  # of the units; 0 if there is none
+    signs: NumberSigns = field(default_factory=NumberSigns)  # of numbers among the texts
     encoding: str = ""
-    notes: tuple[str, ...] = ()
-    problems: Problems = field(default_factory=Problems)
+    notes: tuple[str, ...] = ()  # what was detected or left out
+    problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
     def bare(self) -> Raw:
         """Return the table with its first rows only."""
@@ -105,15 +75,7 @@ class Raw:
 
 
 class Rasters:
-    """Channels of a group: those with the same times are one table.
-
-    Parameters
-    ----------
-    place, name, form : str
-        File and group, and the format in words.
-    fields : tuple of Field
-        Entries of the header.
-    """
+    """Channels of a group: those with the same times are one table."""
 
     def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
         self.place, self.name, self.form, self.fields = place, name, form, fields
@@ -194,13 +156,7 @@ def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
 
 
 def in_seconds(times: T, unit: str, place: str) -> T:
-    """Convert times to seconds; times without a unit are taken as seconds.
-
-    Raises
-    ------
-    InputError
-        If the unit is not a unit of time.
-    """
+    """Convert times to seconds, also without a unit; InputError for a unit of no time."""
     by = conversion(unit, "s") or conversion(unit.lower(), "s")
     if by is None and unit.strip():
         allowed = ", ".join(allowed_units("s"))

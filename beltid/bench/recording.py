@@ -179,13 +179,7 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
 
 
 def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recording:
-    """Join the parts of a recording and check it.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its line.
-    """
+    """Join the parts of a recording and check it; InputError with all errors."""
     needs = settings.needs
     if not parts:
         needs.problems.raise_if_any()

@@ -203,13 +203,7 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
 
 
 def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str, Any]]]:
-    """Read a table of runs: name of a file or group -> its line, and the values in that line.
-
-    Raises
-    ------
-    InputError
-        If it has no column of file names, or cells that are not values.
-    """
+    """Read a table of runs: name of a file or group -> its line, and the values in it."""
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     columns = (Column("file", "string", "", "name of the file, or of the group"), *settings)
     optional = tuple(replace(column, required=False) for column in columns)
@@ -240,21 +234,8 @@ def joined(
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Join the columns of all runs, one after the other.
 
-    Returns
-    -------
-    columns : dict of str to ndarray
-        Columns of the table in its order; a missing optional one is all nan.
-    place : callable
-        Index of a sample -> its place for messages, and its line.
-    notes : list of str
-        Notes for the user.
-    stated : set of str
-        Columns whose unit is stated in all parts.
-
-    Raises
-    ------
-    InputError
-        If label or settings of a run cannot be found.
+    Returns the columns of the table in its order, with nan or None for what is missing; the place
+    of a sample; notes; and the columns whose unit is stated in all parts.
     """
     table, problems = settings.table, settings.needs.problems
     wrong, timed = problems.count, "time_s" in settings.table.names

@@ -44,26 +44,10 @@ def read(
     known: Collection[str],
     most: int | None = None,
 ) -> Iterator[Raw]:
-    """Read the table in a text file.
+    """Read the table in a text file; what is None in `dialect` is detected.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    place : str
-        Its name, for messages.
-    dialect : mapping
-        Settings of the config; what is None is detected.
-    known : collection of str
-        Names of our columns, or those that the config states; a first line with two of them is
-        the header.
-    most : int, optional
-        Read only the whole lines in this number of bytes.
-
-    Raises
-    ------
-    InputError
-        If there is no header, or no row below it.
+    A first line with two of the `known` names is the header. With `most`, only the whole lines in
+    this number of bytes are read.
     """
     with path.open("rb") as file:
         data = file.read(most)

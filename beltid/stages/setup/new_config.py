@@ -99,7 +99,7 @@ def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
 
 def _inspected(file: Path, options: Options) -> Inspection:
     """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
-    inspection = inspect_recording(file, Config())
+    inspection = inspect_recording(file, Config(), guess=True)
     if not inspection.kind:
         raise InputError(
             f"{file}: recording of an unknown bench, must be of {', '.join(KINDS)}; "
