@@ -11,10 +11,10 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import types
 
-from beltid.artifacts.parquet_table import damaged, open_parquet
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
 from beltid.errors import InputError
+from beltid.store.parquet import damaged, open_parquet
 
 
 def read(path: Path, place: str) -> Iterator[Raw]:

@@ -18,6 +18,7 @@ DIALECT: Final[Mapping[str, Any]] = {
     "skip_lines": 0,
 }
 """What is None is detected from the file."""
+TWO_CELLS: Final = ("two_cells", "tight", False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class ReadOptions:
     run_table: Path | None = None  # with a row per file
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
-    rig: tuple[str, str, bool] = ("two_cells", "tight", False)  # measures, weight on, running
+    rig: tuple[str, str, bool] = TWO_CELLS  # measures, weight on, running
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
@@ -44,13 +45,13 @@ class ReadOptions:
                 "must differ"
             )
         kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
-        runs, rig = config.runs[kind], config.rig
+        runs, rig = config.runs[kind], config.rig if kind == "rig" else None
         units = {
             n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
             for n, u in config.units[kind].items()
         }
         stated = runs["pattern"], runs["table"], runs["values"]
-        measures = rig.measures, rig.weight_on, rig.kind == "running"
+        measures = (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS
         return cls(config.columns[kind], units, *stated, dialect, measures)
 
     def table(self, kind: str) -> Table:

@@ -10,8 +10,8 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import IO, Final, cast
 
-from beltid.artifacts.file_bytes import MAX_BYTES, opened
 from beltid.errors import InputError
+from beltid.store.disk import MAX_BYTES, opened
 
 MAX_FILES: Final = 5000
 CUT_OFF: Final = "the last line does not end: if the file was cut off, its last number is wrong"

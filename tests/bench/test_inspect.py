@@ -12,10 +12,10 @@ import writers
 from golden import files_written as w
 from typer.testing import CliRunner
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.config import load_config
+from beltid.store.artifact import read_artifact
 
 DATA = Path(__file__).parent / "data"
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
