@@ -124,23 +124,9 @@ class Parameter(TypedDict):
     unit: str
 
 
-class NormalLawRow(TypedDict):
-    """One normal contact law, fitted to the same tests as the pooled law."""
-
-    law: str
-    parameters: Listed[Parameter]
-    rms_residual_N_m: Number | None
-    criterion: Number | None
-    cv_error_N_m: Number | None
-    cv_ratio: Number | None
-    largest_difference: Number | None
-    note: NotRequired[str | None]
-
-
 class NormalLaws(TypedDict):
-    """Comparison of normal contact laws."""
+    """Whether the quadratic law is all that the press shows."""
 
-    laws: Listed[NormalLawRow]
     quadratic_supported: NotRequired[bool | None]
 
 

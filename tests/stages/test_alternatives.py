@@ -14,7 +14,6 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.stages.identification.alternatives import (
     friction_formulas,
     friction_law_rows,
-    normal_law_rows,
 )
 
 RIGDATA = Path(__file__).parents[2] / "rigdata"
@@ -39,16 +38,9 @@ def friction(request, tmp_path_factory, part_of_rig):
 
 
 def test_stiffness_carries_the_verdict_and_the_dissipation(stiffness):
-    choice = stiffness.extra["law_choice"]
-    assert choice["quadratic_supported"]
-    assert choice["verdict"] in stiffness.notes
-    assert stiffness.extra["dissipation"]["statement"] in stiffness.notes
-    rows = normal_law_rows(stiffness.extra)
-    assert [row["law"] for row in rows] == ["linear", "quadratic", "power", "cubic"]
-    assert rows[1]["criterion"] == 0.0
-    words = rows[1]["coefficients"].split()
-    assert words[:2] == ["k_linear", "="]
-    assert float(words[2]) == pytest.approx(6.5e7, rel=2e-3)  # rigdata/README.md
+    assert stiffness.extra["law_choice"]["quadratic_supported"] is True
+    loss = stiffness.extra["dissipation"]["C_P_N_s_m"]
+    assert any(f"C_P = {loss:.3g} N s/m" in note for note in stiffness.notes)
 
 
 def test_a_coefficient_held_against_the_data_is_a_warning_with_the_misfit():
@@ -129,5 +121,4 @@ def test_a_surface_too_small_for_formulas_is_no_obstacle():
 
 
 def test_artifacts_without_these_figures_have_empty_tables():
-    assert normal_law_rows({}) == []
     assert friction_law_rows({}) == []

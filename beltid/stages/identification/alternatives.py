@@ -11,7 +11,6 @@ import numpy as np
 from beltid.config import Config
 from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.stiffness import StiffnessResult
 from beltid.identify.surface.curves import SPEED_GAP
 from beltid.identify.surface.laws import FrictionLaws, fit_friction_laws
@@ -39,19 +38,12 @@ class Alternatives:
 
 
 def normal_laws(result: StiffnessResult) -> Alternatives:
-    """Compare normal laws on the tests of the pooled law, and estimate the dissipation.
+    """Tell whether the quadratic law is supported, and estimate the dissipation.
 
     A failure does not stop the stage but becomes a note.
     """
-    extra: dict[str, Any] = {}
+    extra: dict[str, Any] = {"law_choice": {"quadratic_supported": result.quadratic_supported}}
     notes: list[str] = []
-    try:
-        pooled = [c for c in result.recording.curves if c.test in result.pooled.contact_m]
-        choice = choose_normal_law(pooled)
-        extra["law_choice"] = asdict(choice)
-        notes.append(choice.verdict)
-    except BeltidError as error:
-        notes.append(f"No comparison of normal laws: {error}")
     try:
         loss = estimate_dissipation(result.recording.curves)
         extra["dissipation"] = asdict(loss)
@@ -59,22 +51,6 @@ def normal_laws(result: StiffnessResult) -> Alternatives:
     except BeltidError as error:
         notes.append(f"No estimate of the dissipation: {error}")
     return Alternatives(extra, tuple(notes))
-
-
-def normal_law_rows(extra: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the comparison of an artifact with a row per law; empty for an older artifact."""
-    choice = extra.get("law_choice") or {"laws": ()}
-    figures = "rms_residual_N_m", "criterion", "cv_error_N_m", "cv_ratio"
-    return [
-        {
-            "law": law["law"],
-            "coefficients": _coefficients(law["parameters"]),
-            **{name: law[name] for name in figures},
-            "largest_difference_percent": in_percent(law["largest_difference"]),
-            "note": law["note"] or None,
-        }
-        for law in choice["laws"]
-    ]
 
 
 def friction_formulas(surface: FrictionSurface, factor: np.ndarray) -> Alternatives:

@@ -17,7 +17,7 @@ from beltid.identify.press.stiffness import LawEstimate, StiffnessResult
 from beltid.identify.press.stiffness import fit_stiffness as identify
 from beltid.report.summary import Summary, rows_of
 from beltid.stages.build_artifact import Build, Built, reading
-from beltid.stages.identification.alternatives import normal_law_rows, normal_laws
+from beltid.stages.identification.alternatives import normal_laws
 from beltid.stages.outcome import Outcome
 from beltid.stages.reporter import Options
 from beltid.stages.uncertainties import SECTION, budget_details, standard_uncertainties
@@ -178,8 +178,5 @@ def summarise(built: Built) -> Summary:
         table=rows,
         shown=tuple(name for name in pooled if name != "max_penetration_m"),
         overview=overview,
-        details={
-            "choice of law": normal_law_rows(metadata.figures),
-            **budget_details(metadata.budget),
-        },
+        details=budget_details(metadata.budget),
     )
