@@ -2,7 +2,7 @@
 
 The block means z of ln(T_tight/T_slack) of run r follow (M1) of :mod:`beltid.mixed`,
 
-    z_r = y_r [1 + T_r(x)] + L_r + N_r + c_r (w + u),   T_r(x) = sum_k A_k exp(-x/(l_k s_r^p)),  (S2)
+    z_r = y_r [1 + T_r(x)] + L_r + N_r + c_r (w + u),  T_r(x) = sum_k A_k exp(-x/(l_k s_r^p)),  (S2)
 
 with the level y = mu beta (flat prior) and, shared by all runs, the spectrum A_k = exp(eta_k) of
 the sticking peak's tail, whose logarithm eta is smooth: rubber relaxes along a mixture of
@@ -17,7 +17,7 @@ sensitivity of z to a newton at a cell. The slopes of the cells at rest are data
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,7 +240,7 @@ class _Turn:
 
     powers: Array
     A: Array
-    sizes: dict[str, float] | None = None
+    sizes: dict[str, float] = field(default_factory=dict)
     scale: Array | float = 1.0
     log_evidence: float = -np.inf
 
