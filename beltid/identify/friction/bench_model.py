@@ -143,7 +143,7 @@ class Bench:
         log_l = np.log(LENGTHS_M)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         apart = np.subtract.outer(log_l, log_l)
-        self.smooth = np.linalg.inv(4.0 * np.exp(-0.5 * (apart / 0.8) ** 2) + 0.3 * np.eye(20))
+        self.smooth: Array = np.linalg.inv(4.0 * np.exp(-0.5 * (apart / 0.8) ** 2) + 0.3 * np.eye(20))
 
     def tail(self, powers: Array) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
