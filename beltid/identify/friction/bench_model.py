@@ -142,8 +142,8 @@ class Bench:
         longest = max(float(r.travel[-1]) for r in records)
         log_l = np.log(LENGTHS_M)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
-        apart = np.subtract.outer(log_l, log_l)
-        self.smooth: Array = np.linalg.inv(4.0 * np.exp(-0.5 * (apart / 0.8) ** 2) + 0.3 * np.eye(20))
+        near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
+        self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
 
     def tail(self, powers: Array) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
