@@ -158,6 +158,14 @@ class Posterior:
         Data without the shared columns; the levels are still in it.
     misfit : ndarray, shape (R,)
         e' P e of every group: a chi-square, given the sizes.
+    model : Mixed
+        The model.
+    prior : ndarray, shape (k, k)
+        Precision of the prior of the coefficients.
+    P, PX : ndarray, shape (R, m, m), (R, m, k)
+        Projection of (M2), at a scale of one, and its product with X, at the scale of the group.
+    level_weights : ndarray, shape (R, m)
+        Weights of the data in the level.
     converged : bool
         Whether the sizes are those of the largest posterior density.
     """
@@ -173,7 +181,9 @@ class Posterior:
     misfit: Array
     model: Mixed
     prior: Array
+    P: Array
     PX: Array
+    level_weights: Array
     converged: bool = True
 
     def of(self, name: str) -> tuple[Array, Array]:
@@ -368,7 +378,9 @@ class Mixed:
             misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
             model=self,
             prior=prior,
+            P=P,
             PX=PX,
+            level_weights=weights / precision[:, None],
         )
         return posterior, slope
 
