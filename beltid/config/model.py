@@ -151,7 +151,7 @@ class UncertaintySection(Section):
     """
 
     tension_gain_rel: float = _share(0.002, "calibration that both load cells share")
-    cell_gain_rel: float = _share(0.001, "calibration of each load cell")
+    cell_gain_rel: float = _share(0.002, "calibration of each load cell")
     cell_offset_N: float = number(0.05, 0, 1e3, "N", "zero of each load cell")
     torque_gain_rel: float = _share(0.005, "torque of the friction rig")
     bearing_drag_N_m: float = number(0.01, 0, 1e3, "N m", "drag and zero left in that torque")
@@ -180,6 +180,7 @@ class FrictionSection(Section):
     tension_slack_tare_N: float = number(0.0, -1e4, 1e4, "N", "of the slack cell")
     tension_tight_gain: float = number(1.0, 0.1, 10, "", "of the tight cell")
     tension_slack_gain: float = number(1.0, 0.1, 10, "", "of the slack cell")
+    free_at_rest: bool = key(False, "the pulley was rocked free before the rest: it shows gains")
     correct_temperature: bool = key(False, "refine-surface refers all runs to one temperature")
     reference_temperature_degC: float | None = number(None, -60, 200, "°C", "null: their mean")
 

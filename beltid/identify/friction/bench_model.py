@@ -11,7 +11,8 @@ tension, level). L holds the drifts that all runs share: of the zero of either c
 slow decays of the build-up; N what is a run's own: ripples, the rest of the build-up, height and
 length of its tail, a ripple once per turn. The noise is white, w, plus zeros that wander, u:
 Ornstein–Uhlenbeck processes of several memories, the longest counted from the rest. c is the
-sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too.
+sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too:
+those of their sum and difference that go with the tension are relaxation, and friction released.
 """
 
 from __future__ import annotations
@@ -42,11 +43,13 @@ FREEDOM = 20.0
 """Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
+RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
+"""The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS = 3
+SWEEPS = 2
 """Turns between the sizes and the shape of the tail."""
 
 
@@ -98,7 +101,7 @@ class Bench:
         self.T0 = float(np.median([r.rest.tension_N for r in records]))
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
         self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
-        self.relaxation = np.zeros((R, m, 1))
+        self.release, self.relaxation = np.zeros((2, R, m, 1))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
         middle_level = np.median(self.level)
@@ -135,6 +138,7 @@ class Bench:
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
             self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.release[i, 0, 0] = rest.tension_N / error[0]
             self.relaxation[i, 1, 0] = rest.tension_N / error[1]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
@@ -169,6 +173,7 @@ class Bench:
             Shared("zeros", self.zeros, choices=zeros),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
+            Shared("release", self.release, choices=RELEASE),
             Shared("relaxation", self.relaxation, Size(1e-5, 3.0)),
         ]
         own = [

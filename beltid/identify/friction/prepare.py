@@ -223,7 +223,7 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
     return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
 
 
-GROWTH = 0.1
+GROWTH = 0.15
 """Ratio of the length of a block to the length of the record before it."""
 FINEST = 256
 """Records of up to so many samples start with blocks of one sample; longer records with more."""

@@ -78,7 +78,14 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     config : Config
         Kind of the rig, radius of the pulley.
     """
-    return reduce_records(records_of(rig, config), config.rig.pulley_radius_m)
+    # the simulated rig has perfect cells
+    gain_rel = 0.0 if rig.is_artifact else config.uncertainty.cell_gain_rel
+    return reduce_records(
+        records_of(rig, config),
+        config.rig.pulley_radius_m,
+        gain_rel,
+        config.friction.free_at_rest,
+    )
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
