@@ -42,7 +42,7 @@ MAX_DRIFT = 0.1
 """Largest relative drift of mu over the sliding phase."""
 MAX_MISFIT = 4.0
 """Largest ratio of the noise about the model of the bench to that of the other runs."""
-MAX_PEAK_ERROR = 0.015
+MAX_PEAK_ERROR = 0.02
 """Largest relative standard error of mu_sticking of a resolved peak."""
 JOINED = 3.0
 """Largest distance of a sample on the model, in standard deviations of the noise."""
