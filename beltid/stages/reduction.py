@@ -51,6 +51,7 @@ def rig_kind(config: Config) -> RigKind:
     return RigKind(
         measures=rig.measures,
         weight_on=rig.weight_on,
+        weight_stated=rig.states_weight,
         torque_with=rig.torque_with,
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
