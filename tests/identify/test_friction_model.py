@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,13 +88,6 @@ def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
     assert record.waves.shape[1] == 0
     waving = recorded(ripple=4.0)[0]
     assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
-
-
-def test_the_unrest_is_that_of_sections_as_long_as_the_rest():
-    # a second each, about a line; 50 samples
-    assert recorded()[0].unrest_N == pytest.approx(0.5, rel=0.1)
-    instant = replace(AT_REST, last_s=AT_REST.first_s)
-    assert recorded(rest=instant)[0].unrest_N == 0.0
 
 
 @pytest.mark.parametrize(
