@@ -125,4 +125,5 @@ def test_a_clock_that_started_earlier_changes_no_coefficient() -> None:
         [run.mu_sliding for run in reduce_runs(columns | {"time_s": time}, 0.05)]
         for time in (columns["time_s"], np.round(columns["time_s"] + 100.0, 6))
     ]
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    # the search for the sizes of the noise ends where they no longer matter
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
