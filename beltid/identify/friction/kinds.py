@@ -322,8 +322,8 @@ class RigKind:
         """
         if self.measures == "dead_weight":
             return (
-                f"the cell shows that the weight hangs on the {other(self.weight_on)} span while the "
-                f"pulley turns, but the config states rig.weight_on: {self.weight_on}"
+                f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
+                f"the pulley turns, but the config states rig.weight_on: {self.weight_on}"
             )
         if self.has_torque:
             return (
