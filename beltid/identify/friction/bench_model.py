@@ -11,13 +11,15 @@ tension, level). L holds the drifts that all runs share: of the zero of either c
 slow decays of the build-up; N what is a run's own: ripples, the rest of the build-up, height and
 length of its tail, a ripple once per turn. The noise is white, w, plus zeros that wander, u:
 Ornstein–Uhlenbeck processes of several memories, the longest counted from the rest. c is the
-sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too.
+sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too:
+those of their sum and difference that go with the tension are relaxation, and friction released.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +43,13 @@ FREEDOM = 20.0
 """Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
 ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
+RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
+"""The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS = 3
+SWEEPS = 2
 """Turns between the sizes and the shape of the tail."""
 
 
@@ -97,7 +101,7 @@ class Bench:
         self.T0 = float(np.median([r.rest.tension_N for r in records]))
         self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
         self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
-        self.relaxation = np.zeros((R, m, 1))
+        self.release, self.relaxation = np.zeros((2, R, m, 1))
         self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
         self.turn, self.rest = np.zeros((2, R, m, 2))
         middle_level = np.median(self.level)
@@ -134,6 +138,7 @@ class Bench:
             error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
             self.y[i, :2] = rest.slopes_N_s / error
             self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.release[i, 0, 0] = rest.tension_N / error[0]
             self.relaxation[i, 1, 0] = rest.tension_N / error[1]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
@@ -144,6 +149,11 @@ class Bench:
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
         near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
         self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
+
+    @property
+    def slow_noise(self) -> list[tuple[str, Array]]:
+        """Names and covariances of the zeros that wander over most of a run."""
+        return [(f"memory {MEMORIES_S[-2]:g} s", self.memory[-2]), ("walk", self.memory[-1])]
 
     def tail(self, powers: Array) -> tuple[Array, Array]:
         """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
@@ -163,6 +173,7 @@ class Bench:
             Shared("zeros", self.zeros, choices=zeros),
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
+            Shared("release", self.release, choices=RELEASE),
             Shared("relaxation", self.relaxation, Size(1e-5, 3.0)),
         ]
         own = [
@@ -183,13 +194,69 @@ class Bench:
 
 
 @dataclass(frozen=True, eq=False)
-class BenchFit:
-    """Levels of all runs and what they share.
+class RunLevel:
+    """Level of a run and its uncertainty; all in units of z.
 
     Attributes
     ----------
+    y : float
+        Level ln(T_tight/T_slack) after the tail has decayed.
+    variance : float
+        Variance of `y` that is independent between runs.
+    shared_tail, shared_drift : float
+        Standard deviations of `y` by errors that all runs share, with their common sign.
+    misfit : float
+        Ratio of the noise of the run about the model to that of the bench, standard deviations.
+    drift : float
+        Visible change by wandering zeros and drift of the friction over the sliding.
+    fit : BenchFit
+        The bench.
+    k : int
+        Number of the run.
+    """
+
+    y: float
+    variance: float
+    shared_tail: float
+    shared_drift: float
+    misfit: float
+    drift: float
+    fit: BenchFit
+    k: int
+
+    def tail(self, travel: Array) -> Array:
+        """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
+        columns, slopes = self.fit.exponentials(self.k, travel)
+        own = np.column_stack([columns @ self.fit.A, slopes @ self.fit.A])
+        return np.asarray(columns @ self.fit.A + own @ self.fit.own[0][self.k])
+
+    def at(self, travel: float) -> tuple[float, float]:
+        """Return z of the model and its error at a travel since the end of the build-up [m]."""
+        fit, k = self.fit, self.k
+        columns, slopes = fit.exponentials(k, np.array([travel]))
+        _, covariance, lean = (part[k] for part in fit.own)
+        h = np.array([columns[0] @ fit.A, slopes[0] @ fit.A])
+        variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        # an error of what all runs share moves level and tail together
+        place = fit.posterior.model.places["tail"]
+        change = -fit.posterior.level_shift[k]
+        change[place] += columns[0]
+        common = float(change @ fit.posterior.covariance @ change)
+        return self.y + float(self.tail(np.array([travel]))[0]), np.sqrt(
+            max(variance, 0.0) + common
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BenchFit:
+    """What all runs of a bench share.
+
+    Attributes
+    ----------
+    bench : Bench
+        The runs.
     posterior : Posterior
-        Of the model of all runs.
+        Of their model.
     powers, A : ndarray
         Powers of the settings in the length of the tail; spectrum.
     scale : ndarray, shape (R,)
@@ -201,6 +268,57 @@ class BenchFit:
     powers: Array
     A: Array
     scale: Array
+
+    def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return the exponentials of run k and their derivatives by ln of the length, in z."""
+        length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
+        u = travel[:, None] / length
+        columns = self.bench.level[k] * np.exp(-u)
+        return columns, u * columns
+
+    @cached_property
+    def own(self) -> tuple[Array, Array, Array]:
+        """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
+        p, bench = self.posterior, self.bench
+        columns, slopes = bench.tail(self.powers)
+        Z = np.stack([columns @ self.A, slopes @ self.A], axis=2)
+        S = np.diag([p.sizes["height"] ** 2, p.sizes["length"] ** 2])
+        PZ = p.P @ Z
+        mean = np.einsum("rij,ri->rj", PZ, p.residual) @ S
+        covariance = S - S @ (Z.transpose(0, 2, 1) @ PZ) @ S
+        lean = np.einsum("ri,rij->rj", p.level_weights, Z) @ S
+        return mean, covariance * self.scale[:, None, None], lean * self.scale[:, None]
+
+    @property
+    def levels(self) -> list[RunLevel]:
+        """Levels of the runs."""
+        p, bench = self.posterior, self.bench
+        places = p.model.places
+        drifts = slice(places["zeros"].start, places["drift"].stop)
+        error = -p.level_shift @ p.factor
+        drift = -p.level_shift[:, drifts] @ p.factor[drifts]
+        # one column stands for all directions: its sign is that of the correlation with the mean
+        size = np.linalg.norm(error, axis=1)
+        share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
+        size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
+        Pe = np.einsum("rij,rj->ri", p.P, p.residual)
+        slow = sum(p.sizes[name] ** 2 * V for name, V in self.bench.slow_noise)
+        wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
+        ends = [(2, int(np.flatnonzero(one)[-1])) for one in bench.one]
+        of_mu = float(p.of("drift")[0][0])
+        return [
+            RunLevel(
+                y=float(p.level[k]),
+                variance=float(p.level_variance[k]),
+                shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
+                shared_drift=float(size[k] * np.sqrt(share[k])),
+                misfit=float(np.sqrt(self.scale[k])),
+                drift=float(wander[k, last] - wander[k, first]) + of_mu * float(bench.level[k]),
+                fit=self,
+                k=k,
+            )
+            for k, (first, last) in enumerate(ends)
+        ]
 
 
 def noise_scale(bench: Bench, posterior: Posterior) -> Array:
