@@ -75,13 +75,11 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     config : Config
         Kind of the rig, radius of the pulley.
     """
-    # the simulated rig has perfect cells
-    gain_rel = 0.0 if rig.is_artifact else config.uncertainty.cell_gain_rel
+    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
+    if rig.is_artifact:  # from perfect cells
+        return reduce_records(records, radius)
     return reduce_records(
-        records_of(rig, config),
-        config.rig.pulley_radius_m,
-        gain_rel,
-        config.friction.free_at_rest,
+        records, radius, config.uncertainty.cell_gain_rel, config.friction.free_at_rest
     )
 
 

@@ -115,13 +115,12 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     T, d, D = r.tension_N, r.direction, r.difference_N
     unit = float(np.median(T))
     size = Size(max(np.sqrt(2.0) * gain_rel, 1e-6), GAIN_WIDTH if gain_rel > 0.0 else 0.0)
-    gain, gain_sd, is_known = 0.0, size.median, False
-    if np.ptp(d) > 0.0:
-        (gain, gain_sd), is_known = _gain_by_directions(r, size), True
-    shared = [
-        Shared("zero", d[:, None] * unit, choices=ZEROS),
-        Shared("gain", (d * T)[:, None], Size(gain_sd) if is_known else size, mean=gain),
-    ]
+    shared = [Shared("zero", d[:, None] * unit, choices=ZEROS)]
+    if both_ways := bool(np.ptp(d) > 0.0):
+        gain, gain_sd = _gain_by_directions(r, size)
+        shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
+    elif free_at_rest:
+        shared.append(Shared("gain", (d * T)[:, None], size))
     own = [
         Own("noise", Size(1.0), diagonal=np.maximum(r.se_N, 1e-5 * T)),
         Own("own zero", OWN_ZERO, diagonal=np.full(D.size, unit)),
@@ -141,9 +140,9 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     # changes of e by the coefficients: through zeta, and through w, which the residual gives
     slopes = -(q * part)[:, None] * model.X[0]
     slopes[:, 0] += d * q * unit
-    shows_gain = is_known or free_at_rest
-    gain = float(posterior.mean[1]) if shows_gain else 0.0
-    if shows_gain:
+    gain = 0.0
+    if both_ways or free_at_rest:
+        gain = float(posterior.of("gain")[0][0])
         slopes[:, 1] += d
     # the common error of both zeros has the size of their difference
     zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
