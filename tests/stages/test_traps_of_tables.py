@@ -55,7 +55,7 @@ MISSING = {
     ("torque", "running"): "rig.kind: running needs the column tension_tight_N",
     ("torque_hub", "two_cells"): "tension_slack_N",
     ("torque_hub", "dead_weight"): "weight_N",
-    ("torque_hub", "torque"): "tension_tight_N or tension_slack_N is missing",
+    ("torque_hub", "torque"): "tension_slack_N or weight_N is missing",
     ("torque_hub", "running"): "rig.kind: running needs the column tension_tight_N",
     ("running", "dead_weight"): "weight_N",
     ("running", "torque"): "torque_N_m",
