@@ -19,8 +19,9 @@ from beltid.report.page import Page, belt_page, belts_page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
+from beltid.stage import STAGES
+from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.belt_results import check_folder, completed, config_of, gather
-from beltid.stages.steps import press_curves, rig_curves
 from beltid.store.disk import page_source_sha256, read_bytes, sha256, write_text
 from beltid.store.place import FOREIGN, OURS, check_place
 
@@ -89,12 +90,13 @@ def _parent_folder(folders: Sequence[Path]) -> Path:
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
     """Store the curves that the figures need in the folder of a belt, if there are recordings."""
     data, friction = source.config.data, folder / "friction.parquet"
-    wanted: list[tuple[Any, dict[str, Path]]] = []
+    wanted: list[tuple[str, dict[str, Path]]] = []
     if data.press is not None and (folder / "stiffness.parquet").exists():
-        wanted.append((press_curves, {"frame": data.press}))
+        wanted.append(("press-curves", {"frame": data.press}))
     if data.rig is not None and friction.exists():
-        wanted.append((rig_curves, {"frame": data.rig, "friction": friction}))
-    for stage, files in wanted:
+        wanted.append(("rig-curves", {"frame": data.rig, "friction": friction}))
+    for name, files in wanted:
+        stage = STAGES[name]
         try:
             stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)
         except BeltidError as error:
