@@ -68,24 +68,7 @@ def gather(
     made: Collection[str] | None = None,
     failures: tuple[str, ...] = (),
 ) -> BeltResults:
-    """Read the results in the folder of a belt; report those that are not shown as problems.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    config : Config or None
-        Its config, if known; results of recordings that it does not name are not shown.
-    made : collection of str, optional
-        Names of the results that `run` has made or found up to date; others are not shown.
-    failures : tuple of str
-        Stages that failed, each with its exit status and its message.
-
-    Raises
-    ------
-    ArtifactError
-        If there is no such folder, it holds no results, or they do not fit together.
-    """
+    """Read the results in the folder of a belt; report those that are not shown as problems."""
     check_folder(folder)
     artifacts: dict[str, Artifact] = {}
     sheets: dict[str, Sheet] = {}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
+STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
+"""The sliding state of a run."""
 
 
 def simulation_settings(
@@ -38,13 +40,7 @@ def simulation_settings(
     method: str | None = None,
     elements: int | None = None,
 ) -> SimulationSettings:
-    """Return the settings of the simulation from the call, else from the config.
-
-    Raises
-    ------
-    InputError
-        If the method or the number of elements is not allowed.
-    """
+    """Return the settings of the simulation from the call, else from the config."""
     section = config.simulation
     chosen = method or section.method
     if chosen not in ("transient", "steady"):
@@ -89,19 +85,7 @@ def bench_of(config: Config, surface: Any, law: Any) -> Bench:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Runs of a simulated campaign, in their order, each with its result or its failure.
-
-    Attributes
-    ----------
-    config : Config
-        The config.
-    bench : Bench
-        The rig and its laws.
-    runs : tuple of PlannedRun
-        The runs.
-    results : tuple of RunResult or BeltidError
-        Result or failure of each run.
-    """
+    """Runs of a simulated campaign, in their order, each with its result or its failure."""
 
     config: Config
     bench: Bench
@@ -122,7 +106,13 @@ class Campaign:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row per run: settings, sliding state, status."""
-        return [result_row(*pair) for pair in zip(self.runs, self.results, strict=True)]
+        found: dict[str, dict[str, Any]] = {run.label: asdict(run) for run in self.runs}
+        for run, result in self.finished:
+            state = {name: float(getattr(result, name)) for name in STATE}
+            found[run.label] |= {**state, "status": "ok"}
+        for run, error in self.failures:
+            found[run.label] |= {**dict.fromkeys(STATE), "status": "; ".join(error.problems)}
+        return [{"run": row.pop("label"), **row} for row in found.values()]
 
 
 def simulate(
@@ -132,43 +122,24 @@ def simulate(
     settings: SimulationSettings,
     jobs: int | Workers,
 ) -> Campaign:
-    """Simulate runs like `simulated_results`, and report the progress."""
+    """Simulate runs, so many at once in this process or by workers, and report the progress."""
     results: dict[int, RunResult | BeltidError] = {}
+    points = [run.point for run in runs]
+    groups = runs_of_one_belt(points)
     with progress("simulated runs", len(runs)) as advance:
-        for index, result in simulated_results(bench, runs, settings, jobs):
+        if isinstance(jobs, Workers):
+            calls = [(bench, [points[i] for i in group], settings) for group in groups]
+            found: Iterable[tuple[int, RunResult | BeltidError]] = (
+                pair
+                for number, part in jobs.as_ended(simulated_group, calls)
+                for pair in zip(groups[number], part, strict=True)
+            )
+        else:
+            found = rig_campaign(bench, points, settings, jobs=jobs)
+        for index, result in found:
             results[index] = result
             advance()
     return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
-
-
-def simulated_results(
-    bench: Bench,
-    runs: Sequence[PlannedRun],
-    settings: SimulationSettings,
-    jobs: int | Workers,
-) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Yield the results of runs as they finish, each with the index of its run.
-
-    Parameters
-    ----------
-    bench : Bench
-        The rig and its laws.
-    runs : sequence of PlannedRun
-        The runs.
-    settings : SimulationSettings
-        Method and resolution.
-    jobs : int or Workers
-        Number of parallel runs in this process, or the workers that simulate them. The results do
-        not depend on it.
-    """
-    points = [run.point for run in runs]
-    if not isinstance(jobs, Workers):
-        yield from rig_campaign(bench, points, settings, jobs=jobs)
-        return
-    groups = runs_of_one_belt(points)
-    calls = [(bench, [points[i] for i in group], settings) for group in groups]
-    for number, results in jobs.as_ended(simulated_group, calls):
-        yield from zip(groups[number], results, strict=True)
 
 
 def simulated_group(
@@ -176,20 +147,6 @@ def simulated_group(
 ) -> list[RunResult | BeltidError]:
     """Return the results of a few runs in their order; a single call of a worker."""
     return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
-
-
-def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, Any]:
-    """Return the row of a run: settings, sliding state, status."""
-    row: dict[str, Any] = {
-        "run": run.label,
-        "arc_deg": run.arc_deg,
-        "initial_tension_N": run.initial_tension_N,
-        "pulley_speed_rad_s": run.pulley_speed_rad_s,
-    }
-    names = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
-    if isinstance(result, BeltidError):
-        return {**row, **dict.fromkeys(names), "status": "; ".join(result.problems)}
-    return {**row, **{name: float(getattr(result, name)) for name in names}, "status": "ok"}
 
 
 def recording_columns(

@@ -31,13 +31,7 @@ class LabelledPoint:
 
 
 def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
-    """Build the drive of a config with identified laws.
-
-    Raises
-    ------
-    InputError
-        If two pulleys have the same name, or a name is not that of a pulley.
-    """
+    """Build the drive of a config with identified laws."""
     section, shear = config.drive, config.belt.shear_stiffness_N_m2
     names = [pulley.name for pulley in section.pulleys]
     _check_names(section, names)
@@ -67,13 +61,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
 
 
 def points_of_config(config: Config) -> list[LabelledPoint]:
-    """Return the operating points of a config: every initial tension with every listed point.
-
-    Raises
-    ------
-    InputError
-        If the lists differ in length, or a required tension is not stated.
-    """
+    """Return the operating points of a config: every initial tension with every listed point."""
     section = config.drive
     points = section.operating_points
     lists = {"driver_speed_rad_s": points.driver_speed_rad_s}
@@ -116,11 +104,6 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
 
     A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
     the recording uses the other sign, and all signs are reversed.
-
-    Raises
-    ------
-    InputError
-        If the load pulley is ambiguous, or no run has a speed, a tension and a torque.
     """
     section = config.drive
     loaded = load_pulley(section)
@@ -167,13 +150,7 @@ def load_pulley(section: DriveSection) -> str:
 
 
 def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
-    """Warn where a drive is outside the range of its laws; refuse what the model cannot solve.
-
-    Raises
-    ------
-    InputError
-        If a span is too short for rods, or the layout of the pulleys is impossible.
-    """
+    """Warn where a drive is outside the range of its laws; refuse what the model cannot solve."""
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, min(tensions)))
     if problems and config.drive.method == "rod":

@@ -42,27 +42,7 @@ EMPTY_SEAL: Final = SEAL.format("0" * 64)
 def run(
     folders: Sequence[Path], out: Path | None, config: Path | None = None, *, force: bool = False
 ) -> Summary:
-    """Write the report of every belt, and for several belts a page that compares them.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of the results, one per belt.
-    out : Path or None
-        Output page; for several belts the one that compares them. By default report.html in the
-        folder of the belt, or in the folder above for several belts.
-    config : Path, optional
-        Config that names the recordings of a belt, for its figures over time.
-    force : bool
-        Whether to draw pages that are up to date, and to replace another HTML file.
-
-    Raises
-    ------
-    ArtifactError
-        If there is no such folder, it holds no results, or a page cannot be written.
-    InputError
-        If the output path holds a file that is not a report.
-    """
+    """Write the report of every belt, and for several belts a page that compares them."""
     source = find_config(None, config) if config else None
     for folder in folders:
         check_folder(folder)

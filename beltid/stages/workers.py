@@ -45,28 +45,14 @@ class Workers:
         """Start the workers in the background; returns at once."""
 
     def call(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Run one call and return its result.
-
-        Raises
-        ------
-        BeltidError
-            The error of the call, or that its worker was lost repeatedly.
-        """
+        """Run one call and return its result."""
         ((_, result),) = self.as_ended(function, [arguments])
         return result
 
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the results of many calls in order of completion, each with its index.
-
-        Parameters
-        ----------
-        function : callable
-            A module-level function.
-        calls : sequence of tuple
-            The arguments of each call.
-        """
+        """Yield the results of many calls in order of completion, each with its index."""
         for index, arguments in enumerate(calls):
             yield index, function(*arguments)
 
