@@ -55,14 +55,14 @@ def inspect(
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
+    from beltid.config.layout import KINDS
     from beltid.errors import InputError
     from beltid.notes import log
     from beltid.stages import inspect_file
-    from beltid.tables.schemas import RECORDINGS
 
     def work() -> Summary:
-        if kind is not None and kind not in RECORDINGS:
-            raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
+        if kind is not None and kind not in KINDS:
+            raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
         source = find_config(files[0], common.config)
         log.info("config: %s", source.origin)
         return inspect_file.run(source, files, kind)
