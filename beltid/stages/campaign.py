@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -11,15 +11,15 @@ import numpy as np
 from beltid.errors import BeltidError, InputError, percent
 from beltid.notes import progress
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import swinging_share
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import (
+from beltid.rig.mesh import swinging_share
+from beltid.rig.model import Bench
+from beltid.rig.runs import (
     Method,
     RunResult,
     SimulationSettings,
     runs_of_one_belt,
 )
-from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.rig.runs import campaign as rig_campaign
 from beltid.stages.inputs import checked_law, is_number, surface_from
 from beltid.stages.planned_runs import PlannedRun, refuse_running
 from beltid.stages.workers import Workers
@@ -120,25 +120,18 @@ def simulate(
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | Workers,
+    workers: Workers,
 ) -> Campaign:
-    """Simulate runs, so many at once in this process or by workers, and report the progress."""
+    """Simulate runs by workers, and report the progress; the results do not depend on them."""
     results: dict[int, RunResult | BeltidError] = {}
     points = [run.point for run in runs]
     groups = runs_of_one_belt(points)
     with progress("simulated runs", len(runs)) as advance:
-        if isinstance(jobs, Workers):
-            calls = [(bench, [points[i] for i in group], settings) for group in groups]
-            found: Iterable[tuple[int, RunResult | BeltidError]] = (
-                pair
-                for number, part in jobs.as_ended(simulated_group, calls)
-                for pair in zip(groups[number], part, strict=True)
-            )
-        else:
-            found = rig_campaign(bench, points, settings, jobs=jobs)
-        for index, result in found:
-            results[index] = result
-            advance()
+        calls = [(bench, [points[i] for i in group], settings) for group in groups]
+        for number, part in workers.as_ended(simulated_group, calls):
+            for index, result in zip(groups[number], part, strict=True):
+                results[index] = result
+                advance()
     return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
 
 

@@ -12,7 +12,7 @@ import beltid
 from beltid.config import Config, load_config
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.rigsim.rig import RunResult
+from beltid.rig.runs import RunResult
 from beltid.stages.campaign import (
     bench_of,
     recording_columns,
@@ -20,6 +20,7 @@ from beltid.stages.campaign import (
     simulation_settings,
 )
 from beltid.stages.planned_runs import Picked, planned_runs
+from beltid.stages.workers import Workers
 
 R = 0.05
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -60,7 +61,7 @@ def simulated(kind: str, picked: Picked = FEW) -> dict[str, np.ndarray]:
     config = config_of(kind)
     runs = planned_runs(config, picked)
     settings = simulation_settings(config, "transient")
-    results = simulate(config, bench_of(config, TRUTH, LAW), runs, settings, 1).results
+    results = simulate(config, bench_of(config, TRUTH, LAW), runs, settings, Workers()).results
     assert all(isinstance(result, RunResult) for result in results)
     return recording_columns(runs, results, config)  # type: ignore[arg-type]
 
