@@ -359,7 +359,7 @@ def simulate_recording(
     "compare",
     makes="compare",
     reads={"friction": "friction", "simulated": ("simulated", "rig")},
-    uses=("compare", "friction", "rig", "belt"),
+    uses=("compare", "friction", "rig", "belt", "uncertainty"),
 )
 def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Compare simulated and measured friction coefficients, run by run; exit 0 or 4.
