@@ -460,6 +460,20 @@ class DriveArcRow(TypedDict):
     slip_speed_m_s: list[Number]
 
 
+class InstalledBeltRow(TypedDict):
+    """A pulley with a belt of least, mean or largest length, at rest and most loaded."""
+
+    belt: str
+    belt_length_m: Number
+    arm_angle_deg: Number | None
+    tension_at_rest_N: Number
+    pulley: str
+    hub_force_at_rest_N: Number
+    largest_tension_N: Number | None
+    hub_force_N: Number | None
+    reserve: Number | None
+
+
 class DriveMetadata(Metadata):
     """Metadata of a predicted drive.
 
@@ -475,6 +489,7 @@ class DriveMetadata(Metadata):
     limits_over_tension: Listed[TensionLimitRow] = ()
     laid: Listed[LaidPulleyRow] = ()
     arcs: Listed[DriveArcRow] = ()
+    installed: Listed[InstalledBeltRow] = ()
 
 
 class CompareDriveMetadata(Metadata):

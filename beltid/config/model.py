@@ -214,6 +214,11 @@ class TensionerSection(Section):
     free_angle_deg: float = number(..., -360, 360, "°", "of the pulley about the pivot, at the end")
     preload_N_m: float = number(..., 0, 1e4, "N m", "moment at that angle")
     rate_N_m_deg: float = number(..., 0, 1e3, "N m/°", "its growth")
+    stops_deg: tuple[float, float] | None = key(
+        None,
+        "angles at the stops; null: none",
+        checks.ListOf("[-10, 60]", 2, checks.Number(-720, 720, "°")),
+    )
 
 
 class OperatingPointsSection(Section):
@@ -247,6 +252,12 @@ class DriveSection(Section):
     driver: str | None = key(None, "null: the first pulley", checks.text)
     tensioner: TensionerSection | None = key(None, "with installation: tensioner")
     operating_points: OperatingPointsSection = OperatingPointsSection()
+    belt_length_m: float | None = number(
+        None, 0.05, 100, "m", "stress-free; null: as initial_tension_N or the tensioner ask for"
+    )
+    belt_length_tolerance_m: float = number(
+        0.0, 0, 1, "m", "of its length, with temperature and wear"
+    )
     back_friction: float = number(0.5, 0.01, 5, "", "friction coefficient of the back")
     idler_torque_N_m: float = number(0.0, 0, 1e3, "N m", "drag of a pulley without load")
 

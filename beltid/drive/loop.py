@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TOLERANCE: Final = 1e-9
+TOLERANCE: Final = 1e-8
 """Largest residual of the scaled equations: torque over T_0 R, strain over T_0/EA, speed."""
 DAMPED: Final = 0.1
 """First step of the second attempt, over the size of the unknowns; 100 in the first one."""
@@ -87,7 +87,7 @@ class LoopState:
         return preceding(self.P)
 
 
-class _Loop:
+class Loop:
     """Equations of an operating point; forces are scaled by T_0, the flow by the driver.
 
     They hold for negative forces, too, with the friction of a belt that is nearly slack, so that a
@@ -95,15 +95,21 @@ class _Loop:
     """
 
     def __init__(
-        self, drive: Drive, point: DrivePoint, level: Level, rest: RestState, held: float | None
+        self,
+        drive: Drive,
+        point: DrivePoint,
+        level: Level,
+        rest: RestState,
+        held: float | None = None,
     ) -> None:
         self.drive, self.level, self.rest, self.held = drive, level, rest, held
         self.R = np.array([p.R for p in drive.pulleys])
-        self.torque = np.array(point.torque) + np.array([p.drag for p in drive.pulleys])
+        self.drag, self.torque = np.array([p.drag for p in drive.pulleys]), np.array(point.torque)
         self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
         self.omega = abs(point.omega)
         self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
         self.arm_is_free = drive.tensioner is not None and held is None
+        self.factor = 1.0  # on torques and powers
 
     def state(self, u: Array) -> LoopState:
         """Unpack the unknowns and compute the belt on its pulleys."""
@@ -118,7 +124,7 @@ class _Loop:
     def residual(self, u: Array) -> Array:
         """Return the residuals of (D7) to (D9), scaled to order one."""
         try:
-            state = self.state(u)
+            state = self.last = self.state(u)
         except InputError:  # no belt path fits at this angle of the arm
             return np.full(u.size, 1e3)
         drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, u.size
@@ -128,7 +134,8 @@ class _Loop:
         speeds = arcs.W * v + arcs.rate * (state.v0 - v)
         r = np.empty(n)
         n = self.R.size
-        r[:n] = (torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
+        loads = self.drag + self.factor * (self.torque + self.power / speeds)
+        r[:n] = (torque + loads) / (rest.T_0 * self.R)
         r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
             r[n] = state.P[driver] / rest.T_0 - 1.0
@@ -152,7 +159,8 @@ class _Loop:
             arm = [near.arm_angle] if self.arm_is_free else []
             return np.array([*(near.P / self.rest.T_0), near.v0 / self.flow, *arm])
         drive = self.drive
-        steps = (self.torque + self.power * self.R / self.flow) / self.R
+        loads = self.drag + self.torque + self.power * self.R / self.flow
+        steps = loads / self.R
         steps[drive.driver] = 0.0
         steps[drive.driver] = -steps.sum()
         P = np.cumsum(steps) / self.rest.T_0
@@ -191,19 +199,19 @@ def solve_loop(
     if near is not None and (near.slack or near.v0 <= 0.0):
         near = None
     held = rest.arm_angle if rest.at_stop else None
-    state = _solved(_Loop(drive, point, level, rest, held), point, near)
+    state = _solved(Loop(drive, point, level, rest, held), point, near)
     if drive.tensioner is not None and state.arm_angle is not None:
         stop = float(np.clip(state.arm_angle, *drive.tensioner.stops))
         if stop != state.arm_angle and not state.slack:
-            state = _solved(_Loop(drive, point, level, rest, stop), point, near)
+            state = _solved(Loop(drive, point, level, rest, stop), point, near)
     return state
 
 
-def _solved(loop: _Loop, point: DrivePoint, near: LoopState | None) -> LoopState:
+def _solved(loop: Loop, point: DrivePoint, near: LoopState | None) -> LoopState:
     """Solve the equations of a loop; if that fails, once more in small steps."""
     residual = math.inf
     for start, factor in ((near, 100.0), (None, DAMPED)):
-        found = root(loop.residual, loop.start(start), tol=1e-12, options={"factor": factor})
+        found = root(loop.residual, loop.start(start), tol=1e-10, options={"factor": factor})
         residual = float(np.abs(found.fun).max())
         if residual <= TOLERANCE:
             break

@@ -150,6 +150,12 @@ class DriveResult:
         return np.where(self.state.slack, np.nan, forces)
 
     @property
+    def span_frequency(self) -> Array:
+        """Lowest natural frequency of the span behind each pulley, sqrt(P/m)/(2 L) [Hz]."""
+        speed = np.sqrt(np.maximum(self.state.P, 0.0) / self.drive.belt.rhoA)  # of waves
+        return np.where(self.state.slack, np.nan, speed / (2.0 * self.state.laid.spans))
+
+    @property
     def torque(self) -> Array:
         """Torque at each pulley [N m]: delivered by the driver, taken off by the others."""
         on_belt = np.where(self.state.slack, np.nan, self.state.arcs.torque)

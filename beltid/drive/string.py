@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
-FEWEST_PANELS, MOST_PANELS, PANEL = 4, 40, 0.1  # number, and width in ln P
+FEWEST_PANELS, MOST_PANELS, PANEL = 4, 32, 0.15  # number, and width in ln P
 SLIP_GRID = 24  # number of sliding speeds of the search for full slip
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
@@ -165,17 +165,20 @@ def full_slip(P_in: float, P_out: float, v0: float, wrap: float, falls: bool, s:
         low, at_low = high, at_high
     if at_high > 0.0:
         return math.nan
-    for _ in range(60):  # the Illinois rule
-        x = (low * at_high - high * at_low) / (at_high - at_low)
-        at_x = sliding_arc(P_in, P_out, v0, x, s)[0] - wrap
-        if at_x * at_high <= 0.0:
+    # the Illinois rule, in a coordinate over which friction laws are nearly straight
+    v = s.surface.v_ref
+    low, high = math.log1p(low / v), math.log1p(high / v)
+    for _ in range(60):
+        y = (low * at_high - high * at_low) / (at_high - at_low)
+        at_y = sliding_arc(P_in, P_out, v0, v * math.expm1(y), s)[0] - wrap
+        if at_y * at_high <= 0.0:
             low, at_low = high, at_high
         else:
             at_low *= 0.5
-        high, at_high = x, at_x
-        if abs(at_high) < 1e-13 * wrap or abs(high - low) < 1e-13 * high:
+        high, at_high = y, at_y
+        if abs(at_high) < 1e-12 * wrap or abs(high - low) < 1e-13 * high:
             break
-    return high
+    return v * math.expm1(high)
 
 
 @kernel
@@ -271,7 +274,8 @@ class StringLevel:
     def arcs_by_speed(self, i: int, P_in: float, P_out: float, v0: float) -> Array:
         """Return the arcs (D4) of pulley i without slip at the entry and at measured speeds."""
         s = self.sections[i]
-        speeds = (0.0, *s.speeds.tolist())
+        # friction that does not fall with the speed needs the least arc at the fastest one
+        speeds = (0.0, *s.speeds.tolist()[0 if self.falls[i] else -1 :])
         return np.array([sliding_arc(P_in, P_out, v0, x, s)[0] for x in speeds])
 
     def outside(self, i: int, P_in: float, P_out: float, v0: float, x: float) -> tuple[float, float]:

@@ -338,6 +338,9 @@ _DRIVE = Table(
         real("friction_power_W", "W", "lost to friction, without the hysteresis of the belt"),
         text("status", "adhesion, full slip, gross slip or slack"),
         *optional(count("steady_states", "states with which the arc carries its forces")),
+        *optional(
+            nonnegative("span_frequency_Hz", "Hz", "lowest, of the span behind", nullable=True)
+        ),
     ),
     label="run",
 )
