@@ -258,9 +258,7 @@ class StringLevel:
         """Return zero: a string has no length beyond that of spans and arcs."""
         return 0.0
 
-    def along_arc(
-        self, i: int, P: Array, v0: float, x: float
-    ) -> tuple[Array, Array, Array]:
+    def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
         """Return line force [N/m], sliding speed [m/s] and mu on pulley i at forces P (n,) [N].
 
         ``P[0]`` is the force at the entry, where the belt slides with x [m/s].
@@ -278,7 +276,9 @@ class StringLevel:
         speeds = (0.0, *s.speeds.tolist()[0 if self.falls[i] else -1 :])
         return np.array([sliding_arc(P_in, P_out, v0, x, s)[0] for x in speeds])
 
-    def outside(self, i: int, P_in: float, P_out: float, v0: float, x: float) -> tuple[float, float]:
+    def outside(
+        self, i: int, P_in: float, P_out: float, v0: float, x: float
+    ) -> tuple[float, float]:
         """Return shares of the friction of pulley i below the measured speeds, outside the forces.
 
         Both change monotonically along the arc.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 
-from beltid.rig.compiler import compiled_by
-
 
 @functools.cache
 def compiled() -> None:

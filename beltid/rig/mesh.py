@@ -7,7 +7,6 @@ B, so the span at A is the tight one (trap (d) of the method).
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

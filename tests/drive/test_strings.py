@@ -133,7 +133,6 @@ def test_two_pulley_bench_with_the_true_law(
     assert result.status == ("adhesion", "adhesion")
 
 
-
 THREE = (
     Pulley("driver", 0.0, 0.0, 0.06),
     Pulley("idler", 0.15, 0.10, 0.03, ribs=False),

@@ -141,7 +141,7 @@ def test_belts_within_their_tolerance_have_the_tensions_of_the_report(report: st
     for belt in belts:
         _, tension, hub = positions[belt.name]
         # the mean angle is rounded to 0.1 degrees, 0.07 mm of the belt
-        assert belt.result.rest.T_0 == pytest.approx(tension, rel=6e-3)
+        assert pytest.approx(tension, rel=6e-3) == belt.result.rest.T_0
         assert belt.hub_force_at_rest[-1] == pytest.approx(hub, rel=6e-3)
     assert belts[2].length - belts[0].length == pytest.approx(2e-3 * tolerance, rel=1e-12)
 
@@ -160,7 +160,7 @@ def test_an_arm_at_its_stop_keeps_its_place() -> None:
     assert short.rest.arm_angle == pytest.approx(stop)
     laid = layout(stopped, stop)
     path = laid.spans.sum() + laid.wraps @ [pulley.R for pulley in stopped.pulleys]
-    assert short.rest.T_0 == pytest.approx(1e6 * (path / short.rest.belt_length - 1.0), rel=1e-9)
+    assert pytest.approx(1e6 * (path / short.rest.belt_length - 1.0), rel=1e-9) == short.rest.T_0
     assert short.state.arm_angle == pytest.approx(stop)
 
 
