@@ -46,11 +46,8 @@ def arc_profiles(result: DriveResult) -> list[ArcProfile | None]:
         if state.slack or math.isnan(state.arcs.slip[i]):
             profiles.append(None)
         else:
-            profiles.append(
-                _of_string(result, i)
-                if rod is None
-                else _of_rod(rod, float(result.rest.laid.wraps[i]))
-            )
+            wrap = float(result.rest.laid.wraps[i])
+            profiles.append(_of_string(result, i) if rod is None else _of_rod(rod, wrap))
     return profiles
 
 

@@ -143,8 +143,8 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
         if nearest is None:
             raise InputError(
                 f"drive.belt_length_m = {drive.belt_length:g}: the tensioner has no equilibrium "
-                f"with a belt of this length; {laid_at(balance(mean), mean).belt_length:.5g} m fits "
-                "its mean position"
+                "with a belt of this length; its mean position has one of "
+                f"{laid_at(balance(mean), mean).belt_length:.5g} m"
             )
         return replace(tightened(nearest), at_stop=True)
     tension = balance(mean)
