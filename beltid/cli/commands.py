@@ -166,7 +166,7 @@ def run(
         first_time = any(not (folder / source.name).is_dir() for source in sources)
         has_work = first_time or common.force
         if has_work and not address:
-            from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
+            from beltid.rig.compiler import COMPILING, compile_ahead
 
             if compile_ahead(_packages_with_kernels(sources)):
                 log.info("%s", COMPILING)
@@ -184,12 +184,7 @@ def _packages_with_kernels(sources: list[ConfigSource]) -> list[str]:
     """Return the packages whose kernels the belts need if everything is recomputed."""
     configs = [source.config for source in sources]
     simulated = [config for config in configs if {"press", "rig"} <= set(config.data.files)]
-    driven = [
-        config
-        for config in simulated
-        if "drive" in config.model_fields_set and "speedloss" in config.data.files
-    ]
-    return [*(["rigsim"] if simulated else []), *(["drive"] if driven else [])]
+    return ["rig"] if simulated else []
 
 
 def _scheduler_address(stated: str | None, jobs: int | None) -> str:

@@ -191,7 +191,8 @@ class DriveResult:
         state, string = self.state, StringLevel(self.drive)
         n = state.P.size
         if state.slack:
-            return SlidingShares(*np.full((5, n), np.nan), np.zeros(n, dtype=np.int64))
+            nan = np.full(n, np.nan)
+            return SlidingShares(nan, nan, nan, nan, nan, np.zeros(n, dtype=np.int64))
         rows = []
         for i, (P_in, P_out) in enumerate(zip(state.P_in.tolist(), state.P.tolist(), strict=True)):
             x = float(state.arcs.slip[i])
@@ -204,8 +205,8 @@ class DriveResult:
                 touches = rod.line_force > 0.0
                 f, v = rod.line_force[touches], np.abs(rod.slip_speed[touches])
             rows.append((v.max(), f.min(), f.max(), *outside, states))
-        *values, counts = np.array(rows).T
-        return SlidingShares(*values, counts.astype(np.int64))
+        v_max, f_min, f_max, below, beyond, counts = np.array(rows).T
+        return SlidingShares(v_max, f_min, f_max, below, beyond, counts.astype(np.int64))
 
     @property
     def friction_power(self) -> Array:

@@ -235,9 +235,9 @@ class RodLevel:
             rod, known = self._pulley(i, rest), self._known(i, rest)
             P_in, P_out, v0 = float(state.P_in[i]), float(state.P[i]), state.v0
             start = min(known, key=lambda s: _distance(s, P_in, P_out, v0), default=None)
-            if near is not None and near.rods and near.rods[i] is not None:
-                other = near.rods[i]
-                start = other if other.q.size == rod.model.system.mesh.h.size * 4 + 4 else start
+            other = near.rods[i] if near is not None and near.rods else None
+            if other is not None and other.q.size == 4 * rod.model.nodes.size:
+                start = other
             try:
                 found = flow(rod, v0, P_in, T_out=P_out, start=start)
             except ConvergenceError:

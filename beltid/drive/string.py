@@ -219,16 +219,15 @@ class StringLevel:
         rigid = (math.inf, 0.0)
         soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
         back = FrictionSurface.constant(drive.back_friction)
-        of_ribs = drive.friction, _slip_speeds(drive.surface)
-        of_back = back.tables(), _slip_speeds(back)
-        self.R = np.array([pulley.R for pulley in drive.pulleys])
         self.measured = [drive.surface if p.ribs else back for p in drive.pulleys]
         self.falls = [surface.falls_with_speed for surface in self.measured]
-        self.sections = [
-            Section(belt.EA, belt.rhoA, *map(float, soft if p.ribs else rigid), float(p.R), *law_of)
-            for p in drive.pulleys
-            for law_of in [of_ribs if p.ribs else of_back]
-        ]
+        self.sections = []
+        for pulley, surface in zip(drive.pulleys, self.measured, strict=True):
+            k_linear, k_quadratic = map(float, soft if pulley.ribs else rigid)
+            tables = drive.friction if pulley.ribs else back.tables()
+            R, speeds = float(pulley.R), _slip_speeds(surface)
+            section = Section(belt.EA, belt.rhoA, k_linear, k_quadratic, R, tables, speeds)
+            self.sections.append(section)
 
     def arcs(
         self, P_in: Array, P_out: Array, v0: float, wraps: Array, room: Array | None = None

@@ -79,7 +79,8 @@ def add_belt(
     # strain and strain increment grow together within a step: the law at 1 for both is its slope
     EA = (section_force(section.EA, 1.0, 1.0, tau) - section.momentum) / stretch
     EI = section_force(section.EI, 1.0, 1.0, tau) / stretch
-    a, e, k, H = np.zeros(2), np.zeros(4), np.zeros(4), np.zeros((4, 4))
+    a, e, k = np.zeros(2), np.zeros(4), np.zeros(4)
+    H, G = np.zeros((4, 4)), np.zeros((4, 8))
     for el in range(mesh.h.size):
         for g in range(mesh.w_g.shape[1]):
             D, DD = mesh.D[el, g], mesh.DD[el, g]
@@ -110,18 +111,20 @@ def add_belt(
                     mixed = M / p2 * (j - i - 2 * a[i] * k[2 + j])
                     H[i, 2 + j] += mixed
                     H[2 + j, i] += mixed
+            for i in range(4):  # from (r', r'') to the coordinates of the element
+                for m in range(4):
+                    G[i, 2 * m] = H[i, 0] * D[m] + H[i, 2] * DD[m]
+                    G[i, 2 * m + 1] = H[i, 1] * D[m] + H[i, 3] * DD[m]
             for j in range(4):
                 d, dd = mesh.w_g[el, g] * D[j], mesh.w_g[el, g] * DD[j]
-                for x in range(2):
-                    row = 4 * el + 2 * j + x
-                    by_kappa = d * k[x] + dd * k[2 + x]
-                    r[row] += N * d * e[x] + M * by_kappa
-                    r_s[row] -= (EA * p * d * e[x] + EI * curl * by_kappa) / stretch
-                    for y in range(2):
-                        by_a = d * H[x, y] + dd * H[2 + x, y]
-                        by_b = d * H[x, 2 + y] + dd * H[2 + x, 2 + y]
-                        for m in range(4):
-                            A[row, HALF + 2 * (m - j) + y - x] += by_a * D[m] + by_b * DD[m]
+                for i in range(2):
+                    row = 4 * el + 2 * j + i
+                    by_kappa = d * k[i] + dd * k[2 + i]
+                    r[row] += N * d * e[i] + M * by_kappa
+                    r_s[row] -= (EA * p * d * e[i] + EI * curl * by_kappa) / stretch
+                    at = HALF - 2 * j - i
+                    for c in range(8):
+                        A[row, at + c] += d * G[i, c] + dd * G[2 + i, c]
 
 
 @kernel

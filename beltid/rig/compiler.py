@@ -31,8 +31,9 @@ def cache_folder() -> Path:
     digest = hashlib.sha256(f"{metadata.version('numba')} {sys.version}".encode())
     for room in ROOMS:
         for source in sorted((PACKAGE / room).rglob("*.py")):
-            digest.update(str(source.relative_to(PACKAGE)).encode())
-            digest.update(source.read_bytes())
+            content = source.read_bytes()
+            if room == "laws" or b"@kernel" in content:
+                digest.update(content)
     base = os.environ.get("BELTID_CACHE_DIR") or (
         Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "beltid"
     )
@@ -54,7 +55,8 @@ def kernel(function: F) -> F:
     import numba
 
     if _writable():
-        numba.config.CACHE_DIR = str(cache_folder())
+        settings: Any = numba.config  # numba sets its attributes at run time: no static types
+        settings.CACHE_DIR = str(cache_folder())
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "cache": _writable()}
     return cast(F, numba.njit(**options)(function))
 

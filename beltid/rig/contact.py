@@ -38,7 +38,8 @@ class Pulley(NamedTuple):
 
     ``C_P`` [N s/m²] is the damping of Eq. (4) per length of belt, ``ratio`` the friction limit at
     rest over that of sliding at the lowest measured speed, ``k_t`` [N/m²] the stiffness of a stick
-    per length.
+    per length. ``memory`` [m] is the slip over which friction follows the speed, 0: at once.
+    ``edge`` [-] is the growth of the penetration over the belt where the contact begins.
     """
 
     R: float
@@ -47,6 +48,8 @@ class Pulley(NamedTuple):
     C_P: float
     ratio: float
     k_t: float
+    memory: float
+    edge: float
     surface: SurfaceTables
 
 
@@ -92,6 +95,23 @@ class Motion(NamedTuple):
 
 
 @kernel
+def press(pulley: Pulley, gap: float, part: float) -> tuple[float, float]:
+    """Return the line force of a point and its slope over the penetration, Eqs. (1) and (3).
+
+    A point stands for a ``part`` [m] of the belt, of which only some touches at the ends of the
+    contact. So the penetration grows from zero smoothly, as its mean over the part does, and no
+    stiffness jumps. ``gap`` is g_N [m], negative in contact.
+    """
+    delta, half = -gap, 0.5 * pulley.edge * part
+    grows = 1.0
+    if delta < half:
+        grows = max(0.0, (delta + half) / (2.0 * half))
+        delta = grows * grows * half
+    f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
+    return f, elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic) * grows
+
+
+@kernel
 def friction(surface: SurfaceTables, f: float, v: float) -> tuple[float, float, float]:
     """Return mu(f_N, v) and its derivatives in both."""
     i, s, by_f = locate(surface.x_nodes, surface.f_ref, f)
@@ -132,7 +152,7 @@ def add_contact(
     int
         Number of points that changed between stick and slide.
     """
-    R, rate, changes = pulley.R, motion.rate, 0
+    R, rate, changes, G = pulley.R, motion.rate, 0, np.zeros((2, 8))
     for el in range(mesh.h.size):
         for c in range(mesh.w_c.shape[1]):
             N, point, before = mesh.N[el, c], now[el, c], last[el, c]
@@ -141,57 +161,66 @@ def add_contact(
                 x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
             rho = math.sqrt(x * x + y * y)
             point.rho, point.theta = rho, math.atan2(x, y)
-            delta, w = R - rho, mesh.w_c[el, c] * stretch
-            if delta <= 0.0:
+            w = mesh.w_c[el, c] * stretch
+            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
                 point.limit = point.slip = point.speed = 0.0
                 point.sticks, point.sign = False, 1.0
                 continue
             n = (x / rho, y / rho)
             t = (n[1], -n[0])
-            f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-            slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic)
-            F_N, k, slip, v = w * f, w * slope, 0.0, sliding_speed(motion.omega, R)
+            F_N, k, slip = w * f, w * slope, 0.0
+            v, v_slip = sliding_speed(motion.omega, R), 0.0
             if rate > 0.0:
                 approach = before.rho - rho
                 if approach > 0.0:  # Eq. (2): dissipation only while approaching
                     damping = pulley.C_P * w * rate
                     F_N, k = F_N + damping * approach, k + damping
                 slip = rho * (motion.omega / rate - point.theta + before.theta)
-                v = abs(slip) * rate * R / rho
+                v_slip = rate * R / rho
+                v = abs(slip) * v_slip
+                if pulley.memory > 0.0:
+                    lag = 1.0 / (1.0 + abs(slip) / pulley.memory)
+                    change = v - before.speed
+                    v, v_slip = v - lag * change, (1 - lag) * v_slip
+                    v_slip += lag * lag * change / pulley.memory
             mu, mu_f, mu_v = friction(pulley.surface, f, v)
-            limit, k_t = motion.share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
-            at_rest, trial = pulley.ratio * limit, before.F_T + k_t * slip
+            share = motion.share * (pulley.ratio if before.sticks else 1.0)
+            limit, k_t = share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
+            trial = before.F_T + k_t * slip
             if revise and rate > 0.0:
                 sticks, sign = point.sticks, point.sign
                 if sticks:
-                    point.sticks = abs(trial) <= at_rest * (1 + CONE_TOLERANCE)
+                    point.sticks = abs(trial) <= limit * (1 + CONE_TOLERANCE)
                     point.sign = math.copysign(1.0, trial)
                 else:
                     point.sticks = sign * slip < -SLIP_TOLERANCE
                 changes += sticks != point.sticks
             sign = point.sign
             if rate > 0.0 and point.sticks:
-                F_T, by_delta, by_slip = trial, 0.0, k_t
-                limit = at_rest
+                F_T, by_delta, by_slip = trial, -k_t * slip / rho, k_t
             else:
                 F_T = sign * limit
-                by_delta = sign * motion.share * (mu * k + mu_f * slope * F_N)
-                by_slip = sign * motion.share * mu_v * F_N * rate * math.copysign(1.0, slip)
+                by_delta = sign * share * (mu * k + mu_f * slope * F_N)
+                by_slip = sign * share * mu_v * v_slip * F_N * math.copysign(1.0, slip)
             point.f_N, point.F_N, point.F_T = f, F_N, F_T
             point.limit, point.slip, point.speed = limit, slip, v
             for i in range(2):
-                force = F_N * n[i] + F_T * t[i]
                 for m in range(2):
                     # minus the derivative of the force in the position
                     K = k * n[i] * n[m] + (by_slip - F_N / rho) * t[i] * t[m]
                     K += F_T / rho * n[i] * t[m] + by_delta * t[i] * n[m]
                     for j in range(4):
-                        for o in range(4):
-                            A[4 * el + 2 * j + i, HALF + 2 * (o - j) + m - i] += N[j] * N[o] * K
-                for j in range(4):
-                    r[4 * el + 2 * j + i] -= N[j] * force
-                    r_s[4 * el + 2 * j + i] -= N[j] * force / stretch
+                        G[i, 2 * j + m] = N[j] * K
+            for j in range(4):
+                for i in range(2):
+                    row, force = 4 * el + 2 * j + i, N[j] * (F_N * n[i] + F_T * t[i])
+                    r[row] -= force
+                    r_s[row] -= force / stretch
+                    at = HALF - 2 * j - i
+                    for m in range(8):
+                        A[row, at + m] += N[j] * G[i, m]
     return changes
 
 
@@ -217,7 +246,7 @@ def add_flow_contact(
     ``r_omega`` (n,) is the derivative in the speed of the pulley; its ``speed`` is g, signed.
     """
     R, stretch, omega = pulley.R, u[0], u[1]
-    fall = R * motion.v0 / stretch
+    fall, G = R * motion.v0 / stretch, np.zeros((2, 8))
     for el in range(mesh.h.size):
         for c in range(mesh.w_c.shape[1]):
             N, N_s, point = mesh.N[el, c], mesh.N_s[el, c], now[el, c]
@@ -231,15 +260,14 @@ def add_flow_contact(
             t = (n[1], -n[0])
             turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
             g = R * omega - fall * turn
-            delta, w = R - rho, mesh.w_c[el, c] * stretch
+            w = mesh.w_c[el, c] * stretch
+            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
             last, scale = point.speed, motion.scale
             point.speed, point.sticks = g, False
-            if delta <= 0.0:
+            if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
                 point.sign = g / math.sqrt(g * g + scale * scale)
                 continue
-            f = elastic_force(delta, pulley.k_linear, pulley.k_quadratic)
-            slope = elastic_stiffness(delta, pulley.k_linear, pulley.k_quadratic)
             F_N, k = w * f, w * slope
             mu, mu_f, mu_v = friction(pulley.surface, f, abs(g))
             if revise:  # the linearised share of friction after a step of Newton's method
@@ -255,19 +283,19 @@ def add_flow_contact(
             point.sticks = abs(g) < 3.0 * scale
             d_rot = (-dy, dx)
             for i in range(2):
-                force = F_N * n[i] + F_T * t[i]
                 for m in range(2):
                     g_r = fall * (-d_rot[m] / rho**2 + 2 * turn * n[m] / rho)
                     K = k * n[i] * n[m] - F_N / rho * t[i] * t[m] + F_T / rho * n[i] * t[m]
                     K += by_delta * t[i] * n[m] - by_g * t[i] * g_r
                     K_s = by_g * fall / rho * t[i] * t[m]
                     for j in range(4):
-                        for o in range(4):
-                            at = HALF + 2 * (o - j) + m - i
-                            A[4 * el + 2 * j + i, at] += N[j] * (N[o] * K + N_s[o] * K_s)
-                by_stretch = (force + by_g * fall * turn * t[i]) / stretch
-                for j in range(4):
-                    row = 4 * el + 2 * j + i
+                        G[i, 2 * j + m] = N[j] * K + N_s[j] * K_s
+            for j in range(4):
+                for i in range(2):
+                    row, force = 4 * el + 2 * j + i, F_N * n[i] + F_T * t[i]
                     r[row] -= N[j] * force
-                    r_s[row] -= N[j] * by_stretch
+                    r_s[row] -= N[j] * (force + by_g * fall * turn * t[i]) / stretch
                     r_omega[row] -= N[j] * by_g * R * t[i]
+                    at = HALF - 2 * j - i
+                    for m in range(8):
+                        A[row, at + m] += N[j] * G[i, m]

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
+from beltid.laws.capstan import Spans
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Rig
+from beltid.params import Belt, OperatingPoint, Rig
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ INSIDE = 0.3  # distance of the finest elements inside the first contact, over t
 GROWTH_IN_SPAN = 1.3  # of the element length over the distance, if layer = bending length
 GROWTH_ON_ARC = 0.2
 LONGEST = 1.5  # element length on the arc over the layer, at most
-ELEMENT = 0.34  # length of the default elements over the target length
+ELEMENT = 0.3  # length of the default elements over the target length
 FEWEST_ELEMENTS, MOST_ELEMENTS = 10, 1000
 SAMPLES = 400  # of the target lengths over half the path
 
@@ -58,7 +59,7 @@ class Path:
     def stretched(self, other: Path, s: Array) -> Array:
         """Map path coordinates ``s`` of this path to another one, part by part in proportion."""
         corners = [[0.0, p.span, p.length - p.span, p.length] for p in (self, other)]
-        return np.asarray(np.interp(s, *corners))
+        return np.asarray(np.interp(s, corners[0], corners[1]))
 
 
 class Mesh(NamedTuple):
@@ -119,7 +120,17 @@ def bending_length(EI: float, T: float) -> float:
     return math.sqrt(EI / T)
 
 
-def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float]:
+def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
+    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
+
+    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
+    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
+    stays in line with the belt.
+    """
+    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
+
+
+def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:
     """Compute where a tightened belt first touches, in closed form: a beam on an elastic bed.
 
     The gap to the pulley obeys ``EI u'''' - T u'' + k (u + delta_0) = 0`` in contact, with the
@@ -132,6 +143,8 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
         Path coordinate of the first contact, from the tangent point towards the arc [m].
     layer : float
         Length over which the pressure grows from zero to its value on the arc [m].
+    slope : float
+        Growth of the penetration over the path at the first contact [-].
     """
     EI, R = belt.EI, rig.R
     delta = float(law.penetration(T / R))
@@ -141,10 +154,11 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
     # where u = 0: u'' + (p + q) u' + p q delta_0 = 0 on the bed; kappa' = kappa/bend in the span
     curvature = 1.0 / (R * bend) + delta * pq * pq / p_q
     curvature /= p_q - pq / p_q + 1.0 / bend
-    offset = R * ((1.0 / R - curvature) * bend - (curvature + delta * pq) / p_q)
+    slope = (curvature + delta * pq) / p_q
+    offset = R * ((1.0 / R - curvature) * bend - slope)
     slow = T * T - 4.0 * EI * k
     layer = 2.0 / p_q if slow <= 0.0 else math.sqrt((T + math.sqrt(slow)) / (2.0 * k))
-    return offset, layer
+    return offset, layer, slope
 
 
 def graded_nodes(
@@ -173,7 +187,7 @@ def graded_nodes(
         Path coordinates [m], symmetric about the middle.
     """
     half = 0.5 * Path(rig.R, rig.span, beta).length
-    offset, layer = touchdown(belt, rig, law, T_0)
+    offset, layer, _ = touchdown(belt, rig, law, T_0)
     bend, layer = bending_length(belt.EI, T_0), min(layer, WIDEST * rig.R)
     start = min(max(rig.span + offset + INSIDE * layer, 0.5 * rig.span), 0.9 * half)
     s = np.linspace(0.0, half, SAMPLES)

@@ -15,14 +15,15 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.belt import Section
 from beltid.rig.contact import Pulley
-from beltid.rig.mesh import Path, graded_nodes, mesh_on
+from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
 from beltid.rig.newton import Border, State, System, new_state
 
 Array = NDArray[np.float64]
 
 LARGEST_STRAIN = 0.2
 POINTS_OF_THE_PAPER = 50  # ten elements of five contact points, each with its damping C_P
-STICK = 1.0  # stiffness of a stick over EA per square of the shortest element [-]
+EDGE = 0.7  # share of its part over which a point comes into contact: the bed is softer there [-]
+STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force, over the layer [-]
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
 WEIGHTS: Final = {"tight": (1.0, 0.0), "slack": (0.0, 1.0), "hub": (1.0, 1.0)}
 """Weights of the tensions at A and B in a given force."""
@@ -123,26 +124,32 @@ class Bench:
             nodes = mesh.path.stretched(path, mesh.nodes)
         else:
             nodes = graded_nodes(self.belt, self.rig, self.law, point.beta, point.T_0, mesh)
+        pulley = self._pulley(path, point.T_0)
+        if isinstance(mesh, RigModel):
+            pulley = pulley._replace(edge=mesh.system.pulley.edge)
         along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
         clamped = self.rig.supports == "clamped"
         system = System(
             mesh=mesh_on(nodes, self.contact.points_per_element),
             section=Section.of(self.belt),
-            pulley=self._pulley(path, float(np.diff(nodes).min())),
+            pulley=pulley,
             clamp=CLAMP * self.belt.EI / float(nodes[1]) if clamped else 0.0,
             across=np.array([[-down, along], [down, along]]),
             h_min=float(np.diff(nodes).min()),
         )
         return RigModel(path, point, nodes, system, self._border(point))
 
-    def _pulley(self, path: Path, h: float) -> Pulley:
+    def _pulley(self, path: Path, T_0: float) -> Pulley:
+        _, layer, slope = touchdown(self.belt, self.rig, self.law, T_0)
         return Pulley(
             R=float(path.R),
             k_linear=float(self.law.k_linear_N_m2),
             k_quadratic=float(self.law.k_quadratic_N_m3),
             C_P=float(self.contact.C_P * POINTS_OF_THE_PAPER / path.length),
             ratio=float(self.contact.sticking_ratio),
-            k_t=float(STICK * self.belt.EA / h**2),
+            k_t=float(self.belt.EA / (STICK * layer) ** 2),
+            memory=0.0,
+            edge=float(EDGE * slope),
             surface=self.surface.tables(),
         )
 

@@ -109,13 +109,24 @@ class State(NamedTuple):
 def new_state(mesh: Mesh) -> State:
     """Allocate a state."""
     (n_e, n_c), n = mesh.w_c.shape, 4 * mesh.h.size + 4
-    q, q_old, q_dot, r, dq = (np.zeros(n) for _ in range(5))
-    strains = [np.zeros((*mesh.w_g.shape, 2)) for _ in range(2)]
-    tangent = np.zeros((n, WIDTH)), np.zeros(n, dtype=np.int64), r, np.zeros((2, n))
+    strains = (*mesh.w_g.shape, 2)
     return State(
-        *(q, q_old, q_dot, np.array([1.0, 0.0]), np.zeros(4)),
-        *(new_points(n_e, n_c), new_points(n_e, n_c), *strains, *tangent),
-        *(np.zeros((4, WIDTH)), np.zeros((3, 4)), dq),
+        q=np.zeros(n),
+        q_old=np.zeros(n),
+        q_dot=np.zeros(n),
+        u=np.array([1.0, 0.0]),
+        force=np.zeros(4),
+        last=new_points(n_e, n_c),
+        now=new_points(n_e, n_c),
+        strains=np.zeros(strains),
+        strains_old=np.zeros(strains),
+        A=np.zeros((n, WIDTH)),
+        pivots=np.zeros(n, dtype=np.int64),
+        r=np.zeros(n),
+        columns=np.zeros((2, n)),
+        rows=np.zeros((4, WIDTH)),
+        kept=np.zeros((3, 4)),
+        dq=np.zeros(n),
     )
 
 

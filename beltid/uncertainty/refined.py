@@ -131,13 +131,15 @@ def simulated_slopes(
     campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
 ) -> Array:
     """Compute the same for any surface at each speed, with the slope by ln v of each run (n,)."""
-    elements = mesh_of(campaign.bench, campaign.runs, MESH)
+    rig = RigRuns(
+        campaign.bench, campaign.runs, speeds, mesh_of(campaign.bench, campaign.runs, MESH)
+    )
 
     def log_mu(other: Campaign) -> Array:
-        rig = RigRuns(other.bench, other.runs, speeds, elements)
-        return rig.log_mu(surfaces, speed_slope)
+        # on the same mesh: the noise of another one is larger than the difference
+        return RigRuns(other.bench, other.runs, speeds, rig.models).log_mu(surfaces, speed_slope)
 
-    base = log_mu(campaign)
+    base = rig.log_mu(surfaces, speed_slope)
     columns = [log_mu(_stepped(campaign, name)) - base for name in INPUTS]
     return np.asarray(np.column_stack(columns) / np.log1p(STEP))
 

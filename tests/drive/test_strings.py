@@ -1,4 +1,4 @@
-"""Strings: closed forms, a finite-element drive, a table, other code, and what holds of any drive."""
+"""Strings: closed forms, a finite-element drive, a table, and what holds of any drive."""
 
 from __future__ import annotations
 
