@@ -15,6 +15,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.first_call import compiled
 from beltid.drive.geometry import preceding
 from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
@@ -260,6 +261,7 @@ class Simulator:
     """
 
     def __init__(self, drive: Drive, method: Method = "string") -> None:
+        compiled()
         self.drive, self.method = drive, method
         self.level = StringLevel(drive)
         self._rods = RodLevel(drive, self.level) if method == "rod" else None
