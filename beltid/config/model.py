@@ -52,7 +52,7 @@ class BeltSection(Section):
     mass_per_length_kg_m: float = number(0.1, 1e-4, 1e2, "kg/m", "matters only in motion")
     damping_time_s: float = number(1e-4, 0, 1, "s", "Kelvin-Voigt c/E; matters only in motion")
     shear_stiffness_N_m2: float | None = number(
-        None, 1e5, 1e12, "N/m²", "of the ribs along the belt, in a drive of rods; null: rigid"
+        None, 1e5, 1e12, "N/m²", "of the ribs along the belt; a drive takes them as rigid"
     )
 
 
