@@ -55,12 +55,12 @@ def test_no_force_leaves_its_cone_and_sticking_points_hardly_move() -> None:
 
 def test_more_friction_at_rest_gives_a_peak_above_the_same_plateau() -> None:
     runs = [
-        simulate(bench(law=LAW_5PK, contact=Contact(sticking_ratio=ratio)), at())
+        simulate(bench(law=LAW_5PK, contact=Contact(sticking_ratio=ratio)), at(omega=0.02))
         for ratio in (1.0, 1.2)
     ]
     peaks = [run.recording["tension_tight_N"].max() for run in runs if run.recording]
     assert runs[0].mu == pytest.approx(runs[1].mu, rel=1e-6)
-    assert peaks[1] > 1.002 * runs[1].tension_tight_N
+    assert peaks[1] > 1.001 * runs[1].tension_tight_N
     assert peaks[0] == pytest.approx(runs[0].tension_tight_N, rel=1e-4)
 
 
@@ -105,6 +105,7 @@ def test_a_belt_below_its_friction_limit_does_not_creep() -> None:
     s = at_rest(model, laid)
     record = np.zeros(60, dtype=STEP)
     record["dt"], record["omega"][:10] = 2e-6 / (0.05 * 0.21), 0.21
+    record["dt"][10:] *= 20.0
     assert march(model.system, model.border, s, record, 0, 60) == 60
     T = np.hypot(record["force"][:, 0], record["force"][:, 1])
     assert T[-1] == pytest.approx(T[40], rel=1e-5)
