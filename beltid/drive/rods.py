@@ -9,6 +9,7 @@ until the forces no longer change, usually twice.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from dataclasses import dataclass, replace
@@ -19,10 +20,13 @@ from numpy.typing import NDArray
 
 from beltid.drive.geometry import Layout
 from beltid.drive.loop import LoopState, solve_loop
-from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.rest import RestState
 from beltid.drive.string import Arcs, StringLevel, seat, sliding_arc
 from beltid.errors import ConvergenceError, InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt
 from beltid.rig.flow import FlowPulley, FlowState, flow
 from beltid.rig.mesh import bending_length
 
@@ -31,7 +35,7 @@ Array = NDArray[np.float64]
 SHORTEST_SPAN: Final = 6.0
 """In bending lengths: the bending at pulleys further apart does not interact."""
 MOST_ROUNDS: Final = 16
-FORCE_TOLERANCE: Final = 1e-4
+FORCE_TOLERANCE: Final = 2e-5
 """Change of the span forces over the tension at rest at which the rods have converged."""
 TENSION_STEP: Final = 0.05
 """Step of the logarithm of the tension within which tensions share a mesh."""
@@ -119,9 +123,9 @@ class RodLevel:
             raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
+        self._last: dict[float, WithRods] = {}
         self._pulleys: dict[tuple[int, float, float], FlowPulley] = {}
         self._states: dict[tuple[int, float, float], deque[FlowState]] = {}
-        self._ends: dict[tuple[float, int], float] = {}
 
     def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """Return the state of the belt on the pulleys at string level, before any rod is solved."""
@@ -161,8 +165,9 @@ class RodLevel:
         """
         n = len(self.drive.pulleys)
         level = WithRods(self, np.zeros(n), np.ones(n), 0.0, np.zeros(n))
-        if near is not None and isinstance(near.level, WithRods):
-            level = replace(near.level, rods=self)
+        start = near.level if near is not None else self._last.get(rest.T_0)
+        if isinstance(start, WithRods):
+            level = replace(start, rods=self)
         state = solve_loop(self.drive, point, level, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
@@ -170,7 +175,7 @@ class RodLevel:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods = self._rods(state, rest, near)
-            level = self._corrected(state, rest, rods)
+            level = self._last[rest.T_0] = self._corrected(state, rest, rods)
             last, state = state, solve_loop(self.drive, point, level, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
@@ -186,7 +191,7 @@ class RodLevel:
         """Return a state with what its rods say of the slip of whole pulleys."""
         slip = state.arcs.slip.copy()
         for i, rod in enumerate(rods):
-            if rod is not None:
+            if rod is not None and not math.isnan(slip[i]):
                 slip[i] = self._whole_slip(i, rod)
                 if slip[i] > self.fastest or rod.W <= 0.0:
                     slip[i] = math.nan
@@ -317,25 +322,25 @@ class RodLevel:
             np.prod((place - other) / (node - other))
             for node, other in zip(nodes, others, strict=True)
         ]
-        ratios = [self._laid_end(i, int(node)) for node in nodes]
+        assert self.drive.law is not None
+        of = self.drive.belt, self.drive.law, pulley.R
+        ratios = [_laid_end(*of, int(node)) for node in nodes]
         return float(np.dot(weights, ratios)) * b**3
 
-    def _laid_end(self, i: int, node: int) -> float:
-        """Return the length at an end of pulley i over b³ at the force of a node [1/m²]."""
-        drive, R = self.drive, self.drive.pulleys[i].R
-        if (R, node) not in self._ends:
-            P = math.exp(END_STEP * node)
-            b = bending_length(drive.belt.EI, P)
-            assert drive.law is not None
-            rod = FlowPulley(
-                drive.belt, drive.law, drive.friction, R, math.pi, 2.0 * SHORTEST_SPAN * b, P
-            )
-            stretch, radius = seat(P, 0.0, self.level.sections[i])
-            of_string = (2.0 * rod.span + rod.wrap * radius) / stretch
-            tilts = self._further_out(i, P) ** 2 / (2.0 * rod.span)
-            own = rod.laid.stretch * rod.model.path.length
-            self._ends[R, node] = (0.5 * (own - of_string) + tilts) / b**3
-        return self._ends[R, node]
+
+@functools.lru_cache(maxsize=256)
+def _laid_end(belt: Belt, law: NormalLaw, R: float, node: int) -> float:
+    """Return the length at an end of an arc over b³, at the force of a node [1/m²]."""
+    P = math.exp(END_STEP * node)
+    b, span = bending_length(belt.EI, P), 2.0 * SHORTEST_SPAN * bending_length(belt.EI, P)
+    friction = FrictionSurface.constant(1.0)
+    rod = FlowPulley(belt, law, friction.tables(), R, math.pi, span, P)
+    string = StringLevel(Drive(belt, law, friction, (Pulley("", 0.0, 0.0, R),) * 2))
+    stretch, radius = seat(P, 0.0, string.sections[0])
+    of_string = (2.0 * span + math.pi * radius) / stretch
+    tilts = (belt.EI / (2.0 * P * R)) ** 2 / (2.0 * span)
+    own = rod.laid.stretch * rod.model.path.length
+    return (0.5 * (own - of_string) + tilts) / b**3
 
 
 def _distance(state: FlowState, P_in: float, P_out: float, v0: float) -> float:

@@ -44,9 +44,9 @@ def pulley_of(R: float, surface: FrictionSurface = HALF) -> FlowPulley:
 def test_speed_and_torque_of_an_independent_rod(
     R: float, v0: float, P_in: float, P_out: float, W: float, torque: float
 ) -> None:
-    """T6; the strings' speeds of these rows are 8e-5 to 9e-4 away."""
+    """T6, and a pulley of 20 mm; the strings' speeds of these rows are 8e-5 to 9e-4 away."""
     state = flow(pulley_of(R), v0, P_in, T_out=P_out)
-    np.testing.assert_allclose(state.W, W, rtol=2e-5)
+    np.testing.assert_allclose(state.W, W, rtol=5e-6 if R > 0.02 else 3e-5)
     assert state.torque == pytest.approx(torque, abs=4e-4)
     by_torque = flow(pulley_of(R), v0, P_in, torque=state.torque)
     assert by_torque.T_out == pytest.approx(P_out, rel=1e-5)
@@ -60,7 +60,7 @@ def test_friction_that_depends_on_force_and_speed(
     P_in: float, P_out: float, W: float, torque: float
 ) -> None:
     state = flow(pulley_of(0.05, surface_5pk()), 1.1, P_in, T_out=P_out)
-    np.testing.assert_allclose(state.W, W, rtol=2e-5)
+    np.testing.assert_allclose(state.W, W, rtol=5e-6)
     assert state.torque == pytest.approx(torque, abs=4e-4)
 
 
@@ -96,13 +96,13 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
     ]
     results = simulate(drive, points, "rod")
     for result, (v0, forces, W) in zip(results, (LOADED, IDLING), strict=True):
-        assert result.state.v0 == pytest.approx(v0, rel=2e-5)
-        assert pytest.approx(forces, rel=1e-4) == result.state.P
-        assert [rod.W for rod in result.state.rods if rod] == pytest.approx(W, rel=2e-5)
+        assert result.state.v0 == pytest.approx(v0, rel=5e-6)
+        assert pytest.approx(forces, rel=5e-5) == result.state.P
+        assert [rod.W for rod in result.state.rods if rod] == pytest.approx(W, rel=6e-6)
     loaded, idling = (np.array(W) / W[0] for _, _, W in (LOADED, IDLING))
     losses = 100.0 * (idling - loaded)
     ours = results[1].speed - results[0].speed
-    assert ours[1:3] == pytest.approx(losses[1:3], rel=5e-3)
+    assert ours[1:3] == pytest.approx(losses[1:3], rel=2e-3)
     strings = simulate(drive, points)
     assert strings[1].speed[1] - strings[0].speed[1] > 1.05 * losses[1]
 
@@ -164,18 +164,18 @@ def test_reversed_running_is_the_mirror_image() -> None:
 
 def test_idlers_and_backs() -> None:
     pulleys = (
-        Pulley("driver", 0.0, 0.0, 0.06),
+        Pulley("driver", 0.0, 0.0, 0.05),
         Pulley("idler", 0.2, 0.15, 0.05),
-        Pulley("back", 0.33, 0.13, 0.03, ribs=False),
-        Pulley("load", 0.5, 0.25, 0.04),
+        Pulley("load", 0.4, 0.0, 0.05),
+        Pulley("back", 0.2, -0.02, 0.03, ribs=False),
     )
     drive = two_pulleys(pulleys=pulleys)
-    points = [DrivePoint(50.0, 300.0, (0.0, 0.0, 0.0, load)) for load in (0.0, 6.0)]
+    points = [DrivePoint(50.0, 300.0, (0.0, 0.0, load, 0.0)) for load in (0.0, 6.0)]
     idle, loaded = simulate(drive, points, method="rod")
     assert idle.loss.total == pytest.approx(0.0, abs=1e-8)
     assert loaded.torque[1] == pytest.approx(0.0, abs=1e-6)
     assert loaded.friction_power[1] > 0.0  # its ribs have to seat: the string knows none of it
-    assert [rod is None for rod in loaded.state.rods] == [False, False, True, False]
+    assert [rod is None for rod in loaded.state.rods] == [False, False, False, True]
 
 
 def test_more_than_the_bent_belt_carries_is_gross_slip() -> None:
