@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 TOLERANCE: Final = 2e-5
 """Relative tolerance of a limit of a string."""
 ROD_TOLERANCE: Final = 3e-3
-"""Relative change at which a limit of rods is left; their adhesion arc is told to about 1 %."""
+"""Relative change at which a limit of rods is left."""
 BELOW: Final = (0.999, 0.97, 0.9)
 """Shares of a limit of rods at which they are solved next."""
 MOST_ROUNDS: Final = 4

@@ -20,7 +20,7 @@ from beltid.drive.geometry import preceding
 from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rest import RestState, rest_state
-from beltid.drive.rods import RodLevel
+from beltid.drive.rods import RodLevel, adhesion_arc
 from beltid.drive.string import StringLevel
 
 Array = NDArray[np.float64]
@@ -182,8 +182,10 @@ class DriveResult:
     @property
     def arc_used(self) -> Array:
         """Arc that does not stick on each pulley [rad]."""
-        arcs, wraps = self.state.arcs, self.state.laid.wraps
-        used = np.where(arcs.slip == 0.0, wraps - np.maximum(arcs.room - arcs.needed, 0.0), wraps)
+        used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
+        for i, rod in enumerate(self.state.rods):
+            if rod is not None:
+                used[i] = self.state.laid.wraps[i] - adhesion_arc(rod)
         return np.where(self.state.slack, np.nan, used)
 
     @property

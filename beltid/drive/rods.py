@@ -41,6 +41,10 @@ TENSION_STEP: Final = 0.05
 """Step of the logarithm of the tension within which tensions share a mesh."""
 FASTEST_WITHOUT_RANGE: Final = 0.05
 """Largest sliding speed over belt speed, for friction without a speed range [-]."""
+SLIDING: Final = 0.01
+"""Sliding speed over that of the belt of a rod whose whole arc slides [-]."""
+ROOM_STEP: Final = 0.2
+"""Step of the logarithm of the force within which such a rod is not solved again."""
 SEATED: Final = 4.0
 """Lengths of the elastic bed behind the first contact after which the ribs are seated."""
 END_STEP: Final = 0.4
@@ -62,6 +66,13 @@ def short_spans(drive: Drive, spans: Array, P: Array) -> list[str]:
         for i, name in enumerate(names)
         if spans[i] < shortest[i]
     ]
+
+
+def adhesion_arc(rod: FlowState) -> float:
+    """Return the angle on which a rod sticks [rad]; a single point is no adhesion arc."""
+    width = np.abs(np.gradient(rod.angle))
+    pairs = rod.sticks[1:] & rod.sticks[:-1]
+    return float(width[rod.sticks].sum()) if pairs.any() else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +134,7 @@ class RodLevel:
             raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
-        self._last: dict[float, WithRods] = {}
+        self._rooms: dict[tuple[tuple[int, float, float], bool, int], float] = {}
         self._pulleys: dict[tuple[int, float, float], FlowPulley] = {}
         self._states: dict[tuple[int, float, float], deque[FlowState]] = {}
 
@@ -165,9 +176,8 @@ class RodLevel:
         """
         n = len(self.drive.pulleys)
         level = WithRods(self, np.zeros(n), np.ones(n), 0.0, np.zeros(n))
-        start = near.level if near is not None else self._last.get(rest.T_0)
-        if isinstance(start, WithRods):
-            level = replace(start, rods=self)
+        if near is not None and isinstance(near.level, WithRods):
+            level = replace(near.level, rods=self)
         state = solve_loop(self.drive, point, level, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
@@ -175,7 +185,7 @@ class RodLevel:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods = self._rods(state, rest, near)
-            level = self._last[rest.T_0] = self._corrected(state, rest, rods)
+            level = self._corrected(state, rest, rods)
             last, state = state, solve_loop(self.drive, point, level, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
@@ -211,10 +221,7 @@ class RodLevel:
                 continue
             wrap, v0 = float(rest.laid.wraps[i]), state.v0
             forces, span = (rod.T_in, rod.T_out), self._pulley(i, rest).span
-            slips, s = self._whole_slip(i, rod), self.level.sections[i]
-            x = min(slips, self.fastest) if math.isfinite(self.fastest) else 0.0
-            needed = sliding_arc(*forces, v0, x, s)[0]
-            room[i] = needed + (self._adhesion(rod) if slips == 0.0 else 0.0) - wrap
+            room[i] = self._room(i, state, rest) - wrap
             ones = np.ones(n)
             string = self.level.arcs(
                 forces[0] * ones, forces[1] * ones, v0, wrap * ones, (wrap + room[i]) * ones
@@ -260,6 +267,24 @@ class RodLevel:
         ahead = math.copysign(fastest, P_in - P_out) / rod.R
         return flow(rod, v0, P_in, omega=float(state.arcs.rate[i]) * v0 + ahead)
 
+    def _room(self, i: int, state: LoopState, rest: RestState) -> float:
+        """Return the arc of a string that carries what a rod carries if it slides as a whole [rad].
+
+        It hardly depends on the forces, so that similar ones share it.
+        """
+        P_in, P_out, v0 = float(state.P_in[i]), float(state.P[i]), state.v0
+        ahead = math.copysign(SLIDING * v0, P_in - P_out)
+        key = (self._key(i, rest), ahead > 0.0, round(math.log(P_in) / ROOM_STEP))
+        if key not in self._rooms:
+            omega = float(state.arcs.rate[i]) * v0 + ahead / self.drive.pulleys[i].R
+            try:
+                rod = flow(self._pulley(i, rest), v0, P_in, omega=omega)
+            except ConvergenceError:
+                return float(rest.laid.wraps[i])
+            s = self.level.sections[i]
+            self._rooms[key] = sliding_arc(P_in, rod.T_out, v0, abs(ahead), s)[0]
+        return self._rooms[key]
+
     def _pulley(self, i: int, rest: RestState) -> FlowPulley:
         """Return the rod of a pulley at rest; similar tensions share a mesh."""
         key = self._key(i, rest)
@@ -282,15 +307,9 @@ class RodLevel:
         tension = math.exp(round(math.log(rest.T_0) / TENSION_STEP) * TENSION_STEP)
         return i, float(rest.laid.wraps[i]), tension
 
-    def _adhesion(self, rod: FlowState) -> float:
-        """Return the angle on which the belt sticks [rad]; a single point is no adhesion arc."""
-        width = np.abs(np.gradient(rod.angle))
-        pairs = rod.sticks[1:] & rod.sticks[:-1]
-        return float(width[rod.sticks].sum()) if pairs.any() else 0.0
-
     def _whole_slip(self, i: int, rod: FlowState) -> float:
         """Return the sliding speed where the ribs are seated if nothing sticks [m/s], else 0."""
-        if self._adhesion(rod) > 0.0:
+        if adhesion_arc(rod) > 0.0:
             return 0.0
         touching = np.flatnonzero(rod.line_force > 0.0)
         law, f = self.drive.law, float(np.median(rod.line_force[touching]))
