@@ -220,7 +220,8 @@ class DriveResult:
         """
         state = self.state
         taken_along = self._energy_flow(state.P_in) - self._energy_flow(state.P)
-        return state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
+        power = state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
+        return np.where(state.slack, np.nan, power)
 
     def _magnitude(self, state: LoopState) -> Array:
         """Return the absolute speeds of the pulleys [rad/s]."""

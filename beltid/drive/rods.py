@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 SHORTEST_SPAN: Final = 6.0
 """In bending lengths: the bending at pulleys further apart does not interact."""
 MOST_ROUNDS: Final = 16
-FORCE_TOLERANCE: Final = 2e-5
+FORCE_TOLERANCE: Final = 5e-5
 """Change of the span forces over the tension at rest at which the rods have converged."""
 TENSION_STEP: Final = 0.05
 """Step of the logarithm of the tension within which tensions share a mesh."""

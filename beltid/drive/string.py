@@ -300,7 +300,8 @@ class StringLevel:
             return before if over(P_in) < 0.0 else 1.0 - before
 
         low, high = validity["normal_force_N_m"]
-        below_speed = share_below(validity["slip_speed_m_s"][0], 1)
+        # in gross slip the sliding speed is not known
+        below_speed = 0.0 if math.isnan(x) else share_below(validity["slip_speed_m_s"][0], 1)
         return below_speed, share_below(low, 0) + 1.0 - share_below(high, 0)
 
 
