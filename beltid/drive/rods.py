@@ -134,6 +134,7 @@ class RodLevel:
             raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
+        self._last: WithRods | None = None
         self._rooms: dict[tuple[tuple[int, float, float], bool, int], float] = {}
         self._pulleys: dict[tuple[int, float, float], FlowPulley] = {}
         self._states: dict[tuple[int, float, float], deque[FlowState]] = {}
@@ -176,8 +177,9 @@ class RodLevel:
         """
         n = len(self.drive.pulleys)
         level = WithRods(self, np.zeros(n), np.ones(n), 0.0, np.zeros(n))
-        if near is not None and isinstance(near.level, WithRods):
-            level = replace(near.level, rods=self)
+        start = self._last if near is None else near.level
+        if isinstance(start, WithRods):
+            level = replace(start, rods=self)
         state = solve_loop(self.drive, point, level, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
@@ -185,7 +187,7 @@ class RodLevel:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods = self._rods(state, rest, near)
-            level = self._corrected(state, rest, rods)
+            level = self._last = self._corrected(state, rest, rods)
             last, state = state, solve_loop(self.drive, point, level, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
@@ -335,16 +337,17 @@ class RodLevel:
         # a looser belt hardly touches
         place = math.log(max(P, self.drive.belt.EI / (LOOSEST * pulley.R) ** 2)) / END_STEP
         k = math.floor(place)
-        nodes = np.arange(k - 1, k + 3)
-        others = [nodes[nodes != node] for node in nodes]
-        weights = [
-            np.prod((place - other) / (node - other))
-            for node, other in zip(nodes, others, strict=True)
-        ]
+        t = place - k
         assert self.drive.law is not None
         of = self.drive.belt, self.drive.law, pulley.R
-        ratios = [_laid_end(*of, int(node)) for node in nodes]
-        return float(np.dot(weights, ratios)) * b**3
+        weights = (
+            -t * (t - 1.0) * (t - 2.0) / 6.0,
+            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+            -(t + 1.0) * t * (t - 2.0) / 2.0,
+            (t + 1.0) * t * (t - 1.0) / 6.0,
+        )
+        ratio = sum(w * _laid_end(*of, k + j) for j, w in enumerate(weights, start=-1))
+        return ratio * b**3
 
 
 @functools.lru_cache(maxsize=256)
