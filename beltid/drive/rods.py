@@ -134,7 +134,6 @@ class RodLevel:
             raise InputError("rod level: needs a contact law of the ribs; rigid pulleys have none")
         self.drive, self.level = drive, level
         self.fastest = float(drive.surface.validity["slip_speed_m_s"][1])
-        self._last: WithRods | None = None
         self._rooms: dict[tuple[tuple[int, float, float], bool, int], float] = {}
         self._pulleys: dict[tuple[int, float, float], FlowPulley] = {}
         self._states: dict[tuple[int, float, float], deque[FlowState]] = {}
@@ -177,9 +176,8 @@ class RodLevel:
         """
         n = len(self.drive.pulleys)
         level = WithRods(self, np.zeros(n), np.ones(n), 0.0, np.zeros(n))
-        start = self._last if near is None else near.level
-        if isinstance(start, WithRods):
-            level = replace(start, rods=self)
+        if near is not None and isinstance(near.level, WithRods):
+            level = replace(near.level, rods=self)
         state = solve_loop(self.drive, point, level, rest, near)
         for _ in range(MOST_ROUNDS):
             if state.slack or np.isnan(state.arcs.slip).any():
@@ -187,7 +185,7 @@ class RodLevel:
             if state.v0 <= 0.0:  # the belt would have to slide faster than the driver turns
                 return replace(state, arcs=state.arcs._replace(slip=np.full(n, np.nan)))
             rods = self._rods(state, rest, near)
-            level = self._last = self._corrected(state, rest, rods)
+            level = self._corrected(state, rest, rods)
             last, state = state, solve_loop(self.drive, point, level, rest, state)
             moved = float(np.abs(state.P - last.P).max()) / rest.T_0
             if moved <= FORCE_TOLERANCE:
@@ -223,7 +221,11 @@ class RodLevel:
                 continue
             wrap, v0 = float(rest.laid.wraps[i]), state.v0
             forces, span = (rod.T_in, rod.T_out), self._pulley(i, rest).span
-            room[i] = self._room(i, state, rest) - wrap
+            # the rod holds what it does, and at least what it does if it slides as a whole
+            s, slips = self.level.sections[i], self._whole_slip(i, rod)
+            x = min(slips, self.fastest) if math.isfinite(self.fastest) else 0.0
+            held = sliding_arc(*forces, v0, x, s)[0] + adhesion_arc(rod)
+            room[i] = max(held, self._room(i, state, rest)) - wrap
             ones = np.ones(n)
             string = self.level.arcs(
                 forces[0] * ones, forces[1] * ones, v0, wrap * ones, (wrap + room[i]) * ones
