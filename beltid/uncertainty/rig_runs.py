@@ -119,8 +119,9 @@ class Sliding:
         Tensions [N].
     mu : float
         Coefficient by Eq. (6) [-].
-    force : ndarray, shape (m,)
-        Line forces at which the belt looks up its friction [N/m].
+    force, load : ndarray, shape (m,)
+        Line forces at which the belt looks up its friction [N/m], and the normal loads on which
+        this friction acts [N].
     weight : ndarray, shape (m,)
         Derivatives of ln mu with respect to ln mu of each look-up.
     """
@@ -129,6 +130,7 @@ class Sliding:
     slack: float
     mu: float
     force: Array
+    load: Array
     weight: Array
 
 
@@ -181,7 +183,8 @@ class RigRuns:
             s = tension_sensitivity(model, state)
             per_mu = s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B
             weight = per_mu / (beta * mu) * surface.mu(s.normal_force_N_m, speed)
-            runs.append(Sliding(state.T_A, state.T_B, mu, s.normal_force_N_m, weight))
+            load = state.points.F_look[state.points.F_N > 0.0].ravel()
+            runs.append(Sliding(state.T_A, state.T_B, mu, s.normal_force_N_m, load, weight))
         return runs
 
     def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:

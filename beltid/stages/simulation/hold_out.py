@@ -14,14 +14,13 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.identify.agreement.hold_out import Fold, HoldOut, between_speeds, folds
-from beltid.refine.effects import ARC
-from beltid.refine.evidence import BENDING_BEFORE
+from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import CURVE, PRIORS
 from beltid.stages.outcome import flat
 from beltid.stages.simulation.refinement import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
-    refined_uncertainty,
     rig_of_runs,
     shared_sources,
     usable_runs,
@@ -30,14 +29,18 @@ from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import measured_runs, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import refined_campaign
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
     SimulatedUncertainty,
     simulated_uncertainty,
+)
+from beltid.uncertainty.sources import (
+    ARC,
+    Source,
+    all_sources,
+    between_speeds_source,
     with_rig_sources,
 )
-from beltid.uncertainty.sources import Source, all_sources, between_speeds_source
 
 SETTINGS: Final = ("arc_deg", "nominal_tension_N", "pulley_speed_rad_s")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
@@ -112,10 +115,9 @@ def predict(
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, f"without {fold.name}")
     reference = reference_temperature(config, campaign)
-    solution = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
-    rest_uncertainty = refined_uncertainty(solution)
+    solution = refine_surface(campaign, speeds, shared_sources(campaign, config), reference)
     names = [source.name for source in solution.sources]
-    surface = solution.refined.surface.with_covariance(rest_uncertainty.factor, names)
+    surface = solution.surface.with_covariance(solution.uncertainty.factor, names)
 
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
@@ -128,11 +130,10 @@ def predict(
         *(replace(source, place=k) for source in arc_sources for k in range(n_arcs)),
     )
     sources = with_rig_sources(solution.sources, rig_sources)
-    points = [run.point for run in replace(campaign, measured=measured).runs]
     bench = replace(campaign.bench, surface=surface)
-    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind)
+    part = simulated_uncertainty(bench, press, measured.points, arcs, sources, kind=kind)
     if fold.by == "speed":
-        known = float(np.exp(-BENDING_BEFORE[0]))  # as over ln f_N
+        known = PRIORS[CURVE].median ** 2  # as over ln f_N
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
         missed = between_speeds(measured_at, log_mu, at, known)[:, None]
@@ -144,7 +145,7 @@ def predict(
         sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force = campaign.measured.normal_force
     warnings = tuple(
-        f"without {fold.name}: {line}" for line in solution.refined.convergence_warnings()
+        f"without {fold.name}: {line}" for line in solution.convergence_warnings()
     )
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())), warnings)
 

@@ -23,8 +23,7 @@ from beltid.stages.tables import press_law, shown, surface_from, surface_of
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import sources_of
-from beltid.uncertainty.sources import Source
+from beltid.uncertainty.sources import Source, sources_of
 
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
 """Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""

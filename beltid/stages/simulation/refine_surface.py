@@ -14,8 +14,10 @@ from beltid.artifacts.metadata_models import SurfaceMetadata
 from beltid.config import Config, ConfigSource, load_config
 from beltid.errors import counted, percent
 from beltid.laws.penalty import NormalLaw
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 from beltid.refine.inverse import RefinedSurface
+from beltid.refine.inverse import refine_surface as refine
+from beltid.refine.posterior import SCATTER
+from beltid.refine.shown import TOGETHER, ShownEffect, contradictions, shown_effects
 from beltid.report.summary import Summary
 from beltid.stages.build_artifact import Build, Built
 from beltid.stages.identification.alternatives import friction_formulas, friction_law_rows
@@ -28,22 +30,15 @@ from beltid.stages.simulation.refinement import (
     USES,
     prepared_campaign,
     reference_temperature,
-    refined_uncertainty,
     shared_sources,
     speed_labels,
 )
 from beltid.stages.tables import press_law, surface_of, table_columns
 from beltid.stages.uncertainties import budget_table, confounded_note
 from beltid.uncertainty.budget import QUANTITY, SurfaceUncertainty
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import (
-    SCATTER,
-    TOGETHER,
-    ShownEffect,
-    refined_campaign,
-    shown_effects,
-)
+from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
 KIND: Final = "surface"
 METHOD: Final = "refined"
@@ -276,7 +271,8 @@ def _outcome(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
             ),
             *_unclear_effects(result.effects),
-            *guided_weight(config, [run.point for run in campaign.runs]),
+            *bending_stiffness_shown(result.refined),
+            *guided_weight(config, campaign.measured.points),
             *formulas.notes,
         ),
         warnings=(
@@ -298,10 +294,9 @@ def _refined(
     """Refine the surface of a campaign, in a worker."""
     sources = shared_sources(campaign, config)
     reference = reference_temperature(config, campaign)
-    solution = options.workers.call(refined_campaign, campaign, speeds, sources, reference)
-    uncertainty = refined_uncertainty(solution)
-    effects, contradictions = shown_effects(solution), solution.contradictions()
-    return Refinement(solution.refined, labels, arcs_deg, uncertainty, effects, contradictions)
+    found = options.workers.call(refine, campaign, speeds, sources, reference)
+    shown = shown_effects(found)
+    return Refinement(found, labels, arcs_deg, found.uncertainty, shown, contradictions(found))
 
 
 def _figures(result: Refinement, campaign: Campaign, config: Config) -> dict[str, Any]:
@@ -352,6 +347,20 @@ def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
         "well: the runs do not show which it is, and it is not claimed; make the runs in random "
         "order",
     )
+
+
+def bending_stiffness_shown(found: RefinedSurface) -> tuple[str, ...]:
+    """Return a note with EI as stated and as the runs show it; empty if it is stated as exact."""
+    EI = found.campaign.bench.belt.EI
+    for source in found.sources:
+        if source.error == "bending_stiffness":
+            error, sd = found.stated_errors()[source.name]
+            return (
+                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
+                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
+                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one",
+            )
+    return ()
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:

@@ -42,13 +42,8 @@ from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import (
-    RunsUncertainty,
-    simulated_uncertainty,
-    sources_of,
-    with_rig_sources,
-)
-from beltid.uncertainty.sources import all_sources
+from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
+from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 
 KIND: Final = "simulated"
 SHOWN_OF_SOLVER: Final = (
