@@ -5,9 +5,11 @@ The values p of ln mu at common knots in ln f_N, speed by speed, are
     p = B h,    B = (levels and slope, curve, difference),
 
 with a level for each speed and a slope that all share (free), a curve that all speeds share, and
-the differences in slope and curvature between speeds. With h ~ N(0, 1) the curve is an integrated
-Wiener process over ln f_N of unit intensity; a difference is a Wiener process over ln v of a slope
-and of such a curve. Beyond the knots the nearest value applies, as everywhere in the package.
+the differences in slope between speeds. With h ~ N(0, 1) the curve has a white second derivative
+over ln f_N of unit intensity, and the differences have a slope over ln f_N that is white in ln f_N
+and in ln v: the integrals of (d² ln mu / d(ln f)²)² and of (d² ln mu / d ln f d ln v)² are h' h.
+Beyond the knots the nearest value applies, as
+everywhere in the package.
 """
 
 from __future__ import annotations
@@ -59,13 +61,12 @@ class Curves:
         """Return the columns of B by the name of their part; together they are square."""
         k, m = self.log_force.size, self.log_speed.size
         x = (self.log_force - self.log_force.mean())[:, None]
-        curve = _unit(self._bending())
         D = np.diff(np.eye(m), axis=0)
         between = _unit(D.T @ (D / np.diff(self.log_speed)[:, None]))
         return {
             "level": np.hstack([np.kron(np.eye(m), np.ones((k, 1))), np.tile(x, (m, 1))]),
-            "curve": np.tile(curve, (m, 1)),
-            "difference": np.kron(between, np.hstack([x, curve])),
+            "curve": np.tile(_unit(self._integral(2)), (m, 1)),
+            "difference": np.kron(between, _unit(self._integral(1))),
         }
 
     def surfaces(self, values: Array) -> list[FrictionSurface]:
@@ -82,14 +83,13 @@ class Curves:
         basis = self.basis(np.log(forces))
         return np.asarray(np.einsum("fk,vks->fvs", basis, self.by_speed(vectors)))
 
-    def _bending(self) -> Array:
-        """Integrate (d² ln mu / d(ln f)²)² over ln f as a quadratic form of the knots, (k, k)."""
-        at_knots = np.asarray(self._cardinal(self.log_force, 2), dtype=float)
-        first, last = at_knots[:-1], at_knots[1:]  # the second derivative is linear in between
-        gap = np.diff(self.log_force)[:, None]
-        product = first.T @ (gap * first) + last.T @ (gap * last)
-        product += 0.5 * (first.T @ (gap * last) + last.T @ (gap * first))
-        return np.asarray(product / 3.0)
+    def _integral(self, order: int) -> Array:
+        """Integrate products of the derivatives of the basis functions over ln f, (k, k)."""
+        x, w = np.polynomial.legendre.leggauss(3)
+        half = 0.5 * np.diff(self.log_force)[:, None]
+        points = self.log_force[:-1, None] + half * (1.0 + x)
+        values = np.asarray(self._cardinal(points.ravel(), order), dtype=float)
+        return np.asarray(values.T @ ((half * w).ravel()[:, None] * values))
 
 
 def _unit(precision: Array) -> Array:
