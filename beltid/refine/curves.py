@@ -55,7 +55,9 @@ class Curves:
 
     def by_speed(self, values: Array) -> Array:
         """Reshape values at the knots, speed by speed, to (m, k, ...)."""
-        return np.asarray(values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:]))
+        return np.asarray(
+            values.reshape(self.log_speed.size, self.log_force.size, *values.shape[1:])
+        )
 
     def coordinates(self) -> dict[str, Array]:
         """Return the columns of B by the name of their part; together they are square."""

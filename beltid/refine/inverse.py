@@ -237,8 +237,8 @@ def refine_surface(
     B, solution, J = problem.B, fit.solution, fit.sweep.J
     scale = np.sqrt(fit.weight) / problem.errors
     gain = B @ solution.gain * scale
-    estimated, shifted = [], measured
-    columns, added = [changes], []
+    estimated, shifted, columns = [], measured, [changes]
+    added: list[Source] = []
     for effect, values in zip(effects, _split(effects, solution.effects), strict=True):
         size = fit.sizes[effect.key]
         of_runs = effect.columns * J.sum(axis=1)[:, None]
@@ -283,14 +283,18 @@ class Sweep:
 
     Attributes
     ----------
+    tight, slack : ndarray, shape (n,)
+        Tensions [N].
     log_mu : ndarray, shape (n,)
-        Logarithms of the simulated coefficients.
+        Logarithms of the coefficients at the speed of each run.
     J : ndarray, shape (n, size)
         Derivatives of ``log_mu`` with respect to the parameters.
     speed_slope : ndarray, shape (n,)
         Derivative of ``log_mu`` with respect to ln v of the run.
     """
 
+    tight: Array
+    slack: Array
     log_mu: Array
     J: Array
     speed_slope: Array
@@ -299,18 +303,20 @@ class Sweep:
 def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
     """Simulate every run with the surface of its speed and compute the derivatives."""
     n, k = rig.label.size, curves.log_force.size
-    J, speed_slope, log_mu = np.zeros((n, parameters.size)), np.zeros(n), np.empty(n)
+    J, speed_slope = np.zeros((n, parameters.size)), np.zeros(n)
     # small deviations from the speed of the group are corrected by the slope between the speeds
-    by_speed = np.zeros((1, k))
+    by_speed = np.zeros((curves.log_speed.size, k))
     if curves.log_speed.size > 1:
-        by_speed = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
-    for i, run in enumerate(rig.slide(curves.surfaces(parameters))):
+        gradient = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
+        by_speed = np.asarray(gradient, dtype=float)
+    runs = rig.slide(curves.surfaces(parameters))
+    for i, run in enumerate(runs):
         j = int(rig.label[i])
         row = run.weight @ curves.basis(np.log(run.force))
         J[i, j * k : (j + 1) * k] = row
         speed_slope[i] = float(row @ by_speed[j])
-        log_mu[i] = np.log(run.mu) + rig.off_speed[i] * speed_slope[i]
-    return Sweep(log_mu, J, speed_slope)
+    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
+    return Sweep(tight, slack, np.log(mu) + rig.off_speed * speed_slope, J, speed_slope)
 
 
 def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
@@ -418,13 +424,14 @@ class Problem:
         was just valid for a whole step, or if the misfit decreases no further.
         """
         log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
-        at = np.linalg.solve(self.B, log_mu.ravel())
+        at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
         weight, residual = np.ones(self.log_mu.size), np.zeros(self.log_mu.size)
         sizes: dict[str, float] = {}
         share, change, choices, iteration = 1.0, np.inf, 0, 0
         try:
             done = sweep(self.rig, self.curves, self.B @ at)
-            before, response = done.log_mu, done.J.sum(axis=1)
+            before = done.log_mu
+            response: Array = done.J.sum(axis=1)
             for iteration in range(1, MOST_ITERATIONS + 1):
                 fresh = choices < CHOICES and share in (0.0, 1.0)
                 if fresh:
@@ -523,4 +530,3 @@ def _split(effects: Sequence[Effect], values: Array) -> list[Array]:
     """Divide the numbers of all effects among them."""
     ends = np.cumsum([effect.columns.shape[1] for effect in effects])
     return np.split(values, ends[:-1]) if effects else []
-

@@ -92,7 +92,7 @@ def budget(
     shared = []
     for name in dict.fromkeys(source.name for source in sources):
         columns = [k for k, source in enumerate(sources) if source.name == name]
-        known = {"basis": first[name].basis}
+        known: dict[str, Any] = {"basis": first[name].basis}
         if first[name].basis != FITTED:
             known |= {"standard_uncertainty": first[name].shown, "unit": first[name].unit}
         part = np.sum(np.square(changes[:, columns]), axis=1)

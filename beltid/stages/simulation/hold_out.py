@@ -144,9 +144,7 @@ def predict(
         )
         sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force = campaign.measured.normal_force
-    warnings = tuple(
-        f"without {fold.name}: {line}" for line in solution.convergence_warnings()
-    )
+    warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())), warnings)
 
 

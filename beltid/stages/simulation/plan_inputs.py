@@ -15,7 +15,7 @@ from beltid.errors import ArgumentTypeError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
-from beltid.plan.present import KnownSurface, sources_of_plan
+from beltid.plan.knowledge import KnownSurface, sources_of_plan
 from beltid.stages.identification.reduction import rig_kind
 from beltid.stages.outcome import Outcome, ok_rows
 from beltid.stages.simulation.planned_runs import KEYS, measured_settings, setting_lists

@@ -159,4 +159,3 @@ def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
     n_arcs = int(campaign.measured.arc.max()) + 1
     stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
     return (*stated, *reduction_sources(campaign.measured.columns))
-
