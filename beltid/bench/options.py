@@ -68,7 +68,7 @@ class ReadOptions:
         also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
         runs, rig = config.runs[kind], config.rig
         return cls(
-            runs["fields"] | config.columns[also] | config.columns[kind],
+            config.columns[also] | config.columns[kind],
             {
                 n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
                 for n, u in (config.units[also] | config.units[kind]).items()

@@ -298,7 +298,7 @@ class Config(Section):
     `columns`, `units` and `runs` say how the files of the bench differ from ours, by kind of
     recording: ``config.columns["rig"]`` maps our name to theirs, ``config.units["rig"]`` our name
     to a unit or to ``{"factor": ..., "offset": ...}``; ``config.runs["rig"]`` holds `pattern`,
-    `table`, `fields` and `values`.
+    `table` and `values`.
     """
 
     belt: BeltSection = BeltSection()
