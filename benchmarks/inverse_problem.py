@@ -7,6 +7,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.refined import refined_slopes
 
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
@@ -15,10 +17,8 @@ from beltid.params import Contact
 from beltid.refine.inverse import refine_surface
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, campaign
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import refined_slopes
 from benchmarks.work import BELT, POINTS, RIG
 
 LAW = NormalLaw(6.5e7, 3.0256e11)

@@ -39,6 +39,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
+from beltid.plan.prior import USUAL, USUAL_ARCS, knowledge_at
+from beltid.refine.evidence import (
+    BENDING_BEFORE,
+    DIFFERENCE_BEFORE,
+    LinearModel,
+    Smoothness,
+)
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from virtual_bench import USUAL_CLASS
 
 from beltid.errors import ConvergenceError
@@ -49,22 +58,13 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, simulate_candidates
 from beltid.plan.design import RunRows, choose_runs
-from beltid.plan.prior import USUAL, USUAL_ARCS, knowledge_at
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.refine.effects import ARC, BEFORE
-from beltid.refine.evidence import (
-    BENDING_BEFORE,
-    DIFFERENCE_BEFORE,
-    LinearModel,
-    Smoothness,
-)
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from beltid.uncertainty.sources import StandardUncertainties, all_sources, effect_sources
 
 Array = np.ndarray

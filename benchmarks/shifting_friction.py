@@ -26,6 +26,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "uncertainty"))
 
+from beltid.uncertainty.campaign import Campaign
+from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from virtual_bench import (
     BELT,
     FINER,
@@ -42,10 +44,8 @@ from beltid.params import Contact, OperatingPoint
 from beltid.refine.effects import ORDER, TEMPERATURE
 from beltid.rigsim.model import Bench
 from beltid.rigsim.rig import SimulationSettings, simulate
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 
 Array = np.ndarray
 
