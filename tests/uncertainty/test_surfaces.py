@@ -134,6 +134,19 @@ def test_scatter_at_a_speed_is_that_of_its_own_runs_where_another_speed_is_left_
     assert np.sum(factor**2, axis=2) == pytest.approx((grid.mu_se / grid.mu) ** 2, rel=1e-9)
 
 
+def test_between_nodes_a_surface_is_no_better_known_than_its_neighbours(nominal):
+    measured = nominal.campaign.measured
+    grid = published_grid(measured)
+    surface = grid.to_surface().with_covariance(scatter_factor(published_curves(measured), grid))
+    f, v = (np.sqrt(x[1:] * x[:-1]) for x in (grid.normal_force_N_m, grid.slip_speed_m_s))
+    relative = surface.mu_u(f[:, None], v) / surface.mu(f[:, None], v)
+    nodes = grid.mu_se / grid.mu
+    least = np.minimum(np.minimum(nodes[1:, 1:], nodes[:-1, 1:]), nodes[1:, :-1])
+    assert np.all(relative >= np.minimum(least, nodes[:-1, :-1]) * (1.0 - 1e-12))
+    at_nodes = surface.mu_u(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    np.testing.assert_allclose(at_nodes, grid.mu_se, rtol=1e-6)
+
+
 @pytest.mark.long
 def test_intervals_of_the_refined_surface_hold_the_truth():
     # 10 campaigns, errors of the bench drawn anew for each; benchmarks/coverage.py draws many
