@@ -140,7 +140,12 @@ class CompareSection(Section):
     max_rms_relative_error: float = _tolerance(0.06, "root mean square over all runs")
     max_mean_relative_error: float = _tolerance(0.05, "mean magnitude")
     max_relative_error: float = _tolerance(0.20, "largest")
-    hold_out: Literal["none", "arc", "speed"] = key("arc", "left out and predicted from the rest")
+
+
+class CrossValidateSection(Section):
+    """Runs that are left out and predicted from the others."""
+
+    by: Literal["none", "arc", "speed"] = key("arc", "setting that is left out")
 
 
 class UncertaintySection(Section):
@@ -308,6 +313,7 @@ class Config(Section):
     contact: ContactSection = ContactSection()
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()
+    cross_validate: CrossValidateSection = CrossValidateSection()
     friction: FrictionSection = FrictionSection()
     simulation: SimulationSection = SimulationSection()
     drive: DriveSection = DriveSection()

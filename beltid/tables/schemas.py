@@ -246,6 +246,9 @@ pulley_speed_rad_s  number?  rad/s  speed of the pulley
 """.strip().split("\n\n"),
     )
 }
+TABLES["crossvalidation"] = replace(
+    TABLES["compare"], kind="crossvalidation", command="beltid cross-validate"
+)
 CONDITIONS: Final = ("condition", "side")
 """Columns with the conditions of a run."""
 WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")

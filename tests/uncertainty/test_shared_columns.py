@@ -94,12 +94,12 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     # published: the line force follows a coefficient by (x/2) coth(x/2) - 1 < 0.2, x = mu beta, and
     # the surface that force by its slope of -0.2
     for outcome, low, high in ((published, 1.0, 1.03), (refined, 1 / response.max(), 1.2)):
-        found = lines(outcome.extra["budget"])
+        found = lines(outcome.tables["budget"])
         # the coefficient of a run follows a factor on the surface by its response, 0.85 to 1.02
         for name, size in (("shape of the tail", TAIL), ("common drift", -DRIFT)):
             assert 0.99 * low < found[name] / (100 * size) < 1.01 * high
         assert found["scatter of the runs"] < 100 * OWN * 1.1 or outcome is published
-        names = [s["error"] for s in outcome.extra["uncertainty"]["sources"]]
+        names = [s["error"] for s in outcome.facts["uncertainty"]["sources"]]
         assert names[:2] == ["shared_tail", "shared_drift"]
         factor = outcome.columns["mu_factor"]
         known = np.isfinite(outcome.columns["mu_u"])
@@ -119,8 +119,8 @@ def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
 def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
     # every key 0: nothing is shared; the scatter is what is left
     outcome = beltid.build_surface(friction(), NOTHING)
-    assert set(lines(outcome.extra["budget"])) == {"scatter of the runs", "combined"}
-    assert set(lines(plain.extra["budget"])) == {
+    assert set(lines(outcome.tables["budget"])) == {"scatter of the runs", "combined"}
+    assert set(lines(plain.tables["budget"])) == {
         "differences between arcs",
         "change over the campaign",
         "scatter of the runs",
