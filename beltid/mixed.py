@@ -45,8 +45,8 @@ from scipy.optimize import minimize
 from beltid.errors import NumericsError
 
 Array = NDArray[np.float64]
-NEWTON, SETTLED, LARGEST_STEP = 60, 1e-9, 2.0
-"""Most steps of Newton's method, decrease of the cost at its end, largest step of ln h."""
+NEWTON, SETTLED, SHRINK = 60, 1e-8, 0.9
+"""Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 STILL = 0.02
 """Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
 
@@ -221,7 +221,7 @@ class Mixed:
     own : sequence of Own
         Effects and noise of every group.
     level : array_like, shape (R, m) or (n,), optional
-        Column of the free level of every group; no levels if not given.
+        Column of the free level of every group, zero for groups without; no levels if not given.
     scale : array_like, shape (R,), optional
         Factor of the covariance of every group.
     """
@@ -269,7 +269,7 @@ class Mixed:
         width = np.array([size.width for _, size in sized])
         self.tightness = np.divide(1.0, width, out=np.zeros(width.size), where=width > 0.0)
         self.top = np.log([size.largest for _, size in sized])
-        self.q = np.where(self.positive, self.m0, 0.0)
+        self.q = np.where(self.positive, self.m0, 0.0)[None]  # modes found last
 
     def without_first(self) -> Mixed:
         """Return the model without its first shared term: its coefficients are zero."""
@@ -334,8 +334,10 @@ class Mixed:
         if self.one is not None:
             weights = np.einsum("rij,rj->ri", P, self.one)
             precision = np.sum(self.one * weights, axis=1)
+            has_level = precision > 0.0
+            precision = np.where(has_level, precision, 1.0)
             P = P - weights[:, :, None] * (weights / precision[:, None])[:, None, :]
-            log_det, freedom = log_det + np.log(precision), freedom - 1.0
+            log_det, freedom = log_det + np.log(precision), freedom - has_level
         PX = (P / scale[:, None, None]) @ self.X
         M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
         squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
@@ -376,7 +378,7 @@ class Mixed:
         """Average over the choices: mean and covariance of h, moment of q, prior, log evidence."""
         known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
         options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
-        log_p, priors, modes = [], [], []
+        log_p, priors = [], []
         for chosen in product(*options):
             Q, log_prior = np.zeros_like(M), 0.0
             for (term, unit, rank, half_log_det), (s, chance) in zip(
@@ -385,61 +387,82 @@ class Mixed:
                 place = self.places[term.name]
                 Q[place, place] = unit / s**2
                 log_prior += np.log(chance) + half_log_det - rank * np.log(s)
-            modes.append(self._laplace(M, b, Q))
-            log_p.append(log_prior + modes[-1][-1])
+            log_p.append(log_prior)
             priors.append(Q)
-        log_z = float(np.logaddexp.reduce(log_p))
-        w = np.exp(np.array(log_p) - log_z)
-        self.q = modes[int(np.argmax(w))][0]
-        means = np.array([mode[1] for mode in modes])
+        means, covariances, moments, log_z = self._laplace(M, b, np.array(priors))
+        log_z = log_z + log_p
+        total = float(np.logaddexp.reduce(log_z))
+        w = np.exp(log_z - total)
         mean = w @ means
         away = means - mean
-        C = np.tensordot(w, [mode[2] for mode in modes], 1) + away.T @ (w[:, None] * away)
-        moment = np.tensordot(w, [mode[3] for mode in modes], 1)
-        return mean, C, moment, np.tensordot(w, priors, 1), log_z
+        C = np.tensordot(w, covariances, 1) + away.T @ (w[:, None] * away)
+        return mean, C, np.tensordot(w, moments, 1), np.tensordot(w, priors, 1), total
 
-    def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array, float]:
-        """Return mode q, h, covariance of h, second moment of q about the prior, log evidence."""
-        q, positive = self.q, self.positive
+    def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
+        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.
+
+        Returns h, its covariance, the second moment of q about its mean, and the log evidence.
+        """
+        positive = self.positive
+        q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
         value, h = self._cost(q, M, b, Q)
         for _ in range(NEWTON):
-            D = np.where(positive, h, 1.0)
-            slope = D * (M @ h - b)
-            H = D[:, None] * M * D + Q
-            H[positive, positive] += np.maximum(slope[positive], 0.0)
-            step = -_solve(H, slope + Q @ (q - self.m0))
-            largest = np.abs(step[positive]).max(initial=0.0)
-            step *= min(1.0, LARGEST_STEP / max(largest, 1e-12))
-            while (new := self._cost(q + step, M, b, Q))[0] > value and largest > 1e-6:
-                step, largest = 0.5 * step, 0.5 * largest
-            decrease, q, (value, h) = value - new[0], q + step, new
-            if not positive.any() or decrease < SETTLED * max(1.0, abs(value)):
+            # along ln(1 + step) of a positive coefficient, h and so the data change linearly
+            D, pull = np.where(positive, h, 1.0), (Q @ (q - self.m0)[..., None])[..., 0]
+            H, slope = D[:, :, None] * M * D[:, None, :] + Q, D * (h @ M - b) + pull
+            if not positive.any():
+                q = q - _solve(H, slope[..., None])[..., 0]
+                value, h = self._cost(q, M, b, Q)
+                break
+            try:
+                step = -_solve(H - _diagonal(positive * pull), slope[..., None])[..., 0]
+            except NumericsError:  # not convex here
+                convex = H + _diagonal(positive * np.maximum(-pull, 0.0))
+                step = -_solve(convex, slope[..., None])[..., 0]
+            fall = -step[:, positive].min(axis=1, initial=0.0)
+            part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
+            while True:
+                log_step = np.log1p(part[:, None] * np.where(positive, step, 0.0))
+                trial = q + np.where(positive, log_step, part[:, None] * step)
+                new, h = self._cost(trial, M, b, Q)
+                worse = (new > value) & (part > 1e-9)
+                if not worse.any():
+                    break
+                part = np.where(worse, 0.5 * part, part)
+            decrease, q, value = value - new, trial, new
+            if np.all(decrease < SETTLED * np.maximum(1.0, np.abs(value) * 1e-3)):
                 break
         else:
             raise NumericsError(f"mixed model: no mode found in {NEWTON} steps")
+        self.q = q
         D, away = np.where(positive, h, 1.0), q - self.m0
-        H = D[:, None] * M * D + Q
-        inverse = _solve(H, np.eye(q.size))
-        log_z = -value - 0.5 * float(np.linalg.slogdet(H)[1])
-        return q, h, D[:, None] * inverse * D, inverse + np.outer(away, away), log_z
+        H = D[:, :, None] * M * D[:, None, :] + Q
+        inverse = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
+        moment = inverse + away[:, :, None] * away[:, None, :]
+        log_z = -value - 0.5 * np.linalg.slogdet(H)[1]
+        return h, D[:, :, None] * inverse * D[:, None, :], moment, log_z
 
-    def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[float, Array]:
-        """Return minus the log density of q, and h(q)."""
+    def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array]:
+        """Return minus the log density of q (K, k), and h(q)."""
         h, away = np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q), q - self.m0
-        return float(0.5 * h @ M @ h - b @ h + 0.5 * away @ Q @ away), h
+        prior = np.einsum("ki,kij,kj->k", away, Q, away)
+        return 0.5 * np.sum(h * (h @ M), axis=1) - h @ b + 0.5 * prior, h
 
 
-def _solve(H: Array, b: Array) -> Array:
-    """Solve with a positive definite matrix of any units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+def _diagonal(x: Array) -> Array:
+    """Return diagonal matrices (K, k, k) of the rows of x (K, k)."""
+    return np.asarray(x[:, :, None] * np.eye(x.shape[1]))
+
+
+def _solve(H: Array, B: Array) -> Array:
+    """Solve with positive definite matrices of any units, (K, k, k) and (K, k, n)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("kii->ki", H), 1e-300))[..., None]
+    scaled = H * scale * scale.swapaxes(1, 2)
     try:
-        factor = np.linalg.cholesky(H * np.outer(scale, scale))
+        np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
         raise NumericsError("mixed model: the data do not determine a flat coefficient") from None
-    scaled = b * (scale if b.ndim == 1 else scale[:, None])
-    half = np.linalg.solve(factor, scaled)
-    solution = np.linalg.solve(factor.T, half)
-    return np.asarray(solution * (scale if b.ndim == 1 else scale[:, None]))
+    return np.asarray(scale * np.linalg.solve(scaled, scale * B))
 
 
 def relinearised(

@@ -34,7 +34,7 @@ from beltid.stages.planned_runs import (
 )
 from beltid.stages.reduction import rig_kind
 from beltid.stages.uncertainties import standard_uncertainties
-from beltid.stages.workers import Workers, available_cores
+from beltid.stages.workers import Workers, threads
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
@@ -73,10 +73,9 @@ def simulated(
     log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
     if compile_ahead(["rigsim"]):
         log.info("%s", COMPILING)
-    press, workers = press_law(law, config), workers or Workers()
+    press, workers = press_law(law, config), workers or threads(jobs)
     bench = bench_of(config, surface_from(surface), press.law)
-    parallel = workers if workers.jobs > 1 else jobs or available_cores()
-    campaign = simulate(config, bench, runs, settings, parallel)
+    campaign = simulate(config, bench, runs, settings, workers)
     _require_results(campaign)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, lines = _uncertainty(campaign, press, stored, settings.elements, workers)
@@ -85,8 +84,6 @@ def simulated(
 
 def friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
-    if "friction" in files:
-        return files
     path = files["surface"]
     friction = friction_of(read_artifact(path, "surface"), path.parent)
     return files if friction is None else {**files, "friction": friction.path}
