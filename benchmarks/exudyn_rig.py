@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import Path, bed_length, graded_nodes
+from beltid.rig.mesh import Path, bed_length, graded_nodes
 from benchmarks.work import BELT, LAW, MU, RIG
 
 sys.exudynFast = True  # type: ignore[attr-defined]  # Exudyn's build without range checks

@@ -13,8 +13,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
 from beltid.refine.inverse import refine_surface
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, campaign
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.rig_runs import Campaign, input_slopes

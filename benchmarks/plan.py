@@ -37,8 +37,8 @@ from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.refine.effects import BEFORE
 from beltid.refine.inverse import refine_surface
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.rig_runs import Campaign

@@ -41,8 +41,8 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Contact, OperatingPoint
 from beltid.refine.inverse import refine_surface
 from beltid.refine.shown import shown_effects
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.rig_runs import Campaign

@@ -15,7 +15,7 @@ FIRST_CALL = """
 import time
 start = time.perf_counter()
 from benchmarks.work import POINTS, constant_bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.runs import SimulationSettings, simulate
 loaded = time.perf_counter()
 simulate(constant_bench(), POINTS[0], SimulationSettings(method="steady"))
 steady = time.perf_counter()

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import RunResult, SimulationSettings, campaign, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import RunResult, SimulationSettings, campaign, simulate
 from benchmarks.exudyn_rig import TUNED, TUNED_FINE, PeerRig, PeerSettings, apparent_mu
 from benchmarks.work import (
     ARCS_DEG,

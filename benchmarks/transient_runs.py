@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltid.errors import BeltidError
-from beltid.rigsim.rig import SimulationSettings, campaign, simulate
-from beltid.rigsim.steady import lay_on, slide
+from beltid.rig.runs import SimulationSettings, campaign, simulate
+from beltid.rig.steady import lay_on, slide
 from benchmarks.exudyn_rig import PeerRig, PeerSettings, apparent_mu
 from benchmarks.work import POINTS, constant_bench, fastest
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 
 ARCS_DEG = (40.0, 68.0, 82.0)
 TENSIONS_N = tuple(np.linspace(100.0, 450.0, 8))

@@ -15,8 +15,8 @@ from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stages.campaign import bench_of
 from beltid.stages.curves import typical_runs
 from beltid.stages.page_mark import ARTIFACTS, CURVES, OnPage

@@ -11,15 +11,15 @@ import numpy as np
 from beltid.errors import BeltidError, InputError, percent
 from beltid.notes import progress
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import swinging_share
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import (
+from beltid.rig.mesh import swinging_share
+from beltid.rig.model import Bench
+from beltid.rig.runs import (
     Method,
     RunResult,
     SimulationSettings,
     runs_of_one_belt,
 )
-from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.rig.runs import campaign as rig_campaign
 from beltid.stages.inputs import checked_law, is_number, surface_from
 from beltid.stages.planned_runs import PlannedRun, refuse_running
 from beltid.stages.workers import Workers

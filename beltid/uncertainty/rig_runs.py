@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import element_count
-from beltid.rigsim.model import Bench, RigModel
-from beltid.rigsim.sensitivity import tension_sensitivity
-from beltid.rigsim.steady import StaticState, lay_on, slide
+from beltid.rig.model import Bench, RigModel
+from beltid.rig.sensitivity import tension_sensitivity
+from beltid.rig.steady import StaticState, lay_on, slide
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
@@ -33,12 +32,10 @@ Array = NDArray[np.float64]
 INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
 """Inputs of the simulated rig whose errors act on a run."""
 STEP: Final = 2.0e-3
-"""Relative step of the differences by the inputs; their error is of its order.
-
-The small slopes by bending stiffness (0.02) have an error of a tenth, because points come into
-contact within the step."""
-MESH: Final = 1.0
-"""Ratio of elements to the default: a difference needs no finer mesh."""
+"""Relative step of the differences by the inputs; their error is of its order."""
+MESH: Final = 2.0
+"""Ratio of elements to the default: where contact points come and go, derivatives scatter more than
+values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +142,9 @@ class RigRuns:
         Settings of the n runs.
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
-    elements : sequence of int
-        Number of belt elements of each run, even; see :func:`mesh_of`.
+    meshes : sequence of int or RigModel
+        Number of belt elements of each run, even (:func:`mesh_of`), or the model of the same run on
+        a bench that differs a little, to take its mesh.
     """
 
     def __init__(
@@ -154,19 +152,19 @@ class RigRuns:
         bench: Bench,
         points: Sequence[OperatingPoint],
         speeds: Array,
-        elements: Sequence[int],
+        meshes: Sequence[int | RigModel],
     ) -> None:
         self.beta = np.array([point.beta for point in points])
         self.speeds = np.asarray(speeds, dtype=float)
         v = np.array([point.omega * bench.rig.R for point in points])
         self.label = np.argmin(np.abs(np.log(v[:, None] / self.speeds)), axis=1)
         self.off_speed = np.log(v / self.speeds[self.label])
-        self._models: list[RigModel] = []
+        self.models: list[RigModel] = []
         self._laid: list[StaticState] = []
-        for point, j, n in zip(points, self.label, elements, strict=True):
+        for point, j, mesh in zip(points, self.label, meshes, strict=True):
             at_speed = OperatingPoint(point.beta, point.T_0, self.speeds[j] / bench.rig.R)
-            self._models.append(bench.model(at_speed, n))
-            self._laid.append(lay_on(self._models[-1]))
+            self.models.append(bench.model(at_speed, mesh))
+            self._laid.append(lay_on(self.models[-1]))
 
     def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
         """Compute every run with the surface of its speed, with derivatives by the friction.
@@ -183,7 +181,7 @@ class RigRuns:
             s = tension_sensitivity(model, state)
             per_mu = s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B
             weight = per_mu / (beta * mu) * surface.mu(s.normal_force_N_m, speed)
-            load = state.points.F_look[state.points.F_N > 0.0].ravel()
+            load = state.points[state.touching]["F_N"]
             runs.append(Sliding(state.T_A, state.T_B, mu, s.normal_force_N_m, load, weight))
         return runs
 
@@ -198,7 +196,7 @@ class RigRuns:
         self, surfaces: Sequence[FrictionSurface]
     ) -> list[tuple[RigModel, StaticState, FrictionSurface]]:
         states = []
-        for model, laid, j in zip(self._models, self._laid, self.label, strict=True):
+        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
             run = model.with_surface(surfaces[j])
             states.append((run, slide(run, laid), surfaces[j]))
         return states
@@ -206,7 +204,7 @@ class RigRuns:
 
 def mesh_of(bench: Bench, points: Sequence[OperatingPoint], finer: float) -> list[int]:
     """Choose the number of elements of each run, even: `finer` times the default."""
-    counts = (element_count(bench.belt, bench.rig, bench.law, p.beta, p.T_0) for p in points)
+    counts = (bench.model(point).nodes.size - 1 for point in points)
     return [2 * round(0.5 * finer * n) for n in counts]
 
 
@@ -226,13 +224,15 @@ def input_slopes(
     speed_slope : ndarray, shape (n,)
         Derivative of ln mu of each run by ln v.
     """
-    elements = mesh_of(campaign.bench, campaign.measured.points, MESH)
+    points = campaign.measured.points
+    rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
+    nominal = rig.log_mu(surfaces, speed_slope)
 
     def log_mu(other: Campaign) -> Array:
-        rig = RigRuns(other.bench, other.measured.points, speeds, elements)
-        return rig.log_mu(surfaces, speed_slope)
+        # on the same mesh: the noise of another one is larger than the difference
+        near = RigRuns(other.bench, other.measured.points, speeds, rig.models)
+        return near.log_mu(surfaces, speed_slope)
 
-    nominal = log_mu(campaign)
     columns = [log_mu(campaign.stepped(name)) - nominal for name in INPUTS]
     return np.asarray(np.column_stack(columns) / np.log1p(STEP))
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.rig_runs import (

@@ -16,7 +16,7 @@ from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.refine.posterior import SCATTER
 from beltid.refine.shown import ShownEffect, shown_effects
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
