@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.params import OperatingPoint
-from beltid.rig.mesh import Path, bed_length, graded_nodes
+from beltid.rig.mesh import Path, graded_nodes
 from benchmarks.work import BELT, LAW, MU, RIG
 
 sys.exudynFast = True  # type: ignore[attr-defined]  # Exudyn's build without range checks
@@ -64,7 +64,7 @@ def mesh(beta: float, settings: PeerSettings) -> NDArray[np.float64]:
     """Path coordinates of the nodes [m]."""
     if settings.graded:
         point = OperatingPoint(beta, MESH_TENSION_N, 1.0)
-        return graded_nodes(BELT, RIG, LAW, point, settings.elements)[0]
+        return graded_nodes(BELT, RIG, LAW, point.beta, point.T_0, settings.elements)
     return np.linspace(0.0, Path(RIG.R, RIG.span, beta).length, settings.elements + 1)
 
 
@@ -150,7 +150,7 @@ class PeerRig:
         mbs, n = self._mbs, self.settings.segments
         middle = start + h * (np.arange(n) + 0.5) / n
         # the contact ends about half an elastic-bed length inside the tangent points
-        inside = RIG.span + 0.5 * bed_length(BELT.EI, LAW.k_linear_N_m2)
+        inside = RIG.span + 0.5 * (4.0 * BELT.EI / LAW.k_linear_N_m2) ** 0.25
         gap = np.where((middle > inside) & (middle < length - inside), -1.0e-5, 1.0e-5)
         data = mbs.AddNode(
             {

@@ -179,7 +179,7 @@ def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
         add_inertia(mesh, system.section, stretch, s.dq, rate, s.A, r)
     if flows:
         u, now, r_omega = s.u, s.now, s.columns[1]
-        add_flow_contact(mesh, system.pulley, motion, s.q, u, now, s.A, r, r_s, r_omega)
+        add_flow_contact(mesh, system.pulley, motion, s.q, u, now, revise, s.A, r, r_s, r_omega)
     else:
         changes = add_contact(
             mesh, system.pulley, motion, s.q, stretch, s.last, s.now, revise, s.A, r, r_s
@@ -313,8 +313,6 @@ def equilibrium(
         for i in range(n):
             longest = LONGEST_STEP * (R if i % 4 < 2 else 1.0)
             factor = min(factor, longest / max(abs(s.r[i]), 1e-30))
-        if flows:  # a slip beyond the smooth part of its law leaves Newton's method without a slope
-            factor = min(factor, 3.0 * motion.scale / R / max(abs(du[1]), 1e-300))
         for i in range(n):
             s.q[i] += factor * s.r[i]
         for j in range(unknowns):
@@ -334,6 +332,7 @@ def march(system: System, border: Border, s: State, record: Any, begin: int, end
         Number of steps taken; less than ``end`` if one failed.
     """
     n, n_e, n_c = s.q.size, s.now.shape[0], s.now.shape[1]
+    most = min(MOST_IN_TIME, MOST_ITERATIONS)  # no literal, for which all were compiled once more
     for number in range(begin, end):
         step, parts, done = record[number], 1, 0
         while done < parts:
@@ -344,8 +343,8 @@ def march(system: System, border: Border, s: State, record: Any, begin: int, end
                 for c in range(n_c):
                     s.now[el, c].sticks = s.last[el, c].sticks
                     s.now[el, c].sign = s.last[el, c].sign
-            spent, changes, step.residual = equilibrium(system, motion, border, s, MOST_IN_TIME)
-            step.iterations += spent if spent >= 0 else MOST_IN_TIME
+            spent, changes, step.residual = equilibrium(system, motion, border, s, most)
+            step.iterations += spent if spent >= 0 else most
             step.changes += changes
             if spent < 0:
                 step.halvings += 1

@@ -75,7 +75,7 @@ def test_a_wrong_kind_is_refused_with_the_channel_and_the_kind_of_the_file(tmp_p
 def test_a_weight_may_hold_for_all_runs(tmp_path):
     config = load_config(
         {
-            "rig": {"kind": "dead_weight", "weight_on": "tight"},
+            "rig": {"kind": "dead_weight", "holds": "weight_tight"},
             "runs": {"rig": {"values": {"weight_N": 98.1}}},
         }
     )
