@@ -43,6 +43,9 @@ from beltid.uncertainty.simulated import (
 )
 from beltid.uncertainty.sources import (
     ARC,
+    BETWEEN_SPEEDS,
+    EFFECT_SOURCES,
+    REDUCTION_SOURCES,
     Source,
     all_sources,
     between_speeds_source,
@@ -197,14 +200,20 @@ def as_simulated(
 ) -> tuple[dict[str, np.ndarray], RunsUncertainty]:
     """Return predicted runs as a table of reduced runs, and their uncertainty.
 
-    The settings are those of the measured runs, exactly as measured.
+    The settings are those of the measured runs, exactly as measured. Both sides are of one bench:
+    its errors are left out of the difference, unlike effects and an interpolation, which the
+    predicted runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
     sources, aligned = _on_common_sources(predicted)
+    kept = (*EFFECT_SOURCES, *dict(REDUCTION_SOURCES), BETWEEN_SPEEDS)
+    own = np.array([source.error in kept for source in sources])
     labels = [str(label) for label in table["run"]]
-    return {**table, "mu_sliding": mu}, RunsUncertainty.of(labels, mu, sources, aligned)
+    uncertainty = RunsUncertainty.of(labels, mu, sources, aligned)
+    uncertainty = replace(uncertainty, difference=uncertainty.difference * own)
+    return {**table, "mu_sliding": mu}, uncertainty
 
 
 def _on_common_sources(

@@ -95,6 +95,7 @@ EFFECT_SOURCES: Final = {
     TEMPERATURE: "temperature of the runs",
 }
 """Key and name of effects that shift the friction in addition to the surface."""
+BETWEEN_SPEEDS: Final = "between_speeds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +255,7 @@ def slower_source() -> Source:
 
 def between_speeds_source(place: int) -> Source:
     """Return the source for friction interpolated to a speed that was left out, of unit size."""
-    return Source("interpolation between the speeds", "between_speeds", place)
+    return Source("interpolation between the speeds", BETWEEN_SPEEDS, place)
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
