@@ -80,7 +80,7 @@ class PeerRig:
         self._contacts: list[Any] = []
         nodes = mesh(beta, settings)
         path = Path(RIG.R, RIG.span, beta)
-        position, tangent = path.position(nodes), path.tangent(nodes)
+        position, tangent = np.hsplit(path.coordinates(nodes), 2)
         cos, sin = tangent[0, 0], -tangent[0, 1]
         turn = np.array([[cos, -sin], [sin, cos]])
         self._add_pulley()
