@@ -15,10 +15,9 @@ from beltid.params import Contact
 from beltid.refine.inverse import refine_surface
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, campaign
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import refined_slopes
+from beltid.uncertainty.rig_runs import Campaign, input_slopes
 from benchmarks.work import BELT, POINTS, RIG
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -69,14 +68,15 @@ def measure_inverse(rounds: int) -> Inverse:
     ).surface
     bench = Bench(BELT, RIG, Contact(), LAW, start)
     whole = Campaign(measured, bench, PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04))
-    refined = refine_surface(bench, whole.runs, speeds)
-    refined_slopes(whole, refined, speeds)
+    refined = refine_surface(whole, speeds)
+    surfaces = refined.curves.surfaces(refined.parameters)
+    input_slopes(whole, surfaces, speeds, refined.speed_slope)
     times: dict[str, list[float]] = {"solution": [], "sensitivities": []}
     for _ in range(rounds):
         clock = [time.perf_counter()]
-        refine_surface(bench, whole.runs, speeds)
+        refine_surface(whole, speeds)
         clock.append(time.perf_counter())
-        refined_slopes(whole, refined, speeds)
+        input_slopes(whole, surfaces, speeds, refined.speed_slope)
         clock.append(time.perf_counter())
         for name, seconds in zip(times, np.diff(clock), strict=True):
             times[name].append(float(seconds))

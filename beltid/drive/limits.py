@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -64,7 +64,8 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     differences of rods and string of a state just below it.
     """
     if point.omega < 0.0:
-        return slip_limit(simulator.backwards, point.reversed())
+        forwards = replace(point.reversed(), omega=-point.omega)
+        return slip_limit(simulator.backwards, forwards)
     return SlipLimit(_largest(simulator, point, False), _largest(simulator, point, True))
 
 
