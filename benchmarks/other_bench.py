@@ -6,15 +6,14 @@ A belt of a law of its own (Stribeck over speed, a hyperbola over force) is drag
 between two stiff spans: both tensions follow from the travel of the pulley, so that the build-up,
 the peak and the decay to the plateau are one curve over the sliding distance. Every fault is a
 function that changes a recording. The recordings enter by ``beltid.fit_friction``, the door that
-users have; the table holds the RMS error of ``mu_sliding``, the median stated uncertainty, the share
-of intervals ``value ± 1.96 u`` that hold the truth, and z, the RMS of error over standard error.
-All of it is synthetic.
+users have; the table holds the RMS error of ``mu_sliding``, the median stated uncertainty, the
+share of intervals ``value ± 1.96 u`` that hold the truth, and z, the RMS of error over standard
+error. All of it is synthetic.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -77,9 +76,8 @@ class Run:
     sense: int
     """-1 if it turns the other way: then the slack span is the one called tight."""
     time_s: Array
-    turning: Array
+    turning: NDArray[np.bool_]
     """Mask of the samples in which the pulley turns."""
-    travel_m: Array
     leading: Array
     trailing: Array
     """Tensions of the spans that pull and are pulled [N]."""
@@ -113,9 +111,19 @@ def a_run(bench: Bench, arc_deg: float, tension_N: float, omega: float, reverse:
     sliding = mu * (1.0 + bench.peak * bench.tail(slid / bench.length_m))
     z = arc * sliding * seated
     leading = 2.0 * actual / (1.0 + np.exp(-z))
-    turning = time >= bench.rest_s
-    parts = (time, turning, travel, leading, 2.0 * actual - leading, mu)
-    return Run(bench, arc, tension_N, omega, -1 if reverse else 1, *parts)
+    white = bench.noise_N * bench.rng.normal(size=(2, time.size))
+    return Run(
+        bench,
+        arc,
+        tension_N,
+        omega,
+        sense=-1 if reverse else 1,
+        time_s=time,
+        turning=time >= bench.rest_s,
+        leading=leading + white[0],
+        trailing=2.0 * actual - leading + white[1],
+        mu=mu,
+    )
 
 
 Fault = Callable[[list[Run]], None]
@@ -237,12 +245,11 @@ def hum(newtons: float, hertz: float = 49.3) -> Fault:
 
 
 def converter(step_N: float) -> Fault:
-    """Both cells are read in steps (after the noise)."""
+    """Both cells are read in steps."""
 
     def change(runs: list[Run]) -> None:
         for run in runs:
             for tension in (run.leading, run.trailing):
-                tension += run.bench.noise_N * run.bench.rng.normal(size=tension.size)
                 tension[:] = step_N * np.round(tension / step_N)
 
     return change
@@ -325,7 +332,8 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
     grid = [(a, t, w) for a in arcs for t in tensions for w in speeds] * 2
     rows = sorted(rng.permutation(len(grid))[:n].tolist())
     back = rng.permutation(n) < round(bench.reversed_share * n)
-    runs = [a_run(bench, *grid[row], bool(back[i])) for i, row in enumerate(rows)]
+    chosen = zip((grid[row] for row in rows), back.tolist(), strict=True)
+    runs = [a_run(bench, arc, tension, omega, reverse) for (arc, tension, omega), reverse in chosen]
     fault(runs)
     frames = [_frame(f"{i + 1:03d}", run) for i, run in enumerate(runs)]
     return pd.concat(frames, ignore_index=True), np.array([run.mu for run in runs])
@@ -333,9 +341,7 @@ def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
 
 def _frame(label: str, run: Run) -> pd.DataFrame:
     """One run in the columns of rig.csv: what is called tight is the span that pulls forward."""
-    spans = (run.leading, run.trailing)[:: run.sense]
-    noise = 0.0 if run.bench.noise_N == 0.2 else run.bench.noise_N  # a converter has its own
-    tight, slack = (s + noise * run.bench.rng.normal(size=s.size) for s in spans)
+    tight, slack = (run.leading, run.trailing)[:: run.sense]
     speed = run.sense * np.where(run.turning, run.omega, 0.0)
     return pd.DataFrame(
         {
@@ -358,7 +364,7 @@ CONFIG = {
 
 def measured(name: str, n: int, draws: int, first: int) -> str:
     """Reduce some draws of a row and return its line of the table."""
-    found = []
+    found: list[list[float]] = []
     for seed in range(first, first + draws):
         frame, mu = draw(name, n, seed)
         with warnings.catch_warnings():
@@ -366,12 +372,12 @@ def measured(name: str, n: int, draws: int, first: int) -> str:
             try:
                 table = beltid.fit_friction(frame, CONFIG).to_frame()
             except beltid.BeltidError:
-                found += [(np.nan, np.nan, np.nan)] * n
+                found += [[np.nan] * 3] * n
                 continue
         for i, row in enumerate(table.itertuples()):
             ok = row.status == "ok"
             values = (row.mu_sliding, row.mu_sliding_se, row.mu_sliding_u)
-            found.append(tuple(v / mu[i] if ok else np.nan for v in values))
+            found.append([v / mu[i] if ok else np.nan for v in values])
     ratio, se, u = np.array(found, dtype=float).T
     kept = np.isfinite(ratio)
     if not kept.any():
@@ -406,4 +412,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
