@@ -203,13 +203,14 @@ def slow_noise(newtons: float, memory_s: float) -> Fault:
 
 
 def seam(share: float, width_rad: float = 0.25) -> Fault:
-    """The friction rises where the seam of the pulley's coating passes, once a turn."""
+    """The friction rises where the seam of the pulley's coating passes, about its mean of a turn."""
+    mean = width_rad / np.sqrt(2.0 * np.pi)
 
     def change(runs: list[Run]) -> None:
         for run in runs:
             place = 2.0 * np.pi * run.bench.rng.random()
             away = np.angle(np.exp(1j * (run.angle_rad - place)))
-            _more_friction(run, share * np.exp(-0.5 * (away / width_rad) ** 2))
+            _more_friction(run, share * (np.exp(-0.5 * (away / width_rad) ** 2) - mean))
 
     return change
 
