@@ -20,11 +20,12 @@ Module                 Responsibility                                         Pa
 ====================== ====================================================== =================
 ``cli``                the commands; the only package that prints or exits
 ``batch``              the whole chain for one or several belts
-``stages``             one file per command: read, compute, write, summarize
+``stages``             the steps of the method, and what the other commands do
+``stage``              what a step is: function, command, freshness, origin
 ``report``             figures, pages, summaries for the terminal
 ``export``             the contact law for other programs
 ``bench``              bench recordings: any format to validated columns
-``artifacts``          results: self-describing Parquet files, written atomically
+``store``              results: self-describing Parquet files, written atomically
 ``config``             YAML to a frozen model; errors with line and column
 ``tables``             column definitions: name, type, unit, range, meaning
 ``plan``               which rig runs to measure next, and when to stop
@@ -40,6 +41,7 @@ Module                 Responsibility                                         Pa
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
 ``child_processes``    imports and signals of the processes that beltid starts
+``notes``              notes and progress, by the logger of the standard library
 ``errors``             the errors, with their exit statuses
 ====================== ====================================================== =================
 """
@@ -63,17 +65,24 @@ if TYPE_CHECKING:
     from beltid.export.law import ContactLaw
     from beltid.laws.friction_surface import FrictionSurface
     from beltid.laws.penalty import NormalLaw
-    from beltid.stages.drive.simulate_drive import simulate_drive
-    from beltid.stages.identification.build_surface import build_surface
-    from beltid.stages.identification.fit_friction import fit_friction
-    from beltid.stages.identification.fit_slip import fit_slip
-    from beltid.stages.identification.fit_stiffness import fit_stiffness
-    from beltid.stages.identification.recordings import read_press, read_rig, read_speedloss
-    from beltid.stages.simulation.compare import compare, predict_held_out
-    from beltid.stages.simulation.plan import plan_runs
-    from beltid.stages.simulation.refine_surface import refine_surface
-    from beltid.stages.simulation.simulated_runs import simulate_campaign, simulate_rig
-    from beltid.stages.tables import load_law, load_stiffness, load_surface
+    from beltid.stage import Outcome
+    from beltid.stages.inputs import load_law, load_stiffness, load_surface
+    from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
+    from beltid.stages.steps import (
+        build_surface,
+        compare,
+        compare_drive,
+        cross_validate,
+        fit_friction,
+        fit_slip,
+        fit_stiffness,
+        plan_runs,
+        read_press,
+        read_rig,
+        read_speedloss,
+        refine_surface,
+        simulate_drive,
+    )
 
 __all__ = [
     "ArtifactError",
@@ -86,9 +95,12 @@ __all__ = [
     "InputError",
     "NormalLaw",
     "NumericsError",
+    "Outcome",
     "__version__",
     "build_surface",
     "compare",
+    "compare_drive",
+    "cross_validate",
     "fit_friction",
     "fit_slip",
     "fit_stiffness",
@@ -97,7 +109,6 @@ __all__ = [
     "load_stiffness",
     "load_surface",
     "plan_runs",
-    "predict_held_out",
     "read_press",
     "read_rig",
     "read_speedloss",
@@ -110,39 +121,28 @@ __all__ = [
 # public name -> its module, imported when the name is first used: `import beltid` stays cheap,
 # numpy and the like are imported only when something is computed
 _HOMES = {
-    "Config": "config",
-    "load_config": "config",
+    **dict.fromkeys(("Config", "load_config"), "config"),
     **dict.fromkeys(
         (
-            "ArtifactError",
-            "BeltidError",
-            "BeltidWarning",
-            "ConfigError",
-            "InputError",
-            "NumericsError",
+            *("ArtifactError", "BeltidError", "BeltidWarning"),
+            *("ConfigError", "InputError", "NumericsError"),
         ),
         "errors",
     ),
     "ContactLaw": "export.law",
     "FrictionSurface": "laws.friction_surface",
     "NormalLaw": "laws.penalty",
-    "build_surface": "stages.identification.build_surface",
-    "refine_surface": "stages.simulation.refine_surface",
-    "compare": "stages.simulation.compare",
-    "fit_friction": "stages.identification.fit_friction",
-    "fit_slip": "stages.identification.fit_slip",
-    "fit_stiffness": "stages.identification.fit_stiffness",
-    "predict_held_out": "stages.simulation.compare",
-    "plan_runs": "stages.simulation.plan",
+    "Outcome": "stage",
     **dict.fromkeys(
-        ("read_press", "read_rig", "read_speedloss"), "stages.identification.recordings"
+        (
+            *("build_surface", "compare", "compare_drive", "cross_validate", "fit_friction"),
+            *("fit_slip", "fit_stiffness", "plan_runs", "read_press", "read_rig"),
+            *("read_speedloss", "refine_surface", "simulate_drive"),
+        ),
+        "stages.steps",
     ),
-    "load_law": "stages.tables",
-    "load_stiffness": "stages.tables",
-    "load_surface": "stages.tables",
-    "simulate_campaign": "stages.simulation.simulated_runs",
-    "simulate_drive": "stages.drive.simulate_drive",
-    "simulate_rig": "stages.simulation.simulated_runs",
+    **dict.fromkeys(("load_law", "load_stiffness", "load_surface"), "stages.inputs"),
+    **dict.fromkeys(("simulate_campaign", "simulate_rig"), "stages.simulated_runs"),
 }
 
 
@@ -157,4 +157,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

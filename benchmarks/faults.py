@@ -25,11 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
-from beltid.artifacts.artifact import artifact_bytes, artifact_from_bytes, read_artifact
-from beltid.artifacts.file_bytes import write_bytes
-from beltid.artifacts.metadata_models import Metadata
-from beltid.artifacts.parquet_table import columns_sha256
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, ArtifactError
+from beltid.store.artifact import Record, artifact_bytes, artifact_from_bytes, read_artifact
+from beltid.store.disk import write_bytes
+from beltid.store.parquet import columns_sha256
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[1]
@@ -82,7 +81,7 @@ def example(rows: int, seed: int) -> bytes:
     """An artifact of some size."""
     rng = np.random.default_rng(seed)
     names = [column.name for column in schemas.table("slip").columns if column.required]
-    return artifact_bytes("slip", {n: rng.uniform(1.0, 2.0, rows) for n in names}, Metadata())
+    return artifact_bytes({n: rng.uniform(1.0, 2.0, rows) for n in names}, Record("slip"))
 
 
 def kills_of_a_writer(count: int, folder: Path) -> Row:

@@ -41,7 +41,7 @@ def one_reader(reader: str, inputs: int, seconds: float, seed: int) -> None:
     """Fuzz one reader in this process; atheris ends it."""
     import atheris
 
-    with atheris.instrument_imports(include=["beltid.config", "beltid.bench", "beltid.artifacts"]):
+    with atheris.instrument_imports(include=["beltid.config", "beltid.bench", "beltid.store"]):
         import mutation
         import readers
     folder = BUILD / reader

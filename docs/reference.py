@@ -31,7 +31,7 @@ PER_RECORDING_TEXT = """
 ### columns, units, runs
 
 Per recording: under `columns` and `units` any of its columns above; under `runs` the keys
-`pattern`, `table`, `fields` and `values`, see [](formats.md).
+`pattern`, `table` and `values`, see [](formats.md).
 """
 
 

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, percent
 from beltid.report.results import LEFT_OUT
-from beltid.report.summary import Summary, combined_origin
+from beltid.report.summary import Summary
+from beltid.store.artifact import combined_origin
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
@@ -21,7 +22,7 @@ OVERRIDDEN_BY: Final = {"compare": "compare refined"}
 SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
 """State of the hold-out comparison if the bench has a single arc: no other arc to predict from."""
-HELD_OUT: Final = "compare hold-out"
+HELD_OUT: Final = "cross-validate"
 
 
 @dataclass(slots=True)

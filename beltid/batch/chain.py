@@ -2,81 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+import logging
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from beltid.artifacts.file_bytes import remove_stale
-from beltid.batch.belts import FAILED, HELD_OUT, batch_summary
+from beltid.batch.belts import DONE, FAILED, HELD_OUT, UP_TO_DATE, batch_summary
 from beltid.batch.folders import alone_in, refuse_links_out
 from beltid.batch.schedule import Chain, run_chains
 from beltid.batch.steps import Step
 from beltid.config import ConfigSource
 from beltid.errors import BeltidError
+from beltid.notes import Kept, heard_by, log, prefixed
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
-from beltid.stages.drive import compare_drive, simulate_drive
-from beltid.stages.identification import build_surface, fit_friction, fit_slip, fit_stiffness
-from beltid.stages.reporter import Options
-from beltid.stages.simulation import compare, refine_surface, simulate_rig
 from beltid.stages.workers import Workers
+from beltid.store.disk import remove_stale
 
-
-def _same(*roles: str) -> dict[str, str]:
-    """Map inputs whose names equal their roles."""
-    return {role: role for role in roles}
-
-
+PRESS, STIFFNESS, FRICTION = {"frame": "press"}, {"law": "stiffness"}, {"friction": "friction"}
+PUBLISHED, REFINED = {"surface": "surface"}, {"surface": "surface_refined"}
 CHAIN: Final = (
-    Step("fit-stiffness", "stiffness", _same("press"), fit_stiffness.run),
-    Step("fit-slip", "slip", _same("speedloss"), fit_slip.run),
-    Step("fit-friction", "friction", _same("rig"), fit_friction.run),
-    Step("build-surface", "surface", _same("friction"), build_surface.run),
-    Step("refine-surface", "surface_refined", _same("friction", "stiffness"), refine_surface.run),
-    Step(
-        "simulate-rig",
-        "simulated",
-        _same("surface", "stiffness", "friction"),
-        simulate_rig.run,
-        spreads=True,
-    ),
-    Step("compare", "compare", _same("friction", "simulated"), compare.run),
-    Step(
-        "simulate-rig refined",
-        "simulated_refined",
-        {"surface": "surface_refined", "stiffness": "stiffness", "friction": "friction"},
-        simulate_rig.run,
-        spreads=True,
-    ),
-    Step(
-        "compare refined",
-        "compare_refined",
-        {"friction": "friction", "simulated": "simulated_refined"},
-        compare.run,
-    ),
-    Step(
-        HELD_OUT,
-        "compare_hold_out",
-        _same("friction", "stiffness"),
-        compare.run,
-        spreads=True,
-    ),
-    Step(
-        "simulate-drive",
-        "drive",
-        {"surface": "surface_refined", "stiffness": "stiffness", "slip": "slip"},
-        simulate_drive.run,
-        section="drive",
-    ),
-    Step(
-        "compare-drive",
-        "compare_drive",
-        _same("slip", "drive"),
-        compare_drive.run,
-        section="drive",
-    ),
+    Step("fit-stiffness", "stiffness", PRESS),
+    Step("fit-slip", "slip", {"frame": "speedloss"}),
+    Step("fit-friction", "friction", {"frame": "rig"}),
+    Step("build-surface", "surface", FRICTION),
+    Step("refine-surface", "surface_refined", FRICTION | STIFFNESS),
+    Step("simulate-rig", "simulated", PUBLISHED | STIFFNESS | FRICTION, spreads=True),
+    Step("compare", "compare", FRICTION | {"simulated": "simulated"}),
+    Step("simulate-rig refined", "simulated_refined", REFINED | STIFFNESS | FRICTION, spreads=True),
+    Step("compare refined", "compare_refined", FRICTION | {"simulated": "simulated_refined"}),
+    Step(HELD_OUT, "crossvalidation", FRICTION | STIFFNESS, spreads=True),
+    Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, section="drive"),
+    Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, section="drive"),
 )
 """Steps of the chain: the published procedure and the surface refined by the inverse solution, both
 compared with the bench; prediction of left-out runs by a surface refined from the others; and the
@@ -84,35 +41,7 @@ drive of the speed-loss recording, if the config states one."""
 
 OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 """Steps that need no simulated rig; a running belt has none."""
-
-
-def _page(
-    source: ConfigSource,
-    inputs: Mapping[str, Path],
-    out: Path,
-    options: Options,
-    failures: tuple[str, ...] = (),
-) -> Summary:
-    from beltid.stages.results import report_belt  # plotting is slow to import
-
-    return report_belt.of_chain(source, inputs, out, options, failures)
-
-
-REPORT: Final = Step("report", "report", {}, _page, page=True)
-"""Last step of a chain, which runs even if others failed."""
-
-
-@dataclass(frozen=True, slots=True)
-class BatchOptions(Options):
-    """Options of a batch.
-
-    Attributes
-    ----------
-    report : bool
-        Whether to write the reports at the end.
-    """
-
-    report: bool = True
+REPORT: Final = "report"
 
 
 def chain_of(source: ConfigSource) -> tuple[Step, ...]:
@@ -121,12 +50,19 @@ def chain_of(source: ConfigSource) -> tuple[Step, ...]:
         return tuple(step for step in CHAIN if step.name in OF_RUNNING_BELT)
     stated = source.config.model_fields_set
     chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
-    if source.config.compare.hold_out == "none":
+    if source.config.cross_validate.by == "none":
         chain = tuple(step for step in chain if step.name != HELD_OUT)
     return chain
 
 
-def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
+def run_batch(
+    sources: Sequence[ConfigSource],
+    folder: Path,
+    workers: Workers,
+    *,
+    force: bool = False,
+    report: bool = True,
+) -> Summary:
     """Run the chain of every belt and summarize the batch.
 
     Parameters
@@ -135,8 +71,10 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         One config per belt.
     folder : Path
         Results folder; each belt has a folder in it.
-    options : BatchOptions
-        Force, reporter, workers.
+    workers : Workers
+        Workers that compute.
+    force, report : bool
+        Whether to compute results again that are up to date, and to write the reports at the end.
 
     Raises
     ------
@@ -144,18 +82,14 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
         If a link leads out of the results folder.
     """
     refuse_links_out(folder, [source.name for source in sources])
-    chains = []
-    for source in sources:
-        chain = chain_of(source)
-        chains.append(Chain(source, folder / source.name, chain, options.reporter))
+    chains = [Chain(source, folder / source.name, chain_of(source)) for source in sources]
     folders = [chain.folder for chain in chains]
-    with alone_in(folders, options.reporter):
-        workers = options.workers
+    with alone_in(folders):
         try:
-            run_chains(chains, workers, force=options.force)
+            run_chains(chains, workers, force=force)
             runs = [chain.run for chain in chains]
-            if options.report:
-                write_reports(chains, folder, options, workers)
+            if report:
+                write_reports(chains, folder, workers, force=force)
         except BaseException:
             workers.stop()
             for belt_folder in folders:  # temporary files of killed workers
@@ -167,32 +101,31 @@ def run_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptio
 
 
 def write_reports(
-    chains: Sequence[Chain], folder: Path, options: Options, workers: Workers
+    chains: Sequence[Chain], folder: Path, workers: Workers, *, force: bool = False
 ) -> None:
-    """Write the reports of belts that have results.
-
-    Parameters
-    ----------
-    chains : sequence of Chain
-        The finished chains.
-    folder : Path
-        Results folder of the batch.
-    options : Options
-        Force and reporter.
-    workers : Workers
-        Workers that draw the pages of several belts.
-    """
-    from beltid.stages.results import report_belt
-    from beltid.stages.results.belt_results import config_of, gather
+    """Write the reports of belts that have results, and the page that compares them."""
+    from beltid.stages import report_belt
+    from beltid.stages.belt_results import config_of, gather
 
     wanted = [chain for chain in chains if chain.run.summaries]
-    for chain in wanted:
-        chain.waiting = [replace(REPORT, run=partial(_page, failures=chain.run.failures))]
-    # a single page is drawn here: a worker would first have to import the plotting libraries,
-    # which are not safe for several threads of one process
-    in_workers = len(wanted) > 1 and workers.share_files
-    run_chains(wanted, workers if in_workers else Workers(), force=options.force)
-    reported = [chain for chain in wanted if chain.run.states[REPORT.name] != FAILED]
+    # a single page is drawn here: a worker would first have to import the plotting libraries
+    here = len(wanted) == 1 or not workers.share_files
+    calls = [(c.source, sorted(c.files), c.folder, c.run.failures, force) for c in wanted]
+    pages = _drawn_here(wanted, calls) if here else workers.as_ended(page_in_worker, calls)
+    reported = []
+    for index, (state, error, lines) in pages:
+        chain = wanted[index]
+        chain.run.states[REPORT] = state
+        with prefixed(chain.prefix):
+            for level, text in lines:
+                log.log(level, "%s", text)
+            if error is not None:
+                chain.run.failed(REPORT, error)
+                for line in error.problems:
+                    log.error("%s: %s", REPORT, line)
+                continue
+            log.info("%s: %s, %s", REPORT, state, chain.folder / report_belt.NAME)
+        reported.append(chain)
     if not reported:
         return
     belts: dict[Path, BeltResults] = {}
@@ -202,17 +135,52 @@ def write_reports(
             try:
                 belts[path] = gather(path, config_of(path))
             except BeltidError as error:
-                options.reporter.warn(f"{path}: not compared: {error.problems[0]}")
+                log.warning("%s: not compared: %s", path, error.problems[0])
     if len(belts) + len(reported) > 1:
         page = folder / report_belt.NAME
         try:
             for chain in reported:
                 config = config_of(chain.folder)
                 belts[chain.folder] = gather(chain.folder, config, chain.files, chain.run.failures)
-            report_belt.of_belts(dict(sorted(belts.items())), page, options)
+            report_belt.of_belts(dict(sorted(belts.items())), page, force=force)
         except BeltidError as error:
             for line in error.problems:
-                options.reporter.error(f"{REPORT.name}: {line}")
-            reported[-1].run.failed(REPORT.name, error)
+                log.error("%s: %s", REPORT, line)
+            reported[-1].run.failed(REPORT, error)
             return
-        options.reporter.report(f"{REPORT.name}: comparison of the belts: {page}")
+        log.info("%s: comparison of the belts: %s", REPORT, page)
+
+
+Lines = list[tuple[int, str]]
+Page = tuple[str, BeltidError | None, Lines]
+"""State of a page, its error if any, its messages."""
+
+
+def _drawn_here(chains: Sequence[Chain], calls: Sequence[Any]) -> Iterator[tuple[int, Page]]:
+    for index, (chain, call) in enumerate(zip(chains, calls, strict=True)):
+        with prefixed(chain.prefix):
+            page = _page(*call)
+        yield index, page
+
+
+def page_in_worker(*call: Any) -> Page:
+    """Write the page of a belt in a worker, and keep the messages."""
+    kept = Kept()
+    with heard_by(kept):
+        state, error, lines = _page(*call)
+    return state, error, [*kept.lines, *lines]
+
+
+def _page(
+    source: ConfigSource, made: list[str], folder: Path, failures: tuple[str, ...], force: bool
+) -> Page:
+    from beltid.stages import report_belt  # plotting is slow to import
+
+    try:
+        summary = report_belt.of_chain(source, made, folder, failures, force=force)
+    except BeltidError as error:
+        return FAILED, error, []
+    lines = [(logging.WARNING, f"{REPORT}: {line}") for line in summary.warnings]
+    if summary.verdict:
+        lines.append((logging.INFO, f"{REPORT}: {summary.verdict}"))
+    return UP_TO_DATE if summary.up_to_date else DONE, None, lines

@@ -15,9 +15,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 from beltid._version import __version__
-from beltid.artifacts.file_bytes import source_sha256
 from beltid.errors import BeltidError, InputError
 from beltid.stages.workers import Cancelled, Result, Workers
+from beltid.store.disk import source_sha256
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from beltid.artifacts.file_bytes import remove_stale
 from beltid.errors import InputError
-from beltid.stages.reporter import Reporter
+from beltid.notes import log
+from beltid.store.disk import remove_stale
 
 LOCK: Final = ".beltid-lock"
 
@@ -54,7 +54,7 @@ def _links_in(folder: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
+def alone_in(folders: Sequence[Path]) -> Iterator[None]:
     """Lock some folders against other batches, and remove temporary files of killed ones.
 
     A second batch waits, then finds everything up to date. The system releases a lock when its
@@ -65,8 +65,6 @@ def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
     ----------
     folders : sequence of Path
         Results folders.
-    reporter : Reporter
-        Receives a message when another batch must be awaited.
     """
     unique = sorted(set(folders))  # always in the same order, to prevent a deadlock
     with contextlib.ExitStack() as locks:
@@ -74,7 +72,7 @@ def alone_in(folders: Sequence[Path], reporter: Reporter) -> Iterator[None]:
             descriptor = _open_lock(folder)
             if descriptor is not None:
                 locks.callback(os.close, descriptor)
-                _lock(descriptor, folder, reporter)
+                _lock(descriptor, folder)
             remove_stale(folder)
         yield
 
@@ -87,7 +85,7 @@ def _open_lock(folder: Path) -> int | None:
         return None
 
 
-def _lock(descriptor: int, folder: Path, reporter: Reporter) -> None:
+def _lock(descriptor: int, folder: Path) -> None:
     try:
         import fcntl
     except ImportError:  # not a POSIX system
@@ -95,7 +93,7 @@ def _lock(descriptor: int, folder: Path, reporter: Reporter) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        reporter.report(f"{folder}: another beltid run is at work there, waiting for it")
+        log.info("%s: another beltid run is at work there, waiting for it", folder)
         with contextlib.suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_EX)
     except OSError:

@@ -7,20 +7,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.batch.belts import NOT_RUN, SKIPPED, UP_TO_DATE
-from beltid.batch.chain import BatchOptions, chain_of
+from beltid.batch.chain import chain_of
 from beltid.batch.folders import refuse_links_out
 from beltid.batch.steps import Call, Step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, BeltidError
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Stale
-from beltid.stages.reporter import Options
 
 TO_BE_MADE: Final = "to be made"
 WRONG: Final = "cannot be made"
 
 
-def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOptions) -> Summary:
+def plan_batch(sources: Sequence[ConfigSource], folder: Path, *, force: bool = False) -> Summary:
     """List the steps that a batch would carry out, without writing anything.
 
     Parameters
@@ -29,15 +27,15 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
         One config per belt.
     folder : Path
         Results folder.
-    options : BatchOptions
-        Same as for the batch itself.
+    force : bool
+        Whether the batch would compute everything again.
     """
     refuse_links_out(folder, [source.name for source in sources])
     rows: list[dict[str, Any]] = []
     warnings: list[str] = []
     status = EXIT_DONE
     for source in sources:
-        for row, error in _plan_steps(source, folder / source.name, options):
+        for row, error in _plan_steps(source, folder / source.name, force=force):
             rows.append(row)
             if error is not None:
                 status = status or error.exit_status
@@ -55,7 +53,7 @@ def plan_batch(sources: Sequence[ConfigSource], folder: Path, options: BatchOpti
 
 
 def _plan_steps(
-    source: ConfigSource, folder: Path, options: BatchOptions
+    source: ConfigSource, folder: Path, *, force: bool
 ) -> Iterator[tuple[dict[str, Any], BeltidError | None]]:
     """Yield the row of each step of a belt, and its error if any."""
     files = source.config.data.files
@@ -67,7 +65,7 @@ def _plan_steps(
         state, error = NOT_RUN, None
         if not step.ready(files):
             state = NOT_RUN if step.name in possible else SKIPPED
-        elif options.force or stale & set(step.needs.values()):
+        elif force or stale & set(step.needs.values()):
             state = TO_BE_MADE
         else:
             state, error = _state(step, step.call(source, files, folder))
@@ -81,9 +79,7 @@ def _plan_steps(
 def _state(step: Step, call: Call) -> tuple[str, BeltidError | None]:
     """Let a step check whether its artifact is up to date."""
     try:
-        step.run(*call, Options(peek=True))
-    except Stale:
-        return TO_BE_MADE, None
+        _, existing = step.stage.look(*call)
     except BeltidError as error:
         return WRONG, error
-    return UP_TO_DATE, None
+    return (TO_BE_MADE if existing is None else UP_TO_DATE), None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
@@ -21,10 +22,10 @@ from beltid.batch.belts import (
 from beltid.batch.steps import Step, run_step, within_reach
 from beltid.config import ConfigSource
 from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
+from beltid.notes import Prefix, log, prefixed
 from beltid.report.summary import Summary
-from beltid.stages.reporter import Level, NamedReporter, Reporter
-from beltid.stages.setup.named_recordings import WITHOUT, lacking
-from beltid.stages.simulation.planned_runs import NOT_SIMULATED
+from beltid.stages.named_recordings import WITHOUT, lacking
+from beltid.stages.planned_runs import NOT_SIMULATED
 from beltid.stages.workers import LOOK_UP_S, Workers
 
 STEPS_AHEAD = 2  # steps in progress per worker: while some read and write, others compute
@@ -42,15 +43,11 @@ class Chain:
         Results folder of the belt.
     steps : sequence of Step
         Steps of the chain.
-    reporter : Reporter
-        Receives the messages.
     """
 
-    def __init__(
-        self, source: ConfigSource, folder: Path, steps: Sequence[Step], reporter: Reporter
-    ) -> None:
+    def __init__(self, source: ConfigSource, folder: Path, steps: Sequence[Step]) -> None:
         self.source, self.folder = source, folder
-        self.reporter = NamedReporter(source.name, reporter)
+        self.prefix = Prefix(f"{source.name}: ")
         self.files = source.config.data.files
         self.waiting = list(steps)
         possible = within_reach(steps, self.files)
@@ -76,27 +73,29 @@ class Chain:
             synthetic = self.source.config.data.origin == "synthetic"
             kind_of_data = ", synthetic data" if synthetic else ""
             origin = self.source.origin
-            self.reporter.report(f"config {origin}{kind_of_data}, results in {self.folder}")
-            if self.source.config.rig.kind == "running":
-                self.reporter.report(NOT_SIMULATED)
-            for kind in self.run.lacking:
-                self.reporter.warn(WITHOUT[kind])
+            with prefixed(self.prefix):
+                log.info("config %s%s, results in %s", origin, kind_of_data, self.folder)
+                if self.source.config.rig.kind == "running":
+                    log.info(NOT_SIMULATED)
+                for kind in self.run.lacking:
+                    log.warning(WITHOUT[kind])
 
     def failed(self, step: Step, error: BeltidError) -> None:
         """Record that a step failed; steps that need it are not run."""
-        level: Level = "error"
+        level = logging.ERROR
         if isinstance(error, TooFewSettings):
-            level = "warn"
+            level = logging.WARNING
             self.run.states[step.name] = TOO_FEW_SETTINGS
         else:
             self.run.failed(step.name, error)
-        for line in error.problems:
-            self.reporter.line(level, f"{step.name}: {line}")
+        with prefixed(self.prefix):
+            for line in error.problems:
+                log.log(level, "%s: %s", step.name, line)
 
     def finished(self, step: Step, summary: Summary, elapsed_s: float) -> None:
         """Record that a step finished."""
-        name, reporter = step.name, self.reporter
-        out = self.files[step.makes] = step.place(self.folder)
+        name = step.name
+        self.files[step.makes] = step.place(self.folder)
         self.run.summaries[name] = summary
         if summary.exit_status == EXIT_DONE:
             state = UP_TO_DATE if summary.up_to_date else DONE
@@ -105,17 +104,15 @@ class Chain:
             lines = (summary.verdict, *summary.warnings)
             self.run.troubles[name] = (summary.exit_status, lines)
         self.run.states[name] = state
-        if step.page:
-            reporter.report(f"{name}: {state}, {out}")
-            return
         spent = "" if summary.up_to_date else f", {elapsed_s:.1f} s"
-        reporter.report(f"{name}: {state}{spent}")
-        for note in summary.notes:
-            reporter.detail(f"{name}: {note}")
-        for warning in summary.warnings:
-            reporter.warn(f"{name}: {warning}")
-        if summary.verdict:
-            reporter.report(f"{name}: {summary.verdict}")
+        with prefixed(self.prefix):
+            log.info("%s: %s%s", name, state, spent)
+            for note in summary.notes:
+                log.debug("%s: %s", name, note)
+            for warning in summary.warnings:
+                log.warning("%s: %s", name, warning)
+            if summary.verdict:
+                log.info("%s: %s", name, summary.verdict)
 
 
 def run_chains(chains: Sequence[Chain], workers: Workers, *, force: bool = False) -> None:
@@ -141,7 +138,7 @@ def run_chains(chains: Sequence[Chain], workers: Workers, *, force: bool = False
                     start = time.monotonic()
                     call = step.call(chain.source, chain.files, chain.folder)
                     future = threads.submit(
-                        run_step, step, call, workers, chain.reporter, force=force
+                        _prefixed_step, chain.prefix, step, call, workers, force=force
                     )
                     running[future] = (chain, step, start)
             if not running:
@@ -157,6 +154,11 @@ def run_chains(chains: Sequence[Chain], workers: Workers, *, force: bool = False
         if running:  # an interrupt or a bug
             workers.stop()
         threads.shutdown(wait=True, cancel_futures=True)
+
+
+def _prefixed_step(prefix: Prefix, *call: Any, force: bool) -> Summary:
+    with prefixed(prefix):
+        return run_step(*call, force=force)
 
 
 class _InlineExecutor(Executor):

@@ -8,7 +8,7 @@ from pathlib import Path
 from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import BeltidError, ConfigError, InputError
-from beltid.stages.setup.named_recordings import wrong_recordings
+from beltid.stages.named_recordings import wrong_recordings
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:

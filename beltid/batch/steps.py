@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from beltid.config import ConfigSource
+from beltid.notes import Kept, heard_by, log, python_warnings
 from beltid.report.summary import Summary
-from beltid.stages.build_artifact import Stale
-from beltid.stages.reporter import KeepingReporter, Level, Options, Reporter
+from beltid.report.view import summary_of
+from beltid.stage import STAGES, Stage
+from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.workers import Workers
 
-StageRun = Callable[[ConfigSource, Mapping[str, Path], Path, Options], Summary]
 Call = tuple[ConfigSource, Mapping[str, Path], Path]
-"""Arguments of a stage: config, inputs by role, path of the result."""
+"""Arguments of a stage: config, inputs by parameter, path of the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,56 +29,50 @@ class Step:
     makes : str
         Name of its artifact.
     needs : dict
-        Recordings and artifacts that it reads, by their role in the stage.
-    run : callable
-        The stage.
+        Parameter of the stage -> recording or artifact that it reads.
     spreads : bool
         Whether the stage distributes its heavy calls to the workers; otherwise one worker runs the
         whole stage.
     section : str
         Config section that must be stated for the step to be part of the chain; "" for none.
-    page : bool
-        Whether it writes a report page instead of an artifact.
     """
 
     name: str
     makes: str
     needs: Mapping[str, str]
-    run: StageRun
     spreads: bool = False
     section: str = ""
-    page: bool = False
+
+    @property
+    def stage(self) -> Stage:
+        """The stage."""
+        return STAGES[self.name.partition(" ")[0]]
 
     def ready(self, files: Collection[str]) -> bool:
         """Return whether all inputs exist."""
         return all(name in files for name in self.needs.values())
 
     def call(self, source: ConfigSource, files: Mapping[str, Path], folder: Path) -> Call:
-        """Return the arguments of the stage for a belt with this results folder.
-
-        The inputs of a page are all files.
-        """
-        inputs = files if self.page else {role: files[name] for role, name in self.needs.items()}
+        """Return the arguments of the stage for a belt with this results folder."""
+        inputs = {role: files[name] for role, name in self.needs.items()}
         return source, inputs, self.place(folder)
 
     def place(self, folder: Path) -> Path:
         """Return the path of its result in the folder of a belt."""
-        return folder / f"{self.makes}.{'html' if self.page else 'parquet'}"
+        return folder / f"{self.makes}.parquet"
 
 
-def within_reach(steps: Sequence[Step], recordings: Collection[str]) -> set[str]:
+def within_reach(chain: Sequence[Step], recordings: Collection[str]) -> set[str]:
     """Return the names of the steps that can run with the given kinds of recordings."""
     available, names = set(recordings), set()
-    for step in steps:
+    for step in chain:
         if step.ready(available):
             available.add(step.makes)
             names.add(step.name)
     return names
 
 
-def run_step(
-    step: Step, call: Call, workers: Workers, reporter: Reporter, *, force: bool
-) -> Summary:
+def run_step(step: Step, call: Call, workers: Workers, *, force: bool) -> Summary:
     """Run a step, here or in a worker, unless its result is up to date.
 
     Raises
@@ -85,25 +80,24 @@ def run_step(
     BeltidError
         If the stage raises it.
     """
+    stage = step.stage
     if step.spreads or workers.jobs == 1 or not workers.share_files:
-        return step.run(*call, Options(force=force, reporter=reporter, workers=workers))
-    if not force:
-        try:
-            return step.run(*call, Options(reporter=reporter, peek=True))
-        except Stale:
-            pass
-    summary, lines = workers.call(run_in_worker, step.run, *call, force)
+        built = stage.run(*call, force=force, workers=workers)
+        return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
+    _, existing = stage.look(*call, force=force)
+    if existing is not None:
+        return summary_of(existing, up_to_date=True, fails_with=stage.fails_with)
+    summary, lines = workers.call(run_in_worker, stage.name, *call, force)
     for level, text in lines:
-        reporter.line(level, text)
+        log.log(level, "%s", text)
     return summary
 
 
 def run_in_worker(
-    run: StageRun, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
-) -> tuple[Summary, list[tuple[Level, str]]]:
+    name: str, source: ConfigSource, inputs: Mapping[str, Path], out: Path, force: bool
+) -> tuple[Summary, list[tuple[int, str]]]:
     """Run a stage in a worker; return its summary and its messages."""
-    reporter = KeepingReporter()
-    with reporter.python_warnings():
-        options = Options(force=force, reporter=reporter)
-        summary = run(source, inputs, out, options)
-    return summary, reporter.lines
+    stage, kept = STAGES[name], Kept()
+    with heard_by(kept), python_warnings():
+        built = stage.run(source, inputs, out, force=force)
+    return summary_of(built.artifact, fails_with=stage.fails_with), kept.lines

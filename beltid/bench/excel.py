@@ -13,10 +13,10 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.artifacts.file_bytes import MAX_BYTES
 from beltid.bench.header import SEARCHED, distinct_names, find_head, unit_in_name
 from beltid.bench.raw import Raw
 from beltid.errors import InputError
+from beltid.store.disk import MAX_BYTES
 
 MAX_COLUMNS: Final = 2000
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Final, NamedTuple
 
-from beltid.artifacts.file_bytes import MAX_BYTES, opened, sha256
 from beltid.bench.packed import MAX_FILES, format_of, members, natural, unpack
 from beltid.errors import InputError
+from beltid.store.disk import MAX_BYTES, opened, sha256
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
 _COMPANIONS: Final = frozenset({".tdms_index", ".lnk"})
@@ -135,7 +135,7 @@ def _shown(path: PurePath) -> str:
 
 def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
     """Note the subfolders that hold files of the same kind but are not read."""
-    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
+    from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
     if not path.is_dir():
         return []
@@ -208,7 +208,7 @@ def folder_of(path: Path) -> Path:
 
 def _files(path: Path, excluded: set[Path]) -> list[Path]:
     """List the files of a folder or pattern in natural order; all must be of one kind."""
-    from beltid.artifacts.artifact import may_be_artifact  # results may lie among recordings
+    from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
     if path.parts.count("**") > 1 and not path.is_dir():
         raise InputError(f"{path}: contains ** more than once, which matches the same files again")

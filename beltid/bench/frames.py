@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import types
 
-from beltid.artifacts.parquet_table import damaged, open_parquet
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
 from beltid.errors import InputError
+from beltid.store.parquet import damaged, open_parquet
 
 LONGEST_TEXT: Final = 1000
 

@@ -190,7 +190,7 @@ def _any_table() -> Table:
     """Return a table with the columns of all kinds, whose names show the header of a file."""
     tables = [schemas.table(kind) for kind in schemas.RECORDINGS]
     columns = {c.name: c for table in tables for c in table.columns}
-    return Table("any", 1, "", tuple(columns.values()))
+    return Table("any", "", "", tuple(columns.values()))
 
 
 class _View:

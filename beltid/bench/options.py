@@ -22,6 +22,7 @@ DIALECT: Final[Mapping[str, Any]] = {
     "names": None,
 }
 """What is None is detected from the file."""
+TWO_CELLS: Final = ("two_cells", "tight", False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class ReadOptions:
     run_table: Path | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
-    rig: tuple[str, str, bool] = ("two_cells", "tight", False)
+    rig: tuple[str, str, bool] = TWO_CELLS
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
@@ -66,9 +67,9 @@ class ReadOptions:
                 "must differ"
             )
         also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
-        runs, rig = config.runs[kind], config.rig
+        runs, rig = config.runs[kind], config.rig if kind in ("rig", "points") else None
         return cls(
-            runs["fields"] | config.columns[also] | config.columns[kind],
+            config.columns[also] | config.columns[kind],
             {
                 n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
                 for n, u in (config.units[also] | config.units[kind]).items()
@@ -77,7 +78,7 @@ class ReadOptions:
             runs["table"],
             runs["values"],
             dialect,
-            (rig.measures, rig.weight_on, rig.kind == "running"),
+            (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS,
         )
 
     def table(self, kind: str) -> Table:

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import IO, Final
 
-from beltid.artifacts.file_bytes import MAX_BYTES, opened
 from beltid.errors import InputError
+from beltid.store.disk import MAX_BYTES, opened
 
 MAX_FILES: Final = 5000
 MAX_RATIO: Final = 1000

@@ -190,7 +190,7 @@ def _distinct(parts: Sequence[Part]) -> list[Part]:
 
 def _simulated(path: Path, kind: str) -> Recording | None:
     """Read our artifact of the simulated rig; None if the file is no artifact."""
-    from beltid.artifacts.artifact import may_be_artifact, read_artifact
+    from beltid.store.artifact import may_be_artifact, read_artifact
 
     if is_many(path) or not may_be_artifact(path):
         return None

@@ -22,8 +22,7 @@ from beltid.bench.raw import Field, Raw
 from beltid.bench.vocabulary import roles_meant
 from beltid.config.name_pattern import NameParts, name_pattern, number
 from beltid.errors import PlaceOf, Problems
-from beltid.tables.columns import Table
-from beltid.tables.columns import text as text_column
+from beltid.tables.columns import Column, Table
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS
 from beltid.tables.units import conversion
 from beltid.tables.values import absent, is_missing, shown_value
@@ -242,7 +241,7 @@ def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str
         If it has no column of file names, or cells that are not values.
     """
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
-    columns = (text_column("file", "name of the file, or of the group"), *settings)
+    columns = (Column("file", "string", "", "name of the file, or of the group"), *settings)
     optional = tuple(replace(column, required=False) for column in columns)
     needs = Needs(replace(table, columns=optional), ReadOptions())
     (raw,) = text.read(path, str(path), DIALECT, [c.name for c in columns])

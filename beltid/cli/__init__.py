@@ -4,11 +4,11 @@
 Module         Responsibility
 ============== ==================================================================
 ``program``    the list of commands, the options that all have, the entry point
-``commands``   the commands, grouped into modules by topic
-``inputs``     arguments that several commands share; recordings in the help
-``execute``    run a stage, print its summary, exit statuses
+``commands``   the commands that are no steps of the method
+``steps``      a command from a step: arguments and options by its signature
+``execute``    do the work, print its summary, exit statuses
 ``process``    stop signals: report, end the children, exit; closed and full streams
-``reporter``   what goes to stderr: notes, warnings, progress
+``messages``   what goes to stderr: notes, warnings, progress
 ============== ==================================================================
 """
 

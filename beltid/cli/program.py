@@ -16,11 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_group
 
 from beltid._version import __version__
-from beltid.cli.process import (
-    hear_signals,
-    one_thread_each,
-    prepare_streams,
-)
+from beltid.cli.process import hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
 
 FOLDER_GONE: Final = (
@@ -30,66 +26,30 @@ FOLDER_GONE: Final = (
 MAIN_HELP = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
-From bench recordings to a friction law that is proven on a simulated copy of the bench
-(method of Cepon, Manin and Boltezar, 2010):
-
-\b
-  press.csv ------ fit-stiffness --> stiffness.parquet ----------------+
-  speedloss.csv -- fit-slip -------> slip.parquet                      |
-  rig.csv -------- fit-friction ---> friction.parquet                  |
-  friction.parquet build-surface --> surface.parquet                   |
-  friction.parquet ----------------- refine-surface, with stiffness <--+
-                                     --> surface_refined.parquet       v
-  surface.parquet or surface_refined.parquet, stiffness.parquet
-                   simulate-rig ---> simulated.parquet
-  friction.parquet, simulated.parquet
-                   compare --------> compare.parquet
-  surface_refined.parquet, stiffness.parquet, slip.parquet
-                   simulate-drive -> drive.parquet, compare-drive
-  surface_refined.parquet, stiffness.parquet, or no data yet
-                   plan -----------> plan.csv: the next runs of the rig
-
-`beltid run CONFIG.yaml` runs the whole chain, and the drive if the config has one. Results go to
-stdout, messages and progress to stderr.
+From bench recordings to a friction law that is proven on a simulated copy of the bench (method of
+Cepon, Manin and Boltezar, 2010). `beltid run CONFIG.yaml` goes through all steps, and through the
+drive if the config has one. Results go to stdout, messages and progress to stderr.
 """
-
-EXIT_STATUSES = """\
-\b
-Exit status:
-  0    done
-  1    a bug in beltid, with a traceback
-  2    wrong call, config or input; the message says what to correct
-  3    numerical failure: no convergence, or no admissible law
-  4    compare, compare-drive: the difference is out of tolerance
-  5    run: some of several belts failed
-  130  interrupted (Ctrl-C)
-  143  terminated by the system (129: terminal closed)
-"""
-
-
-COMMANDS: Final = {
-    "init": ("init", "write a commented config for a new belt"),
-    "inspect": ("inspect", "FILE -> how it is read, and a config section"),
-    "fit-stiffness": ("fit", "PRESS.csv -> stiffness.parquet: the normal contact law"),
-    "fit-slip": ("fit", "SPEEDLOSS.csv -> slip.parquet: sliding speeds in service"),
-    "fit-friction": ("fit", "RIG.csv -> friction.parquet: a friction coefficient per run"),
-    "build-surface": ("surface", "friction -> surface.parquet: friction over force and speed"),
-    "refine-surface": (
-        "surface",
-        "friction, stiffness -> surface_refined.parquet: free of bias",
-    ),
-    "simulate-rig": ("proof", "surface, stiffness -> simulated.parquet: the simulated rig"),
-    "compare": ("proof", "friction, simulated -> compare.parquet: do they agree?"),
-    "simulate-drive": ("drive", "surface, stiffness -> drive.parquet: a belt drive"),
-    "compare-drive": ("drive", "slip, drive -> compare_drive.parquet: do they agree?"),
-    "plan": ("plan", "surface, stiffness -> plan.csv: the next runs, or stop"),
-    "run": ("run", "CONFIG.yaml -> runs/<belt>/: the whole chain"),
-    "report": ("report", "runs/<belt> -> report.html: figures, verdict"),
-    "show": ("report", "what an artifact is: a table, or a figure in a file"),
-    "export": ("export", "runs/<belt> -> contact law for multibody codes"),
-    "config": ("about", "show or check a config"),
+STATUSES: Final = (
+    ("0", "done"),
+    ("1", "a bug in beltid, with a traceback"),
+    ("2", "wrong call, config or input; the message says what to correct"),
+    ("3", "numerical failure: no convergence, or no admissible law"),
+    ("4", "compare, cross-validate, compare-drive: the difference is out of tolerance"),
+    ("5", "run: some of several belts failed"),
+    ("130", "interrupted (Ctrl-C); 143: terminated by the system; 129: terminal closed"),
+)
+FIRST: Final = {
+    "inspect": "FILE -> how it is read, and a config section",
+    "init": "write a commented config for a new belt",
+    "run": "CONFIG.yaml -> runs/<belt>/: all steps",
+    "report": "runs/<belt> -> report.html: figures, verdict",
+    "show": "what an artifact is: a table, or a figure in a file",
+    "export": "runs/<belt> -> contact law for multibody codes",
+    "config": "show or check a config",
 }
-"""Commands in the order of the work: command -> its module and its line in the help."""
+"""Commands that are no steps, in the order of the help."""
+SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
 
 
 def show_version(context: typer.Context, wanted: bool) -> None:
@@ -99,20 +59,19 @@ def show_version(context: typer.Context, wanted: bool) -> None:
     typer.echo(f"beltid {__version__}")
     if context.params["verbose"]:
         from beltid.cli.execute import finish
-        from beltid.stages.setup.about import program
+        from beltid.stages.about import program
 
-        finish(lambda options: program(), Common(verbose=True))
+        finish(program, Common(verbose=True))
     raise typer.Exit
 
 
-Version = Annotated[
-    bool,
-    typer.Option(
-        "--version",
-        callback=show_version,
-        help="Show the version and exit; with -v, those of all libraries, and the environment.",
-    ),
-]
+def _option(*names: str, text: str, **about: Any) -> Any:
+    return typer.Option(*names, help=text, hidden=True, **about)
+
+
+VERSION: Final = "Show the version and exit; with -v, those of all libraries, and the environment."
+Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
+HiddenVersion = Annotated[bool, _option("--version", text=VERSION, callback=show_version)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,69 +80,89 @@ class Common:
 
     config: Annotated[
         Path | None,
-        typer.Option(
-            "--config",
-            "-c",
+        _option(
+            *("--config", "-c"),
             metavar="YAML",
-            help="Config of belt, benches and settings. Default: the one that the environment "
+            text="Config of belt, benches and settings. Default: the one that the environment "
             "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to "
             "the input or in a folder above it, else the built-in 5PK rig of the paper.",
         ),
     ] = None
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
+        _option(
+            *("--out", "-o"),
             metavar="FILE",
-            help="File to write. Default: next to the input, as named above.",
+            text="File to write. Default: next to the input, as named in the help.",
         ),
     ] = None
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of a table.")
-    ] = False
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")
-    ] = False
+    json: Annotated[bool, _option("--json", text="Print one JSON object instead of a table.")] = (
+        False
+    )
+    quiet: Annotated[bool, _option("--quiet", "-q", text="Print warnings and errors only.")] = False
     verbose: Annotated[
         bool,
         # eager: --version, wherever it stands, must know it
-        typer.Option("--verbose", "-v", is_eager=True, help="Print all rows and details."),
+        _option("--verbose", "-v", is_eager=True, text="Print all rows and details."),
     ] = False
     force: Annotated[
         bool,
-        typer.Option(
-            "--force",
-            "-f",
-            help="Compute again even if the result is up to date, and replace another .parquet "
-            "file at --out. Inputs, recordings and files that are no artifacts are never replaced.",
+        _option(
+            *("--force", "-f"),
+            text="Compute again even if the result is up to date, and replace another file at "
+            "--out. Inputs and recordings are never replaced.",
         ),
     ] = False
 
 
 class InOrder(TyperGroup):
-    """Command group in the order of the work that imports a module when its command is called.
-
-    Importing and building all commands would take half of the time of the help.
-    """
+    """Command group that makes a command when it is called: making all takes half of the help."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands in the order of the help."""
-        return list(COMMANDS)
+        return [*FIRST, *_steps()]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by name; if there is none, load all for a suggestion and return None."""
         if cmd_name not in self.commands:
-            wanted = [COMMANDS[cmd_name]] if cmd_name in COMMANDS else COMMANDS.values()
-            for module, _ in wanted:
-                import_module(f"beltid.cli.commands.{module}")
+            names = [cmd_name] if cmd_name in self.list_commands(ctx) else self.list_commands(ctx)
+            for name in names:
+                if name in FIRST:
+                    import_module("beltid.cli.commands")
+                else:
+                    import_module("beltid.cli.steps").add(_steps()[name])
             self.commands = get_group(app).commands
         return self.commands.get(cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the list of commands from `COMMANDS`."""
+        """Write the commands: first what a new user needs, then the steps of the method."""
+        from beltid.cli.steps import short_of
+
         with formatter.section("Commands"):
-            formatter.write_dl([(name, short) for name, (_, short) in COMMANDS.items()])
+            formatter.write_dl(list(FIRST.items()))
+        with formatter.section("Steps"):
+            formatter.write_dl([(name, short_of(step)) for name, step in _steps().items()])
+        with formatter.section("Options of every command"):
+            formatter.write_dl([*_common_help(), ("-h, --help", "Show the help of a command.")])
+        with formatter.section("Exit status"):
+            formatter.write_dl(list(STATUSES))
+
+
+def _steps() -> dict[str, Any]:
+    """Return the steps of the method that are commands, in their order."""
+    import_module("beltid.stages.steps")
+    from beltid.stage import STAGES
+
+    return {name: step for name, step in STAGES.items() if step.is_command}
+
+
+def _common_help() -> list[tuple[str, str]]:
+    rows = []
+    for hint in get_type_hints(Common, include_extras=True).values():
+        option = hint.__metadata__[0]
+        names = ", ".join(sorted((option.default, *option.param_decls), key=len))
+        rows.append((f"{names} {option.metavar or ''}".strip(), option.help))
+    return rows
 
 
 class PlainCommand(TyperCommand):
@@ -201,15 +180,15 @@ class PlainCommand(TyperCommand):
         ]
 
 
+SETTINGS: Final = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
 app = typer.Typer(
     cls=InOrder,
     name="beltid",
     help=MAIN_HELP,
-    epilog=EXIT_STATUSES,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     no_args_is_help=True,
-    context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+    context_settings=SETTINGS,
 )
 
 
@@ -221,47 +200,40 @@ def command(
     Parameters
     ----------
     name : str
-        Name of the command: one of `COMMANDS`, or a subcommand of one of them.
+        Name of the command.
     of : Typer
         Parent command; by default the program.
     short : str
-        Line in the help of the parent; by default the one in `COMMANDS`.
+        Line in the help of the parent.
     out : typer.Option, optional
         Option that replaces the usual ``--out``.
     """
 
     def registered(function: Callable[..., None]) -> Callable[..., None]:
         with_options = _with_common_options(function, out)
-        add = of.command(name, cls=PlainCommand, short_help=short or COMMANDS[name][1])
-        add(with_options)
+        of.command(name, cls=PlainCommand, short_help=short, epilog=SEE)(with_options)
         return with_options
 
     return registered
 
 
 def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..., None]:
-    hints = get_type_hints(function, include_extras=True)
-    own = [
-        parameter.replace(annotation=hints[parameter.name])
-        for parameter in inspect.signature(function).parameters.values()
-        if parameter.name != "common"
-    ]
+    signature = inspect.signature(function, eval_str=True)
+    own = [p for p in signature.parameters.values() if p.name != "common"]
     common = get_type_hints(Common, include_extras=True)
     if out is not None:
         common["out"] = Annotated[Path | None, out]
     keyword = inspect.Parameter.KEYWORD_ONLY
+    version = inspect.Parameter("version", keyword, default=False, annotation=HiddenVersion)
     shared = [
         inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
         for field in fields(Common)
     ]
-    version = inspect.Parameter("version", keyword, default=False, annotation=Version)
 
     @functools.wraps(function)
     def wrapper(*args: Any, **values: Any) -> None:
-        values.pop("version", None)
+        values.pop("version")
         chosen = {field.name: values.pop(field.name) for field in fields(Common)}
-        if chosen["out"] == Path("-"):
-            raise typer.BadParameter("- is not stdout, name a file", param_hint="--out")
         function(*args, common=Common(**chosen), **values)
 
     parameters = [*own, *shared, version]

@@ -35,9 +35,8 @@ def _columns(kind: str) -> list[Column]:
 
 def _runs(kind: str) -> Keys:
     settings = [column for column in _columns(kind) if column.name in SETTINGS]
-    names = [table(kind).label, *(column.name for column in settings)]
     values = {column.name: _value(column) for column in settings}
-    known = {"fields": Keys(dict.fromkeys(names, any_text)), "values": Keys(values)}
+    known = {"values": Keys(values)}
     files = {"pattern": pattern_of_names, "table": file_path}
     return Keys(files | known, dict.fromkeys(files))
 

@@ -140,7 +140,12 @@ class CompareSection(Section):
     max_rms_relative_error: float = _tolerance(0.06, "root mean square over all runs")
     max_mean_relative_error: float = _tolerance(0.05, "mean magnitude")
     max_relative_error: float = _tolerance(0.20, "largest")
-    hold_out: Literal["none", "arc", "speed"] = key("arc", "left out and predicted from the rest")
+
+
+class CrossValidateSection(Section):
+    """Runs that are left out and predicted from the others."""
+
+    by: Literal["none", "arc", "speed"] = key("arc", "setting that is left out")
 
 
 class UncertaintySection(Section):
@@ -296,7 +301,7 @@ class Config(Section):
     `columns`, `units` and `runs` say how the files of the bench differ from ours, by kind of
     recording: ``config.columns["rig"]`` maps our name to theirs, ``config.units["rig"]`` our name
     to a unit or to ``{"factor": ..., "offset": ...}``; ``config.runs["rig"]`` holds `pattern`,
-    `table`, `fields` and `values`.
+    `table` and `values`.
     """
 
     belt: BeltSection = BeltSection()
@@ -306,6 +311,7 @@ class Config(Section):
     contact: ContactSection = ContactSection()
     data: DataSection = DataSection()
     compare: CompareSection = CompareSection()
+    cross_validate: CrossValidateSection = CrossValidateSection()
     friction: FrictionSection = FrictionSection()
     simulation: SimulationSection = SimulationSection()
     drive: DriveSection = DriveSection()

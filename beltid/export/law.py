@@ -17,10 +17,10 @@ from pydantic import (
     field_validator,
 )
 
-from beltid.artifacts.metadata_models import Origin
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
+from beltid.store.artifact import Origin
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
@@ -187,6 +187,17 @@ class ContactLaw(Part):
     friction: FrictionPart
     validity: Validity
     provenance: Provenance
+
+    def __repr__(self) -> str:
+        said = {
+            "origin": self.origin or "not stated",
+            "normal": self.normal_law,
+            "friction": f"{self.friction.method}, {self.surface!r}",
+            "validity": self.validity,
+            "written by": self.provenance.software,
+        }
+        lines = [f"  {name}: {value}" for name, value in said.items()]
+        return "\n".join([f"contact law of the belt {self.belt.name}", *lines])
 
     @property
     def surface(self) -> FrictionSurface:

@@ -4,9 +4,8 @@ Between the nodes, bicubic splines interpolate (:mod:`beltid.laws.bicubic`). Out
 nearest measured value applies; the surface never extrapolates.
 
 The errors of ln mu at the nodes are correlated: an error of a load cell moves the whole surface. A
-standard error per node is therefore not enough. A surface may have a factor S of the covariance
-``S S'`` of ln mu at all nodes, with one column for each shared source and more columns for the
-scatter. Any later use (a simulation, a band in a figure) follows from S.
+surface may therefore have a factor S of the covariance ``S S'`` of ln mu at all nodes, with one
+column for each shared source and more columns for the scatter.
 """
 
 from __future__ import annotations
@@ -21,13 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from beltid.errors import InputError
-from beltid.laws.bicubic import patches
+from beltid.laws.bicubic import bounded_patches
 from beltid.laws.surface_tables import SurfaceTables, evaluate_cell, locate, log_nodes
 
 Array = NDArray[np.float64]
 
 MIN_RELATIVE_GAP = 1e-9  # between closer nodes, rounding spoils the slope
-_DEGREE_WORDS = ("constant", "linear", "quadratic", "cubic")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -42,8 +40,7 @@ class FrictionSurface:
         Nodes of the normal force per length of belt [N/m], >= 0, strictly increasing. The single
         node 0 means that mu does not depend on the force.
     slip_speed_m_s : array_like (nv,)
-        Nodes of the sliding speed [m/s], >= 0, strictly increasing. The single node 0 means that
-        mu does not depend on the speed.
+        Nodes of the sliding speed [m/s], likewise.
     mu : array_like (nf, nv)
         Friction coefficient at the nodes [-], > 0.
     mu_se : array_like (nf, nv), optional
@@ -60,11 +57,6 @@ class FrictionSurface:
     InputError
         If the arguments are invalid; the error lists all problems.
 
-    Notes
-    -----
-    Interpolation along an axis is cubic with four or more nodes, quadratic with three, linear with
-    two and constant with one (:attr:`degree`).
-
     Examples
     --------
     >>> surface = FrictionSurface([2000.0, 6000.0], [0.01], [[1.1], [0.9]])
@@ -78,7 +70,6 @@ class FrictionSurface:
     mu_se_nodes: Array | None
     factor: Array | None
     sources: tuple[str, ...]
-    limited: NDArray[np.bool_]
     _tables: SurfaceTables = field(repr=False)
 
     def __init__(
@@ -96,20 +87,21 @@ class FrictionSurface:
         se = None if mu_se is None else _to_array("mu_se", mu_se)
         S = None if factor is None else _to_array("factor", factor)
         problems = _axis_problems("normal_force_N_m", f) + _axis_problems("slip_speed_m_s", v)
-        problems += _value_problems(f, v, z, se)
         shape = (f.size, v.size)
+        problems += _value_problems("mu", z, shape, ~(np.isfinite(z) & (z > 0.0)), "> 0 and finite")
+        if se is not None:
+            problems += _value_problems("mu_se", se, shape, (se < 0) | np.isinf(se), ">= 0 or nan")
         if S is not None and (S.shape[:2] != shape or S.ndim != 3 or S.shape[2] < len(sources)):
             problems.append(f"factor: shape {S.shape}, must be {(*shape, '>= sources')}")
         if problems:
             raise InputError(problems)
         (x, f_ref), (y, v_ref) = log_nodes(f), log_nodes(v)
-        C, limited = patches(x, y, z)
+        C = bounded_patches(x, y, z)
         # read-only: numba would compile its kernels a second time for writable arrays
-        for array in (f, v, z, se, S, limited, x, y, C):
+        for array in (f, v, z, se, S, x, y, C):
             if array is not None:
                 array.flags.writeable = False
-        tables = SurfaceTables(x, y, f_ref, v_ref, C)
-        values = (f, v, z, se, S, tuple(sources), limited, tables)
+        values = (f, v, z, se, S, tuple(sources), SurfaceTables(x, y, f_ref, v_ref, C))
         for attribute, value in zip(fields(FrictionSurface), values, strict=True):
             object.__setattr__(self, attribute.name, value)
 
@@ -129,24 +121,15 @@ class FrictionSurface:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks on the interpolation for the user, one line each."""
-        axes = (
-            ("normal force", self.normal_force_N_m, self.degree[0]),
-            ("sliding speed", self.slip_speed_m_s, self.degree[1]),
-        )
-        lines = [
+        """A line per axis with too few nodes for cubic interpolation, for the user."""
+        axes = (("normal force", self.normal_force_N_m), ("sliding speed", self.slip_speed_m_s))
+        words = ("constant", "linear", "quadratic")
+        return tuple(
             f"{nodes.size} node{'s' if nodes.size > 1 else ''} of {name}: "
-            f"{_DEGREE_WORDS[degree]} along it, cubic needs 4"
-            for name, nodes, degree in axes
+            f"{words[degree]} along it, cubic needs 4"
+            for (name, nodes), degree in zip(axes, self.degree, strict=True)
             if degree < 3 and math.isfinite(_range_of(nodes)[1])
-        ]
-        count = int(self.limited.sum())
-        if count:
-            lines.append(
-                f"slopes limited at {count} of {self.limited.size} nodes to keep the surface "
-                "between the measured values"
-            )
-        return tuple(lines)
+        )
 
     @property
     def falls_with_speed(self) -> bool:
@@ -206,11 +189,10 @@ class FrictionSurface:
     def covers(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> NDArray[np.bool_]:
         """Return whether points lie within the measured range, where no input is clamped."""
         f, v = _points(normal_force_N_m, slip_speed_m_s)
-        v = np.abs(v)
-        (f_low, f_high), (v_low, v_high) = (
-            self.validity[k] for k in ("normal_force_N_m", "slip_speed_m_s")
-        )
-        return ((f >= f_low) & (f <= f_high) & (v >= v_low) & (v <= v_high))[()]
+        f_low, f_high = _range_of(self.normal_force_N_m)
+        v_low, v_high = _range_of(self.slip_speed_m_s)
+        inside = (f >= f_low) & (f <= f_high) & (np.abs(v) >= v_low) & (np.abs(v) <= v_high)
+        return inside[()]
 
     def mu_se_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the standard error of mu from scatter [-] bilinearly; nan where unknown."""
@@ -228,7 +210,7 @@ class FrictionSurface:
             return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
         rows = self.factor_at(normal_force_N_m, slip_speed_m_s)
         mu = self.mu(normal_force_N_m, slip_speed_m_s)
-        return np.asarray(mu * np.sqrt(np.sum(np.square(rows), axis=-1)))[()]
+        return np.asarray(mu * np.linalg.norm(rows, axis=-1))[()]
 
     def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
@@ -280,12 +262,11 @@ class FrictionSurface:
         """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""
         (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
         total = np.zeros((*s.shape, nodes.shape[2])) + 0.0 * (s + t)[..., None]
+        last_row, last_column = len(nodes) - 1, nodes.shape[1] - 1
         for row, weight_f in ((i, 1.0 - s), (i + 1, s)):
             for column, weight_v in ((j, 1.0 - t), (j + 1, t)):
                 weight = (weight_f * weight_v)[..., None]
-                corner = nodes[
-                    np.minimum(row, len(nodes) - 1), np.minimum(column, nodes.shape[1] - 1)
-                ]
+                corner = nodes[np.minimum(row, last_row), np.minimum(column, last_column)]
                 # ignore a nan neighbour with zero weight
                 total = total + np.where(weight > 0.0, weight * corner, 0.0)
         return total
@@ -302,10 +283,7 @@ class FrictionSurface:
             for a, b in zip(self._given, other._given, strict=True)
         )
 
-    def __hash__(self) -> int:
-        # + 0.0: a node -0.0 equals 0.0 and must have the same hash
-        nodes = (self.normal_force_N_m, self.slip_speed_m_s, self.mu_nodes)
-        return hash(tuple((a + 0.0).tobytes() for a in nodes))
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         if self.mu_nodes.size == 1 and not math.isfinite(_range_of(self.normal_force_N_m)[1]):
@@ -331,39 +309,28 @@ def _to_array(name: str, values: ArrayLike) -> Array:
 
 
 def _axis_problems(name: str, nodes: Array) -> list[str]:
-    """List the problems of the nodes of one axis."""
     if nodes.ndim != 1 or nodes.size == 0:
         return [f"{name}: shape {nodes.shape}, must be one-dimensional with at least one node"]
-    problems = [
-        f"{name}[{k}] = {nodes[k]:g}, must be >= 0 and finite"
-        for k in np.flatnonzero(~(np.isfinite(nodes) & (nodes >= 0.0)))
+    wrong = ~(np.isfinite(nodes) & (nodes >= 0.0))
+    problems = _value_problems(name, nodes, nodes.shape, wrong, ">= 0 and finite")
+    return problems or [
+        f"{name}[{k + 1}] = {nodes[k + 1]:.12g} after {nodes[k]:.12g}, must be strictly increasing"
+        for k in np.flatnonzero(~(np.diff(nodes) > MIN_RELATIVE_GAP * nodes[1:]))
     ]
-    if not problems:
-        gaps = np.diff(nodes)
-        problems = [
-            f"{name}[{k + 1}] = {nodes[k + 1]:.12g} after {nodes[k]:.12g}, "
-            "must be strictly increasing"
-            for k in np.flatnonzero(~(gaps > MIN_RELATIVE_GAP * nodes[1:]))
-        ]
-    return problems
 
 
-def _value_problems(f: Array, v: Array, mu: Array, mu_se: Array | None) -> list[str]:
-    """List the problems of the node values and their standard errors."""
-    shape, problems = (f.size, v.size), []
-    checked = [("mu", mu, ~(np.isfinite(mu) & (mu > 0.0)), "> 0 and finite")]
-    if mu_se is not None:
-        checked.append(("mu_se", mu_se, (mu_se < 0.0) | np.isinf(mu_se), ">= 0 or nan"))
-    for name, values, wrong, allowed in checked:
-        if values.shape != shape:
-            problems.append(
-                f"{name}: shape {values.shape}, must be {shape}: a row per force node, a column "
-                "per speed node"
-            )
-        problems += [
-            f"{name}[{', '.join(map(str, k))}] = {values[tuple(k)]:g}, must be {allowed}"
-            for k in np.argwhere(wrong)
-        ]
+def _value_problems(
+    name: str, values: Array, shape: tuple[int, ...], wrong: NDArray[np.bool_], allowed: str
+) -> list[str]:
+    problems = [
+        f"{name}[{', '.join(map(str, k))}] = {values[tuple(k)]:g}, must be {allowed}"
+        for k in np.argwhere(wrong)
+    ]
+    if values.shape != shape:
+        problems.append(
+            f"{name}: shape {values.shape}, must be {shape}: a row per force node, a column per "
+            "speed node"
+        )
     return problems
 
 

@@ -49,19 +49,9 @@ def stiffness_under(
 
 
 def dissipative_force(g_N_dot: float, C_P: float) -> float:
-    """Compute the dissipative normal force, ``H(g_N_dot) F_diss`` of Eqs. (1), (2), (4).
+    """Compute the force that pushes approaching bodies apart [N], Eqs. (1), (2) and (4).
 
-    Parameters
-    ----------
-    g_N_dot : float
-        Rate of the gap [m/s], negative while the bodies approach.
-    C_P : float
-        Damping of one contact point [N s/m].
-
-    Returns
-    -------
-    float
-        Force pushing the bodies apart [N], >= 0; zero while they separate.
+    ``H(g_N_dot) F_diss`` with the rate of the gap [m/s] and the damping of a point [N s/m].
     """
     return -C_P * g_N_dot if g_N_dot <= 0.0 else 0.0
 

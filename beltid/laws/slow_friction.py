@@ -27,22 +27,10 @@ PLACES: Final = np.array([0.0, 0.01, 0.03, 0.08, 0.2, 0.45, 1.0])
 
 
 def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTables:
-    """Continue a surface below its slowest speed, (D14).
+    """Continue a surface below its slowest speed, (D14); one with one speed, or from 0, stays.
 
     ``mu = mu_1 [(v/v_1 + REST)/(1 + REST)]^(share p)`` with ``p = d ln mu/d ln v`` at the slowest
-    speed ``v_1``: positive, monotonic, and smooth down to rest.
-
-    Parameters
-    ----------
-    surface : FrictionSurface
-        The measured surface.
-    share : float
-        Share of the trend used in the continuation [-], 0 to 1.
-
-    Returns
-    -------
-    SurfaceTables
-        The tables of the surface itself if it has one speed, or if its slowest speed is 0.
+    speed ``v_1``: positive, monotonic, and smooth down to rest. ``share`` is 0 to 1 [-].
     """
     tables, f, v = surface.tables(), surface.normal_force_N_m, surface.slip_speed_m_s
     if v.size == 1 or v[0] == 0.0:
@@ -51,7 +39,7 @@ def continued(surface: FrictionSurface, share: float = HALF_TREND) -> SurfaceTab
     mu, mu_x = surface.mu_nodes[:, 0], by_f * (tables.f_ref + f)
     p = share * np.clip(v[0] * by_v / mu, -STEEPEST, STEEPEST)
     x, nodes = tables.x_nodes, np.stack([mu, mu_x, p])[..., None]
-    if f.size == 1:  # as in bicubic.patches
+    if f.size == 1:  # as in bicubic.bounded_patches
         x, nodes = np.array([0.0, 1.0]), np.repeat(np.nan_to_num(nodes), 2, axis=1)
     mu, mu_x, p = nodes
     p_x = np.gradient(p, x, axis=0)

@@ -21,15 +21,12 @@ class SurfaceTables(NamedTuple):
 
     Attributes
     ----------
-    x_nodes : ndarray (nx,)
-        ``ln(1 + f / f_ref)`` of the force nodes [-]. With one node, mu does not depend on the
-        force.
-    y_nodes : ndarray (ny,)
-        ``ln(1 + v / v_ref)`` of the speed nodes [-], likewise.
-    f_ref : float
-        Reference line force [N/m]; infinite if the force axis is the single node 0.
-    v_ref : float
-        Reference sliding speed [m/s]; infinite if the speed axis is the single node 0.
+    x_nodes, y_nodes : ndarray (nx,), (ny,)
+        ``ln(1 + f / f_ref)`` of the force nodes and ``ln(1 + v / v_ref)`` of the speed nodes [-].
+        With one node, mu does not depend on that variable.
+    f_ref, v_ref : float
+        Reference line force [N/m] and sliding speed [m/s]; infinite if the axis is the single
+        node 0.
     C : ndarray (max(nx - 1, 1), max(ny - 1, 1), 4, 4)
         Coefficients of the cells: ``mu = sum_ab C[i, j, a, b] s**a t**b`` with
         ``s = (x - x_i)/(x_{i+1} - x_i)`` and ``t`` likewise, both in [0, 1].
@@ -43,19 +40,9 @@ class SurfaceTables(NamedTuple):
 
 
 def log_nodes(nodes: Array) -> tuple[Array, float]:
-    """Convert the nodes of an axis to logarithmic coordinates.
+    """Return ``ln(1 + node / reference)`` of the nodes (n,) of an axis, and the reference.
 
-    Parameters
-    ----------
-    nodes : ndarray (n,)
-        Strictly increasing, >= 0.
-
-    Returns
-    -------
-    coordinate : ndarray (n,)
-        ``ln(1 + node / reference)`` [-].
-    reference : float
-        Smallest positive node; infinite if there is none, so that every value has coordinate 0.
+    That is the smallest positive node; infinite if there is none: all values have coordinate 0.
     """
     positive = nodes[nodes > 0.0]
     reference = float(positive[0]) if positive.size else math.inf
@@ -96,22 +83,7 @@ def locate(nodes: Any, reference: float, value: Any) -> tuple[Any, Any, Any]:
 
 
 def evaluate_cell(C: Any, i: Any, j: Any, s: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Evaluate the friction coefficient in a cell and its derivatives in local coordinates.
-
-    Parameters
-    ----------
-    C : ndarray
-        Coefficients of all cells; see :class:`SurfaceTables`.
-    i, j : int or ndarray of int
-        Cell on the force axis and on the speed axis; arrays of equal shape for several points.
-    s, t : float or ndarray
-        Local coordinates in the cell, in [0, 1].
-
-    Returns
-    -------
-    mu, mu_s, mu_t : float or ndarray
-        Friction coefficient [-] and its derivatives with respect to s and t.
-    """
+    """Evaluate mu in cells (i, j) at local coordinates s, t in [0, 1]; also return mu_s, mu_t."""
     mu = 0.0
     mu_s = 0.0
     mu_t = 0.0

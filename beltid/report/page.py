@@ -102,7 +102,7 @@ def _agreement(name: str) -> Any:
         if name == HELD_OUT:
             setting = LEFT_OUT[sheet.facts["hold_out"]].partition(" ")[2]
             of = f"{setting} left out, predicted from the others"
-        return tables.view(f"Simulated less measured µ, {of}", sheet.rows("statistics"))
+        return tables.view(f"Simulated less measured µ, {of}", sheet.rows("groups"))
 
     return table
 

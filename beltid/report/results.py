@@ -13,11 +13,11 @@ from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.report.cells import cell
-from beltid.report.summary import combined_origin
+from beltid.store.artifact import Artifact, combined_origin
 
 Columns = Mapping[str, np.ndarray]
 Rows = Sequence[Mapping[str, Any]]
-HELD_OUT: Final = "compare_hold_out"
+HELD_OUT: Final = "crossvalidation"
 """Comparison with runs that were left out and predicted."""
 LABELS: Final = {
     "surface_refined": "refined",
@@ -91,9 +91,7 @@ class Sheet:
     def named(self) -> Sheet:
         """Return the sheet under its name in the chain, whatever its file is called."""
         name = self.kind
-        if self.held_out:
-            name = HELD_OUT
-        elif f"{name}_refined" in LABELS and (
+        if f"{name}_refined" in LABELS and (
             self.facts.get("method") == "refined" or self.name.endswith("_refined")
         ):
             name = f"{name}_refined"
@@ -131,7 +129,7 @@ class Sheet:
     @property
     def overall(self) -> Mapping[str, Any]:
         """Statistics over all points of a comparison."""
-        return next(iter(self.rows("statistics")), {})
+        return next(iter(self.rows("groups")), {})
 
     @property
     def passed(self) -> bool:
@@ -191,42 +189,35 @@ class Sheet:
             self.pooled_row  # noqa: B018  (raises if there is none)
 
 
-def sheet_from(name: str, kind: str, columns: Columns, metadata: Any, **file: str) -> Sheet:
-    """Take what the report reads from a table and its metadata.
+def sheet_of(name: str, artifact: Artifact) -> Sheet:
+    """Take what the report reads from an artifact.
 
-    Parameters
-    ----------
-    name, kind : str
-        Name of the artifact, and kind of the table.
-    columns : mapping of str to ndarray
-        The table.
-    metadata : Metadata
-        What the artifact says about itself.
-    **file : str
-        `Sheet.sha256`, `software` and `software_sha256` of an artifact in a file.
+    Raises
+    ------
+    InputError
+        If its rows do not form what charts and tables need.
     """
-    stated = metadata.figures
-    tables = {
-        key: value
-        for key, value in stated.items()
-        if isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping)
-    }
-    return Sheet(
+    record = artifact.record
+    sheet = Sheet(
         name,
-        kind,
-        columns,
-        {key: value for key, value in stated.items() if key not in tables},
-        tables,
-        settings=metadata.settings,
-        inputs=metadata.inputs,
-        set_aside=metadata.set_aside,
-        notes=metadata.notes,
-        warnings=metadata.warnings,
-        origin=metadata.origin,
-        config=metadata.config or "",
-        config_sha256=metadata.config_sha256,
-        **file,
+        record.kind,
+        artifact.columns,
+        {**record.facts, "passed": record.passed},
+        record.tables,
+        settings=record.settings,
+        inputs=record.inputs,
+        set_aside=record.set_aside,
+        notes=record.notes,
+        warnings=record.warnings,
+        origin=record.origin,
+        config=record.config,
+        config_sha256=record.config_sha256,
+        sha256=artifact.sha256,
+        software=record.software,
+        software_sha256=record.sources,
     )
+    sheet.check()
+    return sheet
 
 
 @dataclass(frozen=True, slots=True, eq=False)

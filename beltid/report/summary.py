@@ -1,27 +1,15 @@
-"""Summary that a finished stage shows its user: facts, a table, notes, a verdict."""
+"""What a command shows its user: facts, a table, notes, a verdict; and tables as CSV."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltid.artifacts.metadata_models import Origin, plain
-
 if TYPE_CHECKING:
     import numpy as np
-
-
-def combined_origin(origins: Collection[str | None]) -> Origin | None:
-    """Combine the origins of several inputs; None if unstated or without inputs.
-
-    One synthetic input makes the result synthetic.
-    """
-    if "synthetic" in origins:
-        return "synthetic"
-    return "measured" if set(origins) == {"measured"} else None
 
 
 def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
@@ -38,9 +26,30 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
+def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
+    """Return a whole table as CSV, with the origin of its data as a column.
+
+    Columns with several numbers in a cell are left out.
+    """
+    import pandas as pd
+
+    from beltid.report.cells import no_formula
+
+    frame = pd.DataFrame(
+        {
+            name: [no_formula(label) for label in values] if values.dtype == object else values
+            for name, values in columns.items()
+            if values.ndim == 1
+        }
+    )
+    if origin is not None:
+        frame["origin"] = origin
+    return frame.to_csv(index=False, lineterminator="\n").encode()
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Result of a stage, for people and programs.
+    """What a command shows, for people and programs.
 
     Attributes
     ----------
@@ -49,7 +58,7 @@ class Summary:
     title : str
         Title of the table.
     out : Path or None
-        The artifact with the result.
+        The file with the result.
     facts : dict
         Single results by name; the suffix of the name is the unit.
     table : list of dict
@@ -99,6 +108,8 @@ class Summary:
 
     def as_json(self) -> dict[str, Any]:
         """Convert to one JSON object; missing numbers become null."""
+        from beltid.store.artifact import plain
+
         return {
             "command": self.stage,
             "out": None if self.out is None else str(self.out),

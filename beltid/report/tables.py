@@ -140,7 +140,7 @@ def set_aside(results: BeltResults) -> View | None:
     for name, sheet in results.sheets.items():
         for item in sheet.set_aside:
             what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
-            if sheet.kind == "compare":
+            if sheet.kind in ("compare", "crossvalidation"):
                 if what.startswith(SIMULATED_RUN):
                     continue
                 what = what.replace(MEASURED_RUN, "run ", 1)

@@ -92,7 +92,7 @@ def _within(sheet: Sheet) -> str:
 
 def _number_compared(sheet: Sheet) -> str:
     count = cell("n", sheet.overall.get("n_points"))
-    return f"only {count} of {cell('n', sheet.facts.get('n_measured'))} runs compared"
+    return f"only {count} of {cell('n', sheet.facts.get('runs_measured'))} runs compared"
 
 
 def _in_uncertainties(over_u: float | None) -> str:
@@ -149,7 +149,7 @@ def _cards(results: BeltResults) -> Iterator[Card]:
             f"{'PASS' if drive.passed else 'FAIL'} "
             f"{cell('rms_percent', None if rms is None else 100.0 * rms)} % RMS",
             (
-                f"{cell('n', drive.facts.get('n_judged'))} points",
+                f"{cell('n', drive.facts.get('points_judged'))} points",
                 _in_uncertainties(ratio) or "its uncertainty is unknown",
             ),
             "good" if drive.passed else "bad",

@@ -1,19 +1,43 @@
-"""One module per command: read, compute, write, summarise. Commands do not import each other.
+"""The steps of the method and the other commands: read, compute, write, summarise.
 
-====================== ========================================================================
-Module                 Responsibility
-====================== ========================================================================
-``setup``              commands that compute nothing: inspect, init, config
-``results``            output for people and other programs: report, show, export
-``simulation``         simulate the rig, compare, refine the surface, plan the next runs
-``drive``              simulate the belt drive and compare it with measurements
-``identification``     from recordings to parameters: press, rig, slip, surface
----------------------- ------------------------------------------------------------------------
-``build_artifact``     check whether an artifact is up to date or replaceable; write it
-``outcome``            result of a stage, before it is written
-``reporter``           progress messages of a stage; options of all stages
+====================== ======================================================= ==============
+Module                 Responsibility                                          Equation
+====================== ======================================================= ==============
+``steps``              the steps: what each reads, uses and makes
+``stiffness``          press recording to normal contact law                   (1) to (4)
+``slip``               speed loss to sliding speeds in service                 (7)
+``friction``           rig recording to a coefficient per run                  (5) to (8)
+``surface``            coefficients to mu(f_N, v), as published                section 2.2
+``refine``             the surface that gives the measured tensions            beyond
+``rig``                the runs of the rig, simulated                          (9) to (12)
+``compare``            measured against simulated                              section 4
+``cross_validate``     runs left out, predicted from the others                beyond
+``drive``              a belt drive from the identified laws                   section 2.2
+``compare_drive``      predicted against measured losses
+``plan``               the next runs of the rig
+---------------------- ------------------------------------------------------- --------------
+``reduction``          the same reduction for measured and simulated runs      (5) to (8)
+``plausible``          channels of a rig that contradict each other
+``planned_runs``       which runs are simulated
+``campaign``           results and recording of simulated runs                 (9) to (12)
+``simulated_runs``     one run or a campaign from Python
+``refinement``         the runs that a surface is refined from
+``drive_of_config``    the drive of a config and its operating points
+``plan_inputs``        what is known before the next runs
+``plan_tables``        the tables of a plan
+``curves``             parts of the recordings that the report shows
+---------------------- ------------------------------------------------------- --------------
+``inspect_file``       how a file is read; ``file_sections`` writes the config
+``new_config``         a config for a new belt
+``named_recordings``   the recordings that a config names
+``about``              versions, values of a config
+``show``               any artifact as a table or a figure
+``report_belt``        the page of a belt; ``belt_results`` gathers them
+``export_law``         the law for other programs; ``law_of_belt`` assembles it
+---------------------- ------------------------------------------------------- --------------
+``inputs``             laws, surfaces and tables from files or memory
+``columns``            columns and rows of tables
+``uncertainties``      standard uncertainties of a config
 ``workers``            where heavy calls run
-``tables``             tables and laws from files or from memory
-``uncertainties``      standard uncertainties of a config; budgets for display
-====================== ========================================================================
+====================== ======================================================= ==============
 """

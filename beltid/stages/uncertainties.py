@@ -1,10 +1,10 @@
-"""Standard uncertainties of a config in SI units, and uncertainty budgets for display."""
+"""Standard uncertainties of a config in SI units."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Final
 
 from beltid.config import Config
 from beltid.errors import percent
@@ -12,7 +12,6 @@ from beltid.refine.effects import CONFOUNDED
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
-SECTION: Final = "uncertainty"
 UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
 """Unit of a key, which the fields of `StandardUncertainties` do without."""
 
@@ -33,29 +32,6 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     return StandardUncertainties(**values, stated=stated)
 
 
-def budget_table(rows: Sequence[Mapping[str, Any]], quantity: str) -> list[dict[str, Any]]:
-    """Format the budget rows of one quantity for display."""
-    return [
-        {
-            "source": row["source"],
-            "known": row["basis"],
-            "uncertainty": _with_unit(row["standard_uncertainty"], row["unit"]),
-            "contribution_percent": row["contribution_percent"],
-            "largest_percent": row["largest_percent"],
-        }
-        for row in rows
-        if row["quantity"] == quantity
-    ]
-
-
-def budget_details(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Return a table for each quantity of a budget."""
-    return {
-        f"standard uncertainty of {quantity}, in percent of it": budget_table(rows, quantity)
-        for quantity in dict.fromkeys(row["quantity"] for row in rows)
-    }
-
-
 def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
     """Return a note on causes that the runs cannot separate from force and speed, with the shares.
 
@@ -69,7 +45,3 @@ def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
         "it cannot be separated from them; a random run order with some repeats at the end would "
         "separate it",
     )
-
-
-def _with_unit(value: float | None, unit: str) -> str:
-    return "" if value is None else f"{value:.3g} {unit}"

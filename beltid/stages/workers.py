@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any, Final, Self, TypeVar
 
 Result = TypeVar("Result")
@@ -80,6 +81,28 @@ class Workers:
 
     def __exit__(self, *error: object) -> None:
         self.stop()  # do not wait for running calls after an interrupt
+
+
+class Threads(Workers):
+    """Threads of this process; the compiled kernels run at the same time."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+
+    def as_ended(
+        self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield the results of many calls in order of completion, each with its index."""
+        with ThreadPoolExecutor(self.jobs) as pool:
+            futures = {pool.submit(function, *call): i for i, call in enumerate(calls)}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+
+
+def threads(jobs: int | None) -> Workers:
+    """Return threads for so many calls at once, None: one per core; this one alone for one."""
+    count = jobs or available_cores()
+    return Threads(count) if count > 1 else Workers()
 
 
 def available_cores() -> int:

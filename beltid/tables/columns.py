@@ -1,12 +1,15 @@
-"""Column and table definitions: names, types, units, ranges, meanings."""
+"""Column and table definitions: names, types, units, ranges, meanings; read from their text."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+import re
+from dataclasses import dataclass
+from typing import Final, Literal
 
 DType = Literal["float64", "int64", "bool", "string", "list"]
+RANGE: Final = re.compile(r"(>=?) (\S+)|([\[(])(\S+), (\S+)([\])])")
+LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Column:
     open_low: bool = False
     open_high: bool = False
     required: bool = True
-    length: int = 4
+    length: int = 0
     choices: tuple[str, ...] = ()
 
     @property
@@ -64,8 +67,6 @@ def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str
         return "finite"
     if math.isinf(high):
         return f"{'>' if open_low else '>='} {low:g}"
-    if math.isinf(low):
-        return f"{'<' if open_high else '<='} {high:g}"
     left, right = "[("[open_low], "])"[open_high]
     return f"in {left}{low:g}, {high:g}{right}"
 
@@ -78,21 +79,21 @@ class Table:
     ----------
     kind : str
         Name of the kind.
-    version : int
-        Schema version; it changes when the name, unit or meaning of a column changes.
     command : str
         Command or bench that writes it, for messages.
-    columns : tuple of Column
-        Columns in order.
     label : str
         Column with the label of a run or test; "" if there is none.
+    columns : tuple of Column
+        Columns in order.
+    version : int
+        Schema version; it changes when the name, unit or meaning of a column changes.
     """
 
     kind: str
-    version: int
     command: str
+    label: str
     columns: tuple[Column, ...]
-    label: str = ""
+    version: int = 1
 
     def column(self, name: str) -> Column:
         """Return a column by name; KeyError if there is none."""
@@ -107,46 +108,30 @@ class Table:
         return tuple(column.name for column in self.columns)
 
 
-def positive(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
-    """Define a column of numbers > 0."""
-    return Column(name, "float64", unit, meaning, nullable, 0.0, open_low=True)
+def table_of(text: str) -> Table:
+    """Read a table from its text: its head, and a line per column; see `beltid.tables.schemas`."""
+    head, *lines = text.splitlines()
+    kind, _, by = head.partition(": ")
+    command, _, label = by.partition(", by ")
+    return Table(kind, command, label, tuple(map(column_of, lines)))
 
 
-def nonnegative(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
-    """Define a column of numbers >= 0."""
-    return Column(name, "float64", unit, meaning, nullable, 0.0)
-
-
-def standard_error(name: str, unit: str) -> Column:
-    """Define a column of uncertainties from noise alone; values may be missing."""
-    return nonnegative(name, unit, "standard error", nullable=True)
-
-
-def uncertainty(name: str, unit: str) -> Column:
-    """Define a column of uncertainties from noise and benches; values may be missing."""
-    return nonnegative(name, unit, "combined standard uncertainty", nullable=True)
-
-
-def real(name: str, unit: str, meaning: str, *, nullable: bool = True) -> Column:
-    """Define a column of finite numbers; values may be missing unless `nullable` is False."""
-    return Column(name, "float64", unit, meaning, nullable)
-
-
-def numbers(name: str, unit: str, meaning: str) -> Column:
-    """Define a column of lists of equal length; values may be missing."""
-    return Column(name, "list", unit, meaning, nullable=True, length=0)
-
-
-def count(name: str, meaning: str) -> Column:
-    """Define a column of whole numbers >= 0."""
-    return Column(name, "int64", "1", meaning, low=0)
-
-
-def text(name: str, meaning: str, *, nullable: bool = False) -> Column:
-    """Define a column of texts."""
-    return Column(name, "string", "", meaning, nullable)
-
-
-def optional(*columns: Column) -> tuple[Column, ...]:
-    """Mark columns that a table may lack."""
-    return tuple(replace(column, required=False) for column in columns)
+def column_of(line: str) -> Column:
+    """Read a column from its line: name, values, unit, meaning, with two blanks between them."""
+    name, values, unit, meaning = re.split(" {2,}", line.strip())
+    kind = values.removesuffix("?")
+    words = {"count": "int64", "flag": "bool", "text": "string"}
+    dtype = words.get(kind, "list" if LENGTH_OF_LIST.match(kind) else "float64")
+    more: dict[str, object] = {"nullable": kind != values, "required": not name.endswith("?")}
+    if " | " in kind:
+        dtype, more["choices"] = "string", tuple(kind.split(" | "))
+    elif kind == "count":
+        more["low"] = 0.0
+    elif of := LENGTH_OF_LIST.match(kind):
+        more["length"] = int(of[1] or 0)
+    elif of := RANGE.fullmatch(kind):
+        more |= {"low": float(of[2] or of[4]), "open_low": (of[1] or of[3]) in (">", "(")}
+        more |= {"high": float(of[5] or "inf"), "open_high": of[6] == ")"}
+    elif kind not in (*words, "number"):
+        raise ValueError(f"{line}: cannot be read as a column")
+    return Column(name.removesuffix("?"), dtype, unit.removeprefix("-"), meaning, **more)  # type: ignore[arg-type]

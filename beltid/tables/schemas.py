@@ -1,7 +1,9 @@
-"""Definitions of all tables that are read or written.
+"""All tables that are read or written: a line per column with its name, values, unit, meaning.
 
-They are the bench recordings (press, rig, speedloss, points) and the artifacts. Optional columns of
-an artifact are diagnostics in addition to its public columns.
+``name?`` is a column that a table may lack: in an artifact, a diagnostic beside its public columns.
+The values are a range, ``number`` (any finite one), ``count``, ``flag``, ``text``, a choice of
+words, or a list of numbers; with ``?``, a value may be missing. The head of a table names its kind,
+what writes it, and the column with the label of a run.
 """
 
 from __future__ import annotations
@@ -9,413 +11,250 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from beltid.tables.columns import (
-    Column,
-    Table,
-    count,
-    nonnegative,
-    numbers,
-    optional,
-    positive,
-    real,
-    standard_error,
-    text,
-    uncertainty,
-)
+from beltid.tables.columns import Column, Table, table_of
 
 __all__ = ["ARTIFACTS", "RECORDINGS", "TABLES", "Column", "Table", "table"]
 
-_RUN = text("run", "label of the run")
-_TEST = text("test", "label of the test")
-_TIME = real("time_s", "s", "time from the start of the recording", nullable=False)
-_TEMPERATURE = Column(
-    "temperature_degC", "float64", "degC", "temperature", True, -90.0, 200.0, required=False
-)
-_ARC = Column("arc_deg", "float64", "deg", "contact arc", False, 0.0, 3600.0, open_low=True)
-_PULLEY_SPEED = real("pulley_speed_rad_s", "rad/s", "speed of the pulley")
-_FORCE = nonnegative("normal_force_N_m", "N/m", "mean of Eq. (8) over the arc", nullable=True)
-_SLIDING_SPEED = real("slip_speed_m_s", "m/s", "sliding speed omega R")
-_SET_TENSION = positive("nominal_tension_N", "N", "nominal tension of the run", nullable=True)
-_STATUS = text("status", "ok, or why it was set aside")
-_NOTES = text("notes", "what the user should know", nullable=True)
-_TIGHT = positive("tension_tight_N", "N", "tension of the tight span", nullable=True)
-_SLACK = positive("tension_slack_N", "N", "tension of the slack span", nullable=True)
-_INITIAL = positive("initial_tension_N", "N", "nominal tension before the pulley turns")
-_RIG = (
-    _RUN,
-    _TIME,
-    _TIGHT,
-    _SLACK,
-    replace(_PULLEY_SPEED, meaning="speed of the pulley, 0 before it turns"),
-    _TEMPERATURE,
-    _ARC,
-    _INITIAL,
-)
-_OTHER_CHANNELS = (
-    positive("weight_N", "N", "dead weight that one span carries"),
-    real("torque_N_m", "N m", "torque of the belt on the pulley, > 0 where the tight span pulls"),
-    nonnegative("hub_force_N", "N", "force of the belt on the pulley's axis", nullable=True),
-    real("belt_speed_m_s", "m/s", "speed of the belt"),
-)
-_IDLE = Column(
-    "idle",
-    "string",
-    "",
-    "whether the pulley turned without the belt, for the drag of its bearings",
-    True,
-    choices=("true", "false"),
-)
-_CONDITIONS = (
-    Column("condition", "string", "", "surface", True, choices=("dry", "wet", "dusty")),
-    Column("side", "string", "", "side of the belt on the pulley", True, choices=("rib", "back")),
-)
-CONDITIONS: Final = tuple(column.name for column in _CONDITIONS)
-"""Columns with the conditions of a run."""
-_TENSIONS_FROM = (
-    nonnegative("momentum_N", "N", "m v² of a running belt, subtracted from its tensions"),
-    Column(
-        "torque_with",
-        "string",
-        "",
-        "span whose tension was measured together with a torque",
-        True,
-        choices=("tight", "slack"),
-    ),
-)
-WHERE_KNOWN: Final = (*CONDITIONS, *(column.name for column in _TENSIONS_FROM))
-"""Columns of the friction table that only some rigs and recordings provide."""
-RUN_TEXTS: Final = (_IDLE.name, *CONDITIONS)
-"""Columns of a recording that stay empty if they are not stated."""
-
-
-_ANY_RIG = Table(
-    "rig",
-    1,
-    "the friction rig",
-    (*_RIG, *optional(*_OTHER_CHANNELS, _IDLE, *_CONDITIONS)),
-    label="run",
-)
-_POINTS = Table(
-    "points",
-    1,
-    "the friction rig, as a table of its plateaus",
-    optional(
-        _RUN,
-        replace(_ARC, nullable=True),
-        *(
-            replace(column, low=0.0, open_low=False, nullable=True)
-            for column in (_TIGHT, _SLACK, _OTHER_CHANNELS[0])
-        ),
-        *_OTHER_CHANNELS[1:],
-        _PULLEY_SPEED,
-        real("slip_speed_m_s", "m/s", "sliding speed"),
-        real("mu", "1", "friction coefficient while sliding"),
-        standard_error("mu_se", "1"),
-        replace(_FORCE, meaning="normal force per length"),
-        _TEMPERATURE,
-        replace(_INITIAL, nullable=True),
-        _IDLE,
-        *_CONDITIONS,
-    ),
-    label="run",
-)
-
-_POINT = replace(_RUN, meaning="label of the operating point")
-
-_DRIVER_SPEED = real("driver_speed_rad_s", "rad/s", "speed of the driver pulley")
-
-_PRESS = Table(
-    "press",
-    1,
-    "the compression press",
-    (
-        _TEST,
-        _TEMPERATURE,
-        _TIME,
-        real("displacement_mm", "mm", "travel of the crosshead, growing towards the plate"),
-        real("force_N", "N", "force of the press, positive in compression"),
-    ),
-    label="test",
-)
-_SPEEDLOSS = Table(
-    "speedloss",
-    1,
-    "the speed-loss bench",
-    (
-        _POINT,
-        _TIME,
-        positive("initial_tension_N", "N", "tension of the belt at rest"),
-        real("torque_N_m", "N m", "torque of the driven pulley"),
-        _DRIVER_SPEED,
-        real("driven_speed_rad_s", "rad/s", "speed of the driven pulley"),
-    ),
-    label="run",
-)
-_STIFFNESS = Table(
-    "stiffness",
-    1,
-    "beltid fit-stiffness",
-    (
-        real("temperature_degC", "degC", "temperature; null for the pooled law"),
-        nonnegative("k_linear_N_m2", "N/m²", "linear coefficient of Eq. (3)"),
-        nonnegative("k_quadratic_N_m3", "N/m³", "quadratic coefficient of Eq. (3)"),
-        standard_error("k_linear_se_N_m2", "N/m²"),
-        standard_error("k_quadratic_se_N_m3", "N/m³"),
-        Column(
-            "covariance",
-            "list",
-            "N²/m⁴, N²/m⁵, N²/m⁵, N²/m⁶",
-            "covariance of (k_linear, k_quadratic), row by row",
-            nullable=True,
-        ),
-        real("contact_offset_mm", "mm", "travel of the crosshead at first contact"),
-        nonnegative("rms_residual_N_m", "N/m", "root mean square of the residual", nullable=True),
-        nonnegative("hysteresis_ratio", "1", "dissipated over stored energy", nullable=True),
-        positive("max_penetration_m", "m", "deepest penetration of the fit"),
-        positive("max_force_N_m", "N/m", "largest line force of the fit"),
-        count("n_samples", "samples used"),
-        *optional(
-            uncertainty("k_linear_u_N_m2", "N/m²"),
-            uncertainty("k_quadratic_u_N_m3", "N/m³"),
-            count("n_cycles", "load cycles used"),
-            count("n_set_aside", "samples set aside"),
-            _NOTES,
-        ),
-    ),
-)
-_SLIP = Table(
-    "slip",
-    1,
-    "beltid fit-slip",
-    (
-        _DRIVER_SPEED,
-        positive("initial_tension_N", "N", "tension of the belt at rest", nullable=True),
-        real("torque_N_m", "N m", "torque of the driven pulley"),
-        real("speed_loss_rad_s", "rad/s", "driver minus driven speed"),
-        real("slip_speed_m_s", "m/s", "sliding speed, Eq. (7)"),
-        standard_error("slip_speed_se_m_s", "m/s"),
-        *optional(
-            _POINT,
-            count("n_samples", "samples used"),
-            _STATUS,
-            _NOTES,
-        ),
-    ),
-)
-_FRICTION = Table(
-    "friction",
-    1,
-    "beltid fit-friction",
-    (
-        _RUN,
-        replace(_ARC, nullable=True),
-        positive("initial_tension_N", "N", "tension measured at rest", nullable=True),
-        _SET_TENSION,
-        replace(_PULLEY_SPEED, meaning="speed of the pulley on the plateau"),
-        _SLIDING_SPEED,
-        positive("tension_tight_N", "N", "tension of the tight span, sliding", nullable=True),
-        positive("tension_slack_N", "N", "tension of the slack span, sliding", nullable=True),
-        real("mu_sliding", "1", "friction coefficient while sliding, Eq. (6)"),
-        standard_error("mu_sliding_se", "1"),
-        real("mu_sticking", "1", "friction coefficient at the sticking peak"),
-        _FORCE,
-        real("temperature_degC", "degC", "temperature"),
-        count("n_samples", "samples of the plateau"),
-        _STATUS,
-        *optional(
-            uncertainty("mu_sliding_u", "1"),
-            uncertainty("normal_force_u_N_m", "N/m"),
-            standard_error("mu_sticking_se", "1"),
-            real("imbalance_N", "N", "tight minus slack cell at rest"),
-            standard_error("imbalance_se_N", "N"),
-            *(
-                real(name, "1", f"change of ln mu by one standard deviation of {of}, in all runs")
-                for name, of in (
-                    ("shared_tail", "the shape of the tail"),
-                    ("shared_drift", "a drift of the cells or a relaxation of the belt"),
-                    ("shared_cells", "zero points of the cells at rest"),
-                )
-            ),
-            *_TENSIONS_FROM,
-            real("start_time_s", "s", "start of the rotation"),
-            real("peak_time_s", "s", "time of the sticking peak"),
-            real("plateau_start_s", "s", "start of the sliding plateau"),
-            real("plateau_end_s", "s", "end of the sliding plateau"),
-            *_CONDITIONS,
-            _NOTES,
-        ),
-    ),
-    label="run",
-)
-_SURFACE = Table(
-    "surface",
-    1,
-    "beltid build-surface",
-    (
-        replace(_ARC, nullable=True, meaning="contact arc; null for the average"),
-        positive("normal_force_N_m", "N/m", "normal force per length"),
-        positive("slip_speed_m_s", "m/s", "sliding speed"),
-        positive("mu", "1", "friction coefficient", nullable=True),
-        standard_error("mu_se", "1"),
-        count("n_arcs", "arcs that were averaged"),
-        *optional(
-            nonnegative("mu_spread", "1", "standard deviation between arcs", nullable=True),
-            Column("measured", "bool", "", "whether the node lies within the measured range"),
-            nonnegative("mu_u", "1", "combined standard uncertainty (k = 1)", nullable=True),
-            numbers("mu_factor", "1", "row of the factor of the covariance of ln mu"),
-        ),
-    ),
-)
-_COMPARE = Table(
-    "compare",
-    1,
-    "beltid compare",
-    (
-        text("run", "label of the measured run"),
-        replace(_ARC, nullable=True),
-        _SET_TENSION,
-        _PULLEY_SPEED,
-        real("mu_measured", "1", "measured friction coefficient"),
-        real("mu_simulated", "1", "simulated friction coefficient"),
-        real("difference", "1", "simulated minus measured"),
-        Column("within_tolerance", "bool", "", "whether the point is within tolerance"),
-        *optional(
-            real("relative_difference", "1", "difference over measured"),
-            standard_error("mu_measured_se", "1"),
-            replace(_FORCE, meaning="mean of Eq. (8), measured"),
-            _SLIDING_SPEED,
-            nonnegative("u_measured", "1", "standard uncertainty of mu_measured", nullable=True),
-            nonnegative("u_input", "1", "of mu_simulated, from its inputs", nullable=True),
-            nonnegative("u_numerical", "1", "of mu_simulated, from its mesh", nullable=True),
-            nonnegative("u_validation", "1", "standard uncertainty of difference", nullable=True),
-            real("e_over_u", "1", "difference over u_validation"),
-            text("status", "ok, or why the point is not compared"),
-        ),
-    ),
-    label="run",
-)
-
-_LOSS = real("speed_loss_rad_s", "rad/s", "speed at idle minus speed under load")
-_DRIVE = Table(
-    "drive",
-    1,
-    "beltid simulate-drive",
-    (
-        count("point", "number of the operating point, from 1"),
-        text("run", "label of the measured run, or of the point"),
-        text("pulley", "name of the pulley"),
-        replace(_DRIVER_SPEED, nullable=False),
-        positive("initial_tension_N", "N", "tension of the belt at rest, or of the slack span"),
-        real("torque_N_m", "N m", "torque that the driver delivers, or that is taken off"),
-        real("speed_rad_s", "rad/s", "speed of the pulley, in the sign of the driver's"),
-        _LOSS,
-        nonnegative("speed_loss_u_rad_s", "rad/s", "its standard uncertainty", nullable=True),
-        real("loss_creep_rad_s", "rad/s", "part of the loss from the stretch of the belt"),
-        real("loss_seating_rad_s", "rad/s", "part from the penetration of the ribs"),
-        real("loss_slip_rad_s", "rad/s", "part from pulleys that slide as a whole"),
-        nonnegative("tension_in_N", "N", "axial force where the belt enters", nullable=True),
-        nonnegative("tension_out_N", "N", "axial force where the belt leaves", nullable=True),
-        nonnegative("hub_force_N", "N", "force of the belt on the axis", nullable=True),
-        real("hub_angle_deg", "deg", "its direction, anticlockwise from the x axis"),
-        nonnegative("wrap_deg", "deg", "arc between the tangent points"),
-        nonnegative("arc_used_deg", "deg", "arc that slides", nullable=True),
-        nonnegative("reserve", "1", "wrap over the arc needed; null on an idler", nullable=True),
-        nonnegative("slip_speed_max_m_s", "m/s", "largest sliding speed", nullable=True),
-        nonnegative("normal_force_min_N_m", "N/m", "smallest line force", nullable=True),
-        nonnegative("normal_force_max_N_m", "N/m", "largest line force", nullable=True),
-        nonnegative(
-            "share_below_speed_range",
-            "1",
-            "of the sliding friction, below the slowest measured sliding",
-            nullable=True,
-        ),
-        nonnegative(
-            "share_outside_force_range",
-            "1",
-            "of the sliding friction, outside the measured line forces",
-            nullable=True,
-        ),
-        real("friction_power_W", "W", "lost to friction, without the hysteresis of the belt"),
-        text("status", "adhesion, full slip, gross slip or slack"),
-        *optional(count("steady_states", "states with which the arc carries its forces")),
-    ),
-    label="run",
-)
-_COMPARE_DRIVE = Table(
-    "compare_drive",
-    1,
-    "beltid compare-drive",
-    (
-        text("run", "label of the measured run"),
-        _DRIVER_SPEED,
-        positive("initial_tension_N", "N", "tension of the belt at rest", nullable=True),
-        real("torque_N_m", "N m", "torque of the driven pulley"),
-        real("loss_measured_rad_s", "rad/s", "measured speed loss"),
-        real("loss_predicted_rad_s", "rad/s", "predicted speed loss"),
-        real("difference_rad_s", "rad/s", "predicted minus measured"),
-        real("relative_difference", "1", "difference over measured"),
-        nonnegative("u_measured_rad_s", "rad/s", "of the measured loss", nullable=True),
-        nonnegative("u_input_rad_s", "rad/s", "of the predicted loss", nullable=True),
-        nonnegative("u_validation_rad_s", "rad/s", "of the difference", nullable=True),
-        real("e_over_u", "1", "difference over its standard uncertainty"),
-        real("loss_creep_rad_s", "rad/s", "predicted part from the stretch of the belt"),
-        real("loss_seating_rad_s", "rad/s", "predicted part from the penetration of the ribs"),
-        real("loss_slip_rad_s", "rad/s", "predicted part from pulleys that slide as a whole"),
-        nonnegative("arc_share", "1", "largest share of an arc that slides", nullable=True),
-        Column("judged", "bool", "", "whether the point counts in the verdict"),
-        text("status", "ok, or why the point is not judged"),
-    ),
-    label="run",
-)
-
-_PRESS_CURVES = Table(
-    "press_curves",
-    1,
-    "beltid run",
-    (
-        _TEST,
-        real("temperature_degC", "degC", "temperature"),
-        count("cycle", "number of the cycle, from 1"),
-        text("branch", "loading or unloading"),
-        real("penetration_m", "m", "from the contact point of the law, negative before contact"),
-        real("line_force_N_m", "N/m", "force per length of belt"),
-    ),
-    label="test",
-)
-_RIG_CURVES = Table(
-    "rig_curves",
-    1,
-    "beltid run",
-    (
-        _RUN,
-        _TIME,
-        real("tension_tight_N", "N", "tension of the tight span, corrected for known cell errors"),
-        real("tension_slack_N", "N", "tension of the slack span, corrected for known cell errors"),
-        real("mu", "1", "apparent friction coefficient of these tensions, Eq. (6)"),
-        _PULLEY_SPEED,
-    ),
-    label="run",
-)
-
 TABLES: Final[dict[str, Table]] = {
     table.kind: table
-    for table in (
-        _PRESS,
-        _ANY_RIG,
-        _POINTS,
-        _SPEEDLOSS,
-        _STIFFNESS,
-        _SLIP,
-        _FRICTION,
-        _SURFACE,
-        Table("simulated", 1, "beltid simulate-rig", _RIG, label="run"),
-        _COMPARE,
-        _DRIVE,
-        _COMPARE_DRIVE,
-        _PRESS_CURVES,
-        _RIG_CURVES,
+    for table in map(
+        table_of,
+        """
+press: the compression press, by test
+test               text         -      label of the test
+temperature_degC?  [-90, 200]?  degC   temperature
+time_s             number       s      time from the start of the recording
+displacement_mm    number?      mm     travel of the crosshead, towards the plate
+force_N            number?      N      force of the press, positive in compression
+
+rig: the friction rig, by run
+run                 text                -      label of the run
+time_s              number              s      time from the start of the recording
+tension_tight_N     > 0?                N      tension of the tight span
+tension_slack_N     > 0?                N      tension of the slack span
+pulley_speed_rad_s  number?             rad/s  speed of the pulley, 0 before it turns
+temperature_degC?   [-90, 200]?         degC   temperature
+arc_deg             (0, 3600]           deg    contact arc
+initial_tension_N   > 0                 N      nominal tension before the pulley turns
+weight_N?           > 0                 N      dead weight that one span carries
+torque_N_m?         number?             N m    of the belt on the pulley, > 0 as the tight span
+hub_force_N?        >= 0?               N      force of the belt on the pulley's axis
+belt_speed_m_s?     number?             m/s    speed of the belt
+idle?               true | false?       -      whether the pulley turned without the belt
+condition?          dry | wet | dusty?  -      surface
+side?               rib | back?         -      side of the belt on the pulley
+
+points: the friction rig, as a table of its plateaus, by run
+run?                 text                -      label of the run
+arc_deg?             (0, 3600]?          deg    contact arc
+tension_tight_N?     >= 0?               N      tension of the tight span
+tension_slack_N?     >= 0?               N      tension of the slack span
+weight_N?            >= 0?               N      dead weight that one span carries
+torque_N_m?          number?             N m    of the belt on the pulley, > 0 as the tight span
+hub_force_N?         >= 0?               N      force of the belt on the pulley's axis
+belt_speed_m_s?      number?             m/s    speed of the belt
+pulley_speed_rad_s?  number?             rad/s  speed of the pulley
+slip_speed_m_s?      number?             m/s    sliding speed
+mu?                  number?             1      friction coefficient while sliding
+mu_se?               >= 0?               1      standard error
+normal_force_N_m?    >= 0?               N/m    normal force per length
+temperature_degC?    [-90, 200]?         degC   temperature
+initial_tension_N?   > 0?                N      nominal tension before the pulley turns
+idle?                true | false?       -      whether the pulley turned without the belt
+condition?           dry | wet | dusty?  -      surface
+side?                rib | back?         -      side of the belt on the pulley
+
+speedloss: the speed-loss bench, by run
+run                 text     -      label of the operating point
+time_s              number   s      time from the start of the recording
+initial_tension_N   > 0      N      tension of the belt at rest
+torque_N_m          number?  N m    torque of the driven pulley
+driver_speed_rad_s  number?  rad/s  speed of the driver pulley
+driven_speed_rad_s  number?  rad/s  speed of the driven pulley
+
+stiffness: beltid fit-stiffness
+temperature_degC     number?  degC   temperature; null for the pooled law
+k_linear_N_m2        >= 0     N/m²   linear coefficient of Eq. (3)
+k_quadratic_N_m3     >= 0     N/m³   quadratic coefficient of Eq. (3)
+k_linear_se_N_m2     >= 0?    N/m²   standard error
+k_quadratic_se_N_m3  >= 0?    N/m³   standard error
+covariance           list of 4?  N²/m⁴, N²/m⁵, N²/m⁵, N²/m⁶  of (k_linear, k_quadratic), by rows
+contact_offset_mm    number?  mm     travel of the crosshead at first contact
+rms_residual_N_m     >= 0?    N/m    root mean square of the residual
+hysteresis_ratio     >= 0?    1      dissipated over stored energy
+max_penetration_m    > 0      m      deepest penetration of the fit
+max_force_N_m        > 0      N/m    largest line force of the fit
+n_samples            count    1      samples used
+k_linear_u_N_m2?     >= 0?    N/m²   combined standard uncertainty
+k_quadratic_u_N_m3?  >= 0?    N/m³   combined standard uncertainty
+n_cycles?            count    1      load cycles used
+n_set_aside?         count    1      samples set aside
+notes?               text?    -      what the user should know
+
+slip: beltid fit-slip
+driver_speed_rad_s  number?  rad/s  speed of the driver pulley
+initial_tension_N   > 0?     N      tension of the belt at rest
+torque_N_m          number?  N m    torque of the driven pulley
+speed_loss_rad_s    number?  rad/s  driver minus driven speed
+slip_speed_m_s      number?  m/s    sliding speed, Eq. (7)
+slip_speed_se_m_s   >= 0?    m/s    standard error
+run?                text     -      label of the operating point
+n_samples?          count    1      samples used
+status?             text     -      ok, or why it was set aside
+notes?              text?    -      what the user should know
+
+friction: beltid fit-friction, by run
+run                  text                -      label of the run
+arc_deg              (0, 3600]?          deg    contact arc
+initial_tension_N    > 0?                N      tension measured at rest
+nominal_tension_N    > 0?                N      nominal tension of the run
+pulley_speed_rad_s   number?             rad/s  speed of the pulley on the plateau
+slip_speed_m_s       number?             m/s    sliding speed omega R
+tension_tight_N      > 0?                N      tension of the tight span, sliding
+tension_slack_N      > 0?                N      tension of the slack span, sliding
+mu_sliding           number?             1      friction coefficient while sliding, Eq. (6)
+mu_sliding_se        >= 0?               1      standard error
+mu_sticking          number?             1      friction coefficient at the sticking peak
+normal_force_N_m     >= 0?               N/m    mean of Eq. (8) over the arc
+temperature_degC     number?             degC   temperature
+n_samples            count               1      samples of the plateau
+status               text                -      ok, or why it was set aside
+mu_sliding_u?        >= 0?               1      combined standard uncertainty
+normal_force_u_N_m?  >= 0?               N/m    combined standard uncertainty
+mu_sticking_se?      >= 0?               1      standard error
+imbalance_N?         number?             N      tight minus slack cell at rest
+imbalance_se_N?      >= 0?               N      standard error
+shared_tail?         number?             1      of ln mu, all runs: one sd of the shape of the tail
+shared_drift?        number?             1      of ln mu, all runs: one sd of cells or belt drifting
+shared_cells?        number?             1      of ln mu, all runs: one sd of the cells' zeros
+momentum_N?          >= 0                N      m v² of a running belt, taken off its tensions
+torque_with?         tight | slack?      -      span whose tension was measured with a torque
+start_time_s?        number?             s      start of the rotation
+peak_time_s?         number?             s      time of the sticking peak
+plateau_start_s?     number?             s      start of the sliding plateau
+plateau_end_s?       number?             s      end of the sliding plateau
+condition?           dry | wet | dusty?  -      surface
+side?                rib | back?         -      side of the belt on the pulley
+notes?               text?               -      what the user should know
+
+surface: beltid build-surface
+arc_deg           (0, 3600]?  deg    contact arc; null for the average
+normal_force_N_m  > 0         N/m    normal force per length
+slip_speed_m_s    > 0         m/s    sliding speed
+mu                > 0?        1      friction coefficient
+mu_se             >= 0?       1      standard error
+n_arcs            count       1      arcs that were averaged
+mu_spread?        >= 0?       1      standard deviation between arcs
+measured?         flag        -      whether the node lies within the measured range
+mu_u?             >= 0?       1      combined standard uncertainty (k = 1)
+mu_factor?        list?       1      row of the factor of the covariance of ln mu
+
+simulated: beltid simulate-rig, by run
+run                 text         -      label of the run
+time_s              number       s      time from the start of the recording
+tension_tight_N     > 0?         N      tension of the tight span
+tension_slack_N     > 0?         N      tension of the slack span
+pulley_speed_rad_s  number?      rad/s  speed of the pulley, 0 before it turns
+temperature_degC?   [-90, 200]?  degC   temperature
+arc_deg             (0, 3600]    deg    contact arc
+initial_tension_N   > 0          N      nominal tension before the pulley turns
+
+compare: beltid compare, by run
+run                   text        -      label of the measured run
+arc_deg               (0, 3600]?  deg    contact arc
+nominal_tension_N     > 0?        N      nominal tension of the run
+pulley_speed_rad_s    number?     rad/s  speed of the pulley
+mu_measured           number?     1      measured friction coefficient
+mu_simulated          number?     1      simulated friction coefficient
+difference            number?     1      simulated minus measured
+within_tolerance      flag        -      whether the point is within tolerance
+relative_difference?  number?     1      difference over measured
+mu_measured_se?       >= 0?       1      standard error
+normal_force_N_m?     >= 0?       N/m    mean of Eq. (8), measured
+slip_speed_m_s?       number?     m/s    sliding speed omega R
+u_measured?           >= 0?       1      standard uncertainty of mu_measured
+u_input?              >= 0?       1      of mu_simulated, from its inputs
+u_numerical?          >= 0?       1      of mu_simulated, from its mesh
+u_validation?         >= 0?       1      standard uncertainty of difference
+e_over_u?             number?     1      difference over u_validation
+status?               text        -      ok, or why the point is not compared
+
+drive: beltid simulate-drive, by run
+point                      count    1      number of the operating point, from 1
+run                        text     -      label of the measured run, or of the point
+pulley                     text     -      name of the pulley
+driver_speed_rad_s         number   rad/s  speed of the driver pulley
+initial_tension_N          > 0      N      of the belt at rest, or of the slack span
+torque_N_m                 number?  N m    delivered by the driver, or taken off
+speed_rad_s                number?  rad/s  speed of the pulley, in the sign of the driver's
+speed_loss_rad_s           number?  rad/s  speed at idle minus speed under load
+speed_loss_u_rad_s         >= 0?    rad/s  its standard uncertainty
+loss_creep_rad_s           number?  rad/s  part of the loss from the stretch of the belt
+loss_seating_rad_s         number?  rad/s  part from the penetration of the ribs
+loss_slip_rad_s            number?  rad/s  part from pulleys that slide as a whole
+tension_in_N               >= 0?    N      axial force where the belt enters
+tension_out_N              >= 0?    N      axial force where the belt leaves
+hub_force_N                >= 0?    N      force of the belt on the axis
+hub_angle_deg              number?  deg    its direction, anticlockwise from the x axis
+wrap_deg                   >= 0     deg    arc between the tangent points
+arc_used_deg               >= 0?    deg    arc that slides
+reserve                    >= 0?    1      wrap over the arc needed; null on an idler
+slip_speed_max_m_s         >= 0?    m/s    largest sliding speed
+normal_force_min_N_m       >= 0?    N/m    smallest line force
+normal_force_max_N_m       >= 0?    N/m    largest line force
+share_below_speed_range    >= 0?    1      of the friction: slower than measured
+share_outside_force_range  >= 0?    1      of the friction: outside the measured forces
+friction_power_W           number?  W      lost to friction, without the hysteresis of the belt
+status                     text     -      adhesion, full slip, gross slip or slack
+steady_states?             count    1      states with which the arc carries its forces
+
+compare_drive: beltid compare-drive, by run
+run                   text     -      label of the measured run
+driver_speed_rad_s    number?  rad/s  speed of the driver pulley
+initial_tension_N     > 0?     N      tension of the belt at rest
+torque_N_m            number?  N m    torque of the driven pulley
+loss_measured_rad_s   number?  rad/s  measured speed loss
+loss_predicted_rad_s  number?  rad/s  predicted speed loss
+difference_rad_s      number?  rad/s  predicted minus measured
+relative_difference   number?  1      difference over measured
+u_measured_rad_s      >= 0?    rad/s  of the measured loss
+u_input_rad_s         >= 0?    rad/s  of the predicted loss
+u_validation_rad_s    >= 0?    rad/s  of the difference
+e_over_u              number?  1      difference over its standard uncertainty
+loss_creep_rad_s      number?  rad/s  predicted part from the stretch of the belt
+loss_seating_rad_s    number?  rad/s  predicted part from the penetration of the ribs
+loss_slip_rad_s       number?  rad/s  predicted part from pulleys that slide as a whole
+arc_share             >= 0?    1      largest share of an arc that slides
+judged                flag     -      whether the point counts in the verdict
+status                text     -      ok, or why the point is not judged
+
+press_curves: beltid run, by test
+test              text     -      label of the test
+temperature_degC  number?  degC   temperature
+cycle             count    1      number of the cycle, from 1
+branch            text     -      loading or unloading
+penetration_m     number?  m      from the contact of the law, < 0 before it
+line_force_N_m    number?  N/m    force per length of belt
+
+rig_curves: beltid run, by run
+run                 text     -      label of the run
+time_s              number   s      time from the start of the recording
+tension_tight_N     number?  N      of the tight span, cells corrected
+tension_slack_N     number?  N      of the slack span, cells corrected
+mu                  number?  1      apparent friction coefficient of them, Eq. (6)
+pulley_speed_rad_s  number?  rad/s  speed of the pulley
+""".strip().split("\n\n"),
     )
 }
+TABLES["crossvalidation"] = replace(
+    TABLES["compare"], kind="crossvalidation", command="beltid cross-validate"
+)
+CONDITIONS: Final = ("condition", "side")
+"""Columns with the conditions of a run."""
+WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")
+"""Columns of the friction table that only some rigs and recordings provide."""
+RUN_TEXTS: Final = ("idle", *CONDITIONS)
+"""Columns of a recording that stay empty if they are not stated."""
 RECORDINGS: Final = ("press", "rig", "speedloss", "points")
 NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
 """Columns with the nominal settings of a run, constant within it."""
@@ -470,9 +309,12 @@ def rig_table(
     extra: tuple[str, ...] = one_span if measures == "torque" else ()
     extra += ("idle",) if "torque_N_m" in required else ()
     extra += ("belt_speed_m_s",) if running else ()
-    channels = {column.name for column in (_TIGHT, _SLACK, *_OTHER_CHANNELS, _IDLE)}
+    channels = {
+        *("tension_tight_N", "tension_slack_N", "weight_N"),
+        *("torque_N_m", "hub_force_N", "belt_speed_m_s", "idle"),
+    }
     # only rigs with two cells and a belt at rest need the initial tension
-    unneeded = set() if measures == "two_cells" and not running else {_INITIAL.name}
+    unneeded = set() if measures == "two_cells" and not running else {"initial_tension_N"}
     columns = []
     for column in table("rig").columns:
         if column.name in required:

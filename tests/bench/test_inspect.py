@@ -11,10 +11,10 @@ import pytest
 import writers
 from typer.testing import CliRunner
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.config import load_config
+from beltid.store.artifact import read_artifact
 
 DATA = Path(__file__).parent / "data"
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"

@@ -104,7 +104,7 @@ def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
     """What holds for every run holds for those of a frame; names of files are none of it."""
     table = tmp_path / "runs.csv"
     table.write_text("file,arc_deg\na.csv,82\n")
-    told = {"table": str(table), "pattern": "{run}_{}.csv", "fields": {"arc_deg": "Bogen"}}
+    told = {"table": str(table), "pattern": "{run}_{}.csv"}
     rig = {**told, "values": {"initial_tension_N": 411}}
     frame = runs["R001"].drop(columns="initial_tension_N")
     columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}}))
@@ -173,16 +173,16 @@ def test_header_fields_and_values_for_all_runs(tmp_path, runs):
         arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
         head = f"# Wrap angle: {arc} deg\n# Set tension = {tension}\n"
         (tmp_path / "runs" / f"{label}.csv").write_text(head + sensors(run).to_csv(index=False))
-    config = {"runs": {"rig": {"fields": {"initial_tension_N": "Set tension"}}}}
+    config = {"columns": {"rig": {"initial_tension_N": "Set tension"}}}
     recording = read_recording(tmp_path / "runs", "rig", load_config(config))
     expect(recording.columns, runs)
     assert "read header field Wrap angle as arc_deg" in recording.notes
     # what the config says of all runs comes before a header that is merely recognised
-    config["runs"]["rig"]["values"] = {"arc_deg": 77}
+    config["runs"] = {"rig": {"values": {"arc_deg": 77}}}
     assert set(
         read_recording(tmp_path / "runs", "rig", load_config(config)).columns["arc_deg"]
     ) == {77}
-    wrong = {"runs": {"rig": {"fields": {"initial_tension_N": "T nominal"}}}}
+    wrong = {"columns": {"rig": {"initial_tension_N": "T nominal"}}}
     assert "T nominal" in problems(tmp_path / "runs", wrong)[0]
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from typer.testing import CliRunner, Result
 
-from beltid.artifacts.artifact import read_artifact
-from beltid.artifacts.parquet_table import columns_sha256
 from beltid.cli import app
+from beltid.store.artifact import read_artifact
+from beltid.store.parquet import columns_sha256
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "rigdata" / "5pk"
@@ -26,8 +26,8 @@ rig:
   initial_tensions_N: [100, 411]
   pulley_speeds_rad_s: [0.05, 0.10]
 simulation: {{method: {method}, elements: 20}}
+cross_validate: {{by: {by}}}
 compare:
-  hold_out: {hold_out}
   max_rms_relative_error: 0.2
   max_mean_relative_error: 0.2
   max_relative_error: 0.9
@@ -44,8 +44,8 @@ def small_bench(folder: Path, part_of_rig: PartOfRig) -> None:
     one_test = [line for line in lines if line.startswith("P22,")]
     (folder / "press.csv").write_text("".join([header, *one_test]))
     (folder / "rig.csv").write_text(part_of_rig((40, 82), (100, 411), (0.05, 0.10)))
-    for name, method, hold_out in (("one", "transient", "none"), ("two", "steady", "arc")):
-        config = CONFIG.format(name=name, method=method, hold_out=hold_out)
+    for name, method, by in (("one", "transient", "none"), ("two", "steady", "arc")):
+        config = CONFIG.format(name=name, method=method, by=by)
         (folder / f"{name}.yaml").write_text(config)
 
 

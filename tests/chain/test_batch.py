@@ -33,7 +33,7 @@ def test_results_do_not_depend_on_the_number_of_workers(bench: Path, by_one: Pat
 def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
     for name in ("two", "off"):
         shutil.copytree(by_one / "two", bench / "runs" / name)
-    (bench / "runs" / "off" / "compare_hold_out.parquet").unlink()
+    (bench / "runs" / "off" / "crossvalidation.parquet").unlink()
     config = (bench / "two.yaml").read_text()
     one_arc = config.replace("name: two", "name: one_arc").replace("[40, 82]", "[82]")
     (bench / "one_arc.yaml").write_text(one_arc)
@@ -41,19 +41,19 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_o
     rows = [line for line in lines if line.split(",")[6] == "82"]
     (bench / "one_arc.csv").write_text("".join([header, *rows]))
     (bench / "one_arc.yaml").write_text(one_arc.replace("rig: rig.csv", "rig: one_arc.csv"))
-    off = config.replace("name: two", "name: off").replace("hold_out: arc", "hold_out: none")
+    off = config.replace("name: two", "name: off").replace("by: arc", "by: none")
     (bench / "off.yaml").write_text(off)
     done = beltid(bench, "run", "two.yaml", "one_arc.yaml", "off.yaml", "-j", "1", "--json")
     assert done.exit_code == 0, done.stderr
     two, single, without = json.loads(done.stdout)["table"]
-    assert two["stages"]["compare hold-out"] == "up to date"
-    facts = two["compare_hold_out"]
+    assert two["stages"]["cross-validate"] == "up to date"
+    facts = two["cross_validate"]
     assert two["predicted_rms_percent"] == facts["groups"][0]["rms_percent"] < 3.0
     assert facts["hold_out"] == "arc"
     assert f"{two['belt']}: runs of an arc that was left out are predicted to" in done.stdout
-    assert single["stages"]["compare hold-out"] == "too few settings"
+    assert single["stages"]["cross-validate"] == "too few settings"
     assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
-    assert "compare hold-out" not in without["stages"]
+    assert "cross-validate" not in without["stages"]
 
 
 # --- workers -----------------------------------------------------------------------------------

@@ -180,9 +180,9 @@ def test_a_missing_library_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
 
 
 def test_workers_of_other_sources_are_refused() -> None:
-    from beltid.artifacts.file_bytes import source_sha256
     from beltid.batch.cluster import guarded
     from beltid.errors import BeltidError
+    from beltid.store.disk import source_sha256
 
     assert guarded(source_sha256(), max, (1, 2)) == 2
     with pytest.raises(BeltidError, match="another beltid"):

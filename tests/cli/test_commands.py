@@ -12,7 +12,7 @@ import pytest
 from pyarrow.compute import add
 from pyarrow.csv import read_csv, write_csv
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 DATA = Path(__file__).parents[2] / "rigdata" / "5pk"
 
@@ -119,7 +119,7 @@ def test_the_config_used_is_reported_and_stored(bench: Path, beltid: Any) -> Non
     result = beltid("fit-friction", "rig.csv", "--force")
     assert result.stderr.splitlines()[0].startswith("config: ")
     assert "beltid.yaml" in result.stderr.splitlines()[0]
-    stored = read_artifact(bench / "friction.parquet", "friction").metadata
+    stored = read_artifact(bench / "friction.parquet", "friction").record
     assert stored.config == "beltid.yaml"
     assert len(stored.config_sha256) == 64
 
@@ -158,7 +158,7 @@ def test_out_of_tolerance_is_status_4_with_the_verdict(bench: Path, beltid: Any)
     result = beltid("compare", "friction.parquet", "simulated.parquet")
     assert result.exit_code == 4
     assert "FAIL: rms" in result.stdout
-    assert read_artifact(bench / "compare.parquet", "compare").metadata.passed is False
+    assert read_artifact(bench / "compare.parquet", "compare").record.passed is False
     again = beltid("compare", "friction.parquet", "simulated.parquet", "--json")
     assert again.exit_code == 4
     assert json.loads(again.stdout)["exit_status"] == 4
@@ -183,7 +183,7 @@ def test_results_of_the_shipped_recordings_are_called_synthetic(
     result = beltid("fit-slip", recording, "-o", tmp_path / "slip.parquet")
     assert result.exit_code == 0
     assert result.stdout.startswith("fit-slip (synthetic data): ")
-    stored = read_artifact(tmp_path / "slip.parquet", "slip").metadata
+    stored = read_artifact(tmp_path / "slip.parquet", "slip").record
     assert stored.origin == "synthetic"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 
 def points(condition: list[str | None], wet: float = 0.6) -> pd.DataFrame:
@@ -53,7 +53,7 @@ def test_runs_of_two_conditions_are_refused_by_both_surfaces(bench: Path, beltid
     chosen = beltid("refine-surface", friction, "stiffness.parquet", "--condition", "wet", "-q")
     assert chosen.exit_code == 0, chosen.stderr
     refined = read_artifact(Path("surface_refined.parquet"), "surface")
-    assert refined.metadata.n_points == 16
+    assert refined.facts["runs"] == 16
     mu = refined.columns["mu"].reshape(-1, 2)
     assert np.all(mu[:, 1] < mu[:, 0])
     # and the law says it

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from beltid.artifacts.artifact import read_artifact, write_artifact
+from beltid.store.artifact import read_artifact, write_artifact
 
 Predict = Callable[[dict[str, Any]], Any]
 
@@ -46,7 +46,7 @@ def predict(
     finished: Path, tmp_path: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> Predict:
     """Simulate a drive with the laws of the finished folder: exit_code, stderr."""
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
     monkeypatch.setenv("COLUMNS", "1000")
     laws = [finished / "surface.parquet", finished / "stiffness.parquet"]
@@ -172,7 +172,7 @@ def test_runs_without_a_prediction_count_against_it(bench: Path, beltid: Any) ->
     loads = np.abs(read_artifact(bench / "slip.parquet").columns["torque_N_m"])
     kept = np.isin(drive.columns["run"], runs[int(loads.argmax())])
     few = {name: values[kept] for name, values in drive.columns.items()}
-    write_artifact(bench / "few.parquet", "drive", few, drive.metadata)
+    write_artifact(bench / "few.parquet", few, drive.record)
     whole = json.loads(beltid("compare-drive", "slip.parquet", "drive.parquet", "--json").stdout)
     result = beltid("compare-drive", "slip.parquet", "few.parquet", "-o", "c.parquet", "--json")
     assert result.exit_code == 4

@@ -108,11 +108,11 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
     assert result.exit_code == 3
     assert "warning: run S015: no equilibrium" in result.stderr
     assert "2 of 16 runs failed" in result.stdout
-    from beltid.artifacts.artifact import read_artifact
+    from beltid.store.artifact import read_artifact
 
     artifact = read_artifact(bench / "simulated.parquet", "simulated")
     assert len(set(artifact.columns["run"])) == 14
-    assert {row["run"] for row in artifact.metadata.set_aside} == {"S015", "S016"}
+    assert {row["run"] for row in artifact.record.set_aside} == {"S015", "S016"}
     compared = beltid("compare", "friction.parquet", "simulated.parquet")
     assert compared.exit_code == 0
     assert "2 runs not compared: no simulated run with these settings" in compared.stderr

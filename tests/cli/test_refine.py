@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import beltid as package
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 CALL = ("refine-surface", "friction.parquet", "stiffness.parquet")
 
@@ -34,7 +34,7 @@ def test_refine_surface_writes_a_surface_that_all_later_commands_take(
     assert refined.normal_force_N_m[-1] > 1.5 * published.normal_force_N_m[-1]
     assert refined.normal_force_N_m[0] < published.normal_force_N_m[0]
     # and are told apart from what was measured
-    low, high = read_artifact(bench / "surface_refined.parquet").metadata.measured[
+    low, high = read_artifact(bench / "surface_refined.parquet").facts["measured"][
         "normal_force_N_m"
     ]
     force = read_artifact(bench / "friction.parquet").columns["normal_force_N_m"]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from beltid.cli.reporter import console_for
+from beltid.cli.messages import console_for
 from beltid.report.cells import cell, fact, heading, name_and_unit
 from beltid.report.summary import Summary
 from beltid.report.terminal import show

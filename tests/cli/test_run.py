@@ -61,7 +61,7 @@ def test_a_failing_belt_does_not_stop_the_others(ran: Path, beltid: Any, second:
         "fit-friction": "failed",
         "build-surface": "not run",
         "refine-surface": "not run",
-        "compare hold-out": "not run",
+        "cross-validate": "not run",
         "simulate-rig": "not run",
         "compare": "not run",
         "simulate-rig refined": "not run",
@@ -74,7 +74,9 @@ def test_a_failing_belt_does_not_stop_the_others(ran: Path, beltid: Any, second:
 def test_a_single_belt_gives_its_own_status(ran: Path, beltid: Any) -> None:
     config = ran / "beltid.yaml"
     text = config.read_text()
-    config.write_text(text + "compare: {max_rms_relative_error: 0.001, hold_out: none}\n")
+    config.write_text(
+        text + "compare: {max_rms_relative_error: 0.001}\ncross_validate: {by: none}\n"
+    )
     assert beltid("run", "--no-report", "beltid.yaml").exit_code == 4
     (ran / "press.csv").write_text("test,time_s\n")
     config.write_text(text)
@@ -84,7 +86,7 @@ def test_a_single_belt_gives_its_own_status(ran: Path, beltid: Any) -> None:
 def test_the_refined_surface_decides(ran: Path, beltid: Any) -> None:
     """The published one misses by percents, the refined one by tenths of them."""
     config = ran / "beltid.yaml"
-    stated = "compare: {max_rms_relative_error: 0.01, hold_out: none}\n"
+    stated = "compare: {max_rms_relative_error: 0.01}\ncross_validate: {by: none}\n"
     config.write_text(config.read_text() + stated)
     result = beltid("run", "--no-report", "--json", "beltid.yaml")
     row = json.loads(result.stdout)["table"][0]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 CALL = ("simulate-rig", "surface.parquet", "stiffness.parquet")
 ONE = ("--arc", "82", "--tension", "220", "--speed", "0.21")
@@ -71,7 +71,7 @@ def test_a_dead_weight_keeps_its_force_and_its_recording_is_reduced(
 
 def _runs(path: Path) -> set[tuple[float, float, float]]:
     """Settings of the runs of a simulated recording; of the speeds the nearest hundredth."""
-    runs = read_artifact(path, "simulated").metadata.runs
+    runs = read_artifact(path, "simulated").tables["simulated_runs"]
     return {
         (row["arc_deg"], row["initial_tension_N"], round(row["pulley_speed_rad_s"], 2))
         for row in runs

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from beltid.artifacts.artifact import read_artifact
+from beltid.store.artifact import read_artifact
 
 BELT = Path("runs/5pk")
 STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
@@ -103,11 +103,11 @@ def test_a_prediction_of_another_recording_is_not_compared(others: Path, beltid:
 
 def test_all_that_an_artifact_was_made_from_is_stated(ran: Path) -> None:
     found = {kind: read_artifact(BELT / f"{kind}.parquet") for kind in ("compare", "simulated")}
-    stated = found["compare"].metadata.ancestors
+    stated = found["compare"].record.ancestors
     assert stated["stiffness"] == read_artifact(STIFFNESS).sha256
     assert stated["surface"] == read_artifact(SURFACE).sha256
-    assert stated["press"] == read_artifact(STIFFNESS).metadata.inputs["press"]
-    assert found["simulated"].metadata.ancestors["rig"] == stated["rig"]
+    assert stated["press"] == read_artifact(STIFFNESS).record.inputs["press"]
+    assert found["simulated"].record.ancestors["rig"] == stated["rig"]
 
 
 # --- the report of a run in which something failed, or is not wanted any more -------------------
@@ -135,7 +135,7 @@ def test_a_failed_stage_stands_on_top_and_what_it_left_is_not_shown(ran: Path, b
     assert "proven" not in text.replace("not proven", "")
     page = (BELT / "report.html").read_text()
     assert 'id="figure-compare_refined"' not in page
-    assert "compare_refined.parquet, compare_hold_out.parquet: not shown" in page
+    assert "compare_refined.parquet, crossvalidation.parquet: not shown" in page
     assert (BELT / "compare_refined.parquet").read_bytes() == before
 
 

@@ -145,7 +145,7 @@ def test_the_layout_of_files_is_a_dictionary_by_kind():
     config = load_config(LAYOUT)
     assert config.columns == {"press": {}, "rig": {"mu": "Reibwert"}, "speedloss": {}, "points": {}}
     assert config.units["press"] == {"force_N": {"factor": 250.0, "offset": 0.0}, "time_s": "ms"}
-    runs = {"pattern": "{run}.csv", "table": None, "fields": {}, "values": {"arc_deg": 82.0}}
+    runs = {"pattern": "{run}.csv", "table": None, "values": {"arc_deg": 82.0}}
     assert config.runs["rig"] == runs
     again = pickle.loads(pickle.dumps(config))
     assert (again, again.sha256) == (config, config.sha256)

@@ -17,8 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 import beltid
-from beltid.artifacts.artifact import read_artifact
 from beltid.cli import app
+from beltid.store.artifact import read_artifact
 
 ROOT = Path(__file__).parents[2]
 # everything but the writing of pages
@@ -80,7 +80,7 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
     # the limits of a drive, most of its work, at one tension and roughly
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
     assert len(commands(*ONWARD)) > 10
     for command in commands(*ONWARD):
@@ -121,7 +121,7 @@ def test_the_session_in_python_runs(project: Path) -> None:
     assert "<svg" in Path("friction.svg").read_text()
     saved = beltid.build_surface(read_artifact("friction.parquet"))
     assert saved.columns["mu"].size
-    assert read_artifact("friction.parquet").metadata.origin == "synthetic"
+    assert read_artifact("friction.parquet").origin == "synthetic"
 
 
 def test_the_page_on_real_numbers_prints_what_it_shows(
@@ -239,7 +239,7 @@ def test_pages_build_without_a_warning(tmp_path: Path) -> None:
 
 
 def test_every_target_and_every_command_is_documented() -> None:
-    from beltid.cli.commands.export import TARGET_NAMES
+    from beltid.cli.commands import TARGET_NAMES
 
     told = (ROOT / "docs" / "export.md").read_text()
     assert all(f"`{name}`" in told or f"export {name}" in told for name in TARGET_NAMES)

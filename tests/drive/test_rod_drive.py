@@ -16,7 +16,7 @@ from beltid.drive.results import Simulator
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.drive.drive_of_config import drive_of, points_of_slip
+from beltid.stages.drive_of_config import drive_of, points_of_slip
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -162,6 +162,6 @@ def test_without_a_target_all_are_listed() -> None:
 
 
 def test_names_of_targets_are_completed() -> None:
-    from beltid.cli.commands.export import TARGET_NAMES
+    from beltid.cli.commands import TARGET_NAMES
 
     assert set(TARGET_NAMES) == {*TARGETS, "all"}

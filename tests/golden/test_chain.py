@@ -57,7 +57,7 @@ def test_surfaces_of_the_5pk_belt(belt_5pk: Path) -> None:
         kept.check(f"chain/5pk_{name}", found)
 
 
-@pytest.mark.parametrize("name", ["compare", "compare_refined", "compare_hold_out"])
+@pytest.mark.parametrize("name", ["compare", "compare_refined", "crossvalidation"])
 def test_verdicts_of_the_5pk_belt(name: str, belt_5pk: Path) -> None:
     path = belt_5pk / f"{name}.parquet"
     said = done(belt_5pk, "show", path, "--json")
@@ -100,7 +100,7 @@ def test_artifacts_of_a_chain(belt_5pk: Path) -> None:
         "simulated_refined",
         "compare",
         "compare_refined",
-        "compare_hold_out",
+        "crossvalidation",
         "drive",
         "compare_drive",
     }
@@ -154,9 +154,9 @@ def test_compare_says_whether_it_agrees(bench: Path) -> None:
 
 def test_runs_left_out_are_predicted(bench: Path) -> None:
     said = beltid(
-        bench, "compare", "friction.parquet", "stiffness.parquet", "--hold-out", "arc", "--json"
+        bench, "cross-validate", "friction.parquet", "stiffness.parquet", "--by", "arc", "--json"
     )
-    found = columns(bench / "compare_hold_out.parquet", ["run", "mu_measured", "mu_simulated"])
+    found = columns(bench / "crossvalidation.parquet", ["run", "mu_measured", "mu_simulated"])
     kept.check("chain/small_hold_out", {"columns": found, "status": said.status})
 
 

@@ -30,6 +30,7 @@ COMMANDS = [
     "refine-surface",
     "simulate-rig",
     "compare",
+    "cross-validate",
     "simulate-drive",
     "compare-drive",
     "plan",
@@ -92,7 +93,7 @@ def test_a_key_that_nothing_depends_on_recomputes_nothing(two_belts: Path) -> No
     last = {p.name: p.stat().st_mtime_ns for p in (two_belts / "runs/one").glob("*.parquet")}
     changed = {name for name in last if last[name] != times[name]}
     assert changed
-    assert all(name.startswith("compare") for name in changed)
+    assert all(name.startswith(("compare", "crossvalidation")) for name in changed)
 
 
 def test_dry_run_writes_nothing(two_belts: Path, tmp_path: Path) -> None:

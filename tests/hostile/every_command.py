@@ -16,8 +16,8 @@ belt: {name: work}
 rig: {arcs_deg: [40, 82], initial_tensions_N: [100, 411], pulley_speeds_rad_s: [0.05, 0.21]}
 simulation: {method: steady, elements: 20}
 compare_drive: {max_rms_relative_error: 0.3}
+cross_validate: {by: none}
 compare:
-  hold_out: none
   max_rms_relative_error: 0.2
   max_mean_relative_error: 0.2
   max_relative_error: 0.9
@@ -35,6 +35,7 @@ COMMANDS = (
     "refine-surface friction.parquet stiffness.parquet",
     "simulate-rig surface.parquet stiffness.parquet -j 1",
     "compare friction.parquet simulated.parquet",
+    "cross-validate friction.parquet stiffness.parquet -j 1",
     "simulate-drive surface.parquet stiffness.parquet --from slip.parquet",
     "compare-drive slip.parquet drive.parquet",
     "plan surface_refined.parquet stiffness.parquet --from friction.parquet --runs 1",
@@ -77,10 +78,10 @@ def main(folder: Path) -> dict[str, list[object]]:
 
     from beltid.cli import app
     from beltid.drive import limits
-    from beltid.stages.drive import simulate_drive
+    from beltid.stages import drive
 
     # the limits of a drive, most of its work, at one tension and roughly
-    simulate_drive.TENSIONS, limits.TOLERANCE = (1.0,), 0.05
+    drive.TENSIONS, limits.TOLERANCE = (1.0,), 0.05
     work = folder / "work"
     work.mkdir()
     bench(work)

@@ -199,8 +199,8 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from beltid.artifacts.artifact import METADATA_KEY, SEAL_KEY
-    from beltid.artifacts.file_bytes import sha256
+    from beltid.store.artifact import RECORD_KEY, SEAL_KEY
+    from beltid.store.disk import sha256
 
     table = pq.read_table(pa.BufferReader(data))
     metadata = dict(table.schema.metadata or {})
@@ -234,8 +234,8 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
         table = table.append_column(name, table.column(name))  # a name twice
     elif kind == 3:
         table = table.slice(0, dice.choice((0, 1)))
-    elif METADATA_KEY in metadata:
-        text = metadata[METADATA_KEY].decode()
+    elif RECORD_KEY in metadata:
+        text = metadata[RECORD_KEY].decode()
         if kind == 4:
             record = json.loads(text)
             key = dice.choice(list(record))
@@ -243,7 +243,7 @@ def _rewritten(data: bytes, dice: random.Random) -> bytes:
             text = json.dumps(record)
         else:
             text = text_changed(text.encode(), dice).decode("utf-8", "replace")
-        metadata[METADATA_KEY] = text.encode()
+        metadata[RECORD_KEY] = text.encode()
         metadata[SEAL_KEY] = sha256(text.encode()).encode()
     out = io.BytesIO()
     pq.write_table(table.replace_schema_metadata(metadata), out, write_page_checksum=True)

@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
@@ -18,9 +17,10 @@ from beltid.export.law_file import law_from_text
 from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
-from beltid.stages.results.belt_results import sheet_of
-from beltid.stages.results.show_artifact import summary_of
-from beltid.stages.tables import press_law, surface_of
+from beltid.report.view import shown_of
+from beltid.stages.belt_results import checked_sheet
+from beltid.stages.inputs import press_law, surface_of
+from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
 CONFIG = load_config()
@@ -38,18 +38,18 @@ def _recording(kind: str) -> Callable[[Path], object]:
 def _artifact(path: Path) -> object:
     """An artifact, and what stages and the report make of it before they compute or draw."""
     artifact = read_artifact(path)
-    sheet = sheet_of(artifact)
+    sheet = checked_sheet(artifact)
     if artifact.kind == "surface":
         surface_of(artifact)
     elif artifact.kind == "stiffness":
         press_law(artifact, CONFIG)
     elif artifact.kind == "simulated":
-        runs_uncertainty_of(artifact.metadata.figures)
+        runs_uncertainty_of(artifact.facts)
     results = BeltResults("x", {artifact.kind: sheet})
     verdict_of(results)
     for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):
         table(results)
-    return summary_of(artifact, None, [], None).as_json()
+    return shown_of(artifact, []).as_json()
 
 
 def _law(path: Path) -> object:

@@ -17,12 +17,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from beltid.artifacts import parquet_table
-from beltid.artifacts.artifact import read_artifact
 from beltid.bench.files import sources_of
 from beltid.bench.recording import read_recording
 from beltid.cli import app
 from beltid.errors import LONGEST_LINE, ArtifactError, InputError, printable
+from beltid.store import parquet
+from beltid.store.artifact import read_artifact
 
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"
@@ -48,7 +48,7 @@ def written(path: Path, columns: dict[str, object]) -> Path:
 
 
 def test_a_small_parquet_file_that_claims_a_great_many_rows_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(parquet_table, "MAX_CELLS", 1_000_000)  # the test is to be quick
+    monkeypatch.setattr(parquet, "MAX_CELLS", 1_000_000)  # the test is to be quick
     n = 2_000_000
     column = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, np.int8)), pa.array([1.0]))
     path = written(tmp_path / "rig.parquet", {"time_s": column})

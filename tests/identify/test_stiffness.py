@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from beltid.errors import FitError, InputError
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness
-from beltid.stages.results.recorded_curves import branch_columns
+from beltid.stages.curves import branch_columns
 
 
 def settings(bench: Bench, **changes: object) -> StiffnessSettings:

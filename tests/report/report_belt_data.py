@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from beltid.artifacts.artifact import write_artifact
-from beltid.artifacts.metadata_models import METADATA
 from beltid.report.results import ArcProfile, BeltResults, Sheet
+from beltid.store.artifact import Record, write_artifact
 
 ARCS = (40.0, 82.0)
 TENSIONS = (100.0, 300.0, 410.0)
@@ -178,7 +177,7 @@ def statistics(factor: float, passed: bool) -> dict[str, Any]:
         for t in TENSIONS
         for w in SPEEDS
     ]
-    return {**ORIGIN, "passed": passed, "statistics": [group], "averaged": averaged}
+    return {**ORIGIN, "passed": passed, "groups": [group], "averaged": averaged}
 
 
 def predicted(over_u: float) -> dict[str, Any]:
@@ -199,7 +198,7 @@ def simulated_extra() -> dict[str, Any]:
         }
         for k in range(len(table["run"]))
     ]
-    return {**ORIGIN, "runs": runs, "notes": ["12 % of the points lie outside the range"]}
+    return {**ORIGIN, "simulated_runs": runs, "notes": ["12 % of the points lie outside the range"]}
 
 
 def budget() -> list[dict[str, Any]]:
@@ -246,7 +245,7 @@ def tables() -> dict[str, tuple[str, dict[str, Any], dict[str, Any]]]:
         "compare": ("compare", compare(0.97), statistics(0.97, False)),
         "simulated_refined": ("simulated", recording, simulated_extra()),
         "compare_refined": ("compare", compare(1.001), statistics(1.001, True)),
-        "compare_hold_out": ("compare", compare(1.004), predicted(0.9)),
+        "crossvalidation": ("crossvalidation", compare(1.004), predicted(0.9)),
         "press_curves": ("press_curves", press_curves(), ORIGIN),
         "rig_curves": ("rig_curves", rig_curves(), ORIGIN),
     }
@@ -299,6 +298,17 @@ def write(folder: Path, *names: str) -> Path:
     """A folder with the artifacts of the belt, or some of them."""
     for name, (kind, columns, extra) in tables().items():
         if not names or name in names:
-            stated = METADATA[kind](**extra, settings=SETTINGS)
-            write_artifact(folder / f"{name}.parquet", kind, columns, stated)
+            said = stating(Sheet(name, kind, columns), **extra)
+            facts = {k: v for k, v in said.facts.items() if k != "passed"}
+            record = Record(
+                kind,
+                settings=SETTINGS,
+                facts=facts,
+                tables=dict(said.tables),
+                origin=said.origin,
+                notes=list(said.notes),
+                warnings=list(said.warnings),
+                passed=extra.get("passed"),
+            )
+            write_artifact(folder / f"{name}.parquet", columns, record)
     return folder

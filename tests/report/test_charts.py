@@ -24,7 +24,6 @@ from report_belt_data import (
 )
 
 import beltid
-from beltid.artifacts.metadata_models import METADATA, plain
 from beltid.report.charts import (
     CHARTS,
     NotDrawn,
@@ -38,7 +37,7 @@ from beltid.report.charts import (
 from beltid.report.figures import bench
 from beltid.report.figures import friction as of_friction
 from beltid.report.page import Page, belt_page
-from beltid.report.results import BeltResults, Sheet, sheet_from
+from beltid.report.results import BeltResults, Sheet, sheet_of
 
 mpl.use("agg")
 
@@ -274,7 +273,7 @@ def test_the_map_hatches_where_the_friction_falls_with_the_speed() -> None:
 
 def test_measured_against_simulated_are_the_means_over_arcs() -> None:
     # what was left out comes first
-    keys = ["compare_hold_out", "compare_refined", "compare"]
+    keys = ["crossvalidation", "compare_refined", "compare"]
     assert [p.key for p in drawn("averaged:{name}")] == keys
     axes = axes_of(drawn("averaged:{name}")[2])[0]
     rows = sheets()["compare"].rows("averaged")
@@ -294,7 +293,7 @@ def test_differences_are_relative_and_in_percent() -> None:
     axes = axes_of(drawn("differences")[0])[0]
     assert line(axes, "published, arc 40°")[:, 1] == pytest.approx(-3.0)
     assert line(axes, "refined, arc 82°")[:, 1] == pytest.approx(0.1)
-    predicted = stating(sheets()["compare"], hold_out="arc")
+    predicted = stating(sheets()["crossvalidation"], hold_out="arc")
     said = [f"{p.title} {p.caption}" for p in pictures_of(predicted)]
     assert said[0].startswith("Measured against simulated, runs left out and predicted")
     assert not any("published" in text for text in said)
@@ -366,7 +365,7 @@ TRIANGLE: dict[str, Any] = {
 
 def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says() -> None:
     made = beltid.simulate_drive({"drive": TRIANGLE}, 1.0, beltid.NormalLaw(6.5e7, 3.0256e11))
-    of = sheet_from("drive", "drive", made.columns, METADATA["drive"](**plain(made.extra)))
+    of = sheet_of("drive", made.as_artifact())
     pictures = pictures_of(of)
     assert [p.key for p in pictures] == ["drawing", "loss", "arcs", "along-arcs", "slip-limit"]
     assert "largest torque 8" in pictures[0].caption

@@ -32,8 +32,7 @@ from beltid.report.page import Page, Section, belt_page, belts_page
 from beltid.report.results import BeltResults
 from beltid.report.tables import nodes, set_aside, settings, tiles
 from beltid.report.verdict import verdict_of
-from beltid.stages.reporter import Options
-from beltid.stages.results import report_belt
+from beltid.stages import report_belt
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 
@@ -93,7 +92,7 @@ def test_paper_has_the_verdict_the_law_the_proof_and_four_limits(page: str) -> N
     assert trust.count("<li>") == 4
     proof = page[page.index('<section id="proof"') :].split("</section>")[0]
     figures = re.findall('id="figure-([^"]+)"', proof)
-    assert figures == ["compare_hold_out", "compare_refined", "compare"]
+    assert figures == ["crossvalidation", "compare_refined", "compare"]
     assert page.index('id="figure-map-surface_refined"') < page.index('id="figure-map-surface"')
 
 
@@ -232,22 +231,22 @@ def test_proven_needs_runs_that_cover_the_surface() -> None:
     refined = whole.sheets["compare_refined"]
     share = {"tolerance": "min_share_compared", "found": 0.2, "allowed": 0.5, "holds": False}
     rms = {"tolerance": "max_rms_relative_error", "found": 0.2, "allowed": 0.1, "holds": False}
-    too_few = stating(refined, passed=False, judged=[share], n_measured=55)
-    missed = stating(sheets()["compare_hold_out"], **predicted(3.1))
+    too_few = stating(refined, passed=False, judged=[share], runs_measured=55)
+    missed = stating(sheets()["crossvalidation"], **predicted(3.1))
     one_tension = changed(known, nominal_tension_N=np.full(n, 300.0))
     for others, said in (
         ({"compare_refined": stating(refined, validation={"rms_e_over_u": 2.4})}, "runs by 2.4 of"),
         ({"compare_refined": too_few}, "not proven (only 11 of 55 runs compared)"),
-        ({"compare_hold_out": None}, "no runs were left out and predicted"),
-        ({"compare_hold_out": missed}, "miss by 3.1 of their standard uncertainti"),
+        ({"crossvalidation": None}, "no runs were left out and predicted"),
+        ({"crossvalidation": missed}, "miss by 3.1 of their standard uncertainti"),
         ({"friction": one_tension}, "not proven (one tension, three are needed)"),
     ):
         state, told = head_of(whole, **others)
         assert state == "open"
         assert said in told
     wide = stating(too_few, judged=[rms, share])
-    failed = stating(sheets()["compare_hold_out"], passed=False)
-    for others in ({"compare_refined": wide}, {"compare_hold_out": failed}):
+    failed = stating(sheets()["crossvalidation"], passed=False)
+    for others in ({"compare_refined": wide}, {"crossvalidation": failed}):
         state, told = head_of(whole, **others)
         assert state == "bad"
         assert told.startswith("Identified, but out of tolerance: friction of an arc")
@@ -316,7 +315,7 @@ def test_verdict_is_that_of_the_comparison(page: str) -> None:
     assert "Identified, not proven (two speeds, three are needed)" in head
     published = verdict_of(without("compare_refined"))
     assert (published.state, published.headline[:32]) == ("bad", "Identified, but out of tolerance")
-    nothing = verdict_of(without("compare", "compare_refined", "compare_hold_out"))
+    nothing = verdict_of(without("compare", "compare_refined", "crossvalidation"))
     assert (nothing.state, nothing.headline[:10]) == ("open", "Not proven")
 
 
@@ -375,18 +374,18 @@ def test_settings_that_differ_between_artifacts_are_all_reported() -> None:
 def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "stiffness", "slip")
     out = folder / "report.html"
-    first = report_belt.run([folder], None, Options())
+    first = report_belt.run([folder], None)
     assert not first.up_to_date
     before = out.stat().st_mtime_ns
-    assert report_belt.run([folder], None, Options()).up_to_date
+    assert report_belt.run([folder], None).up_to_date
     assert out.stat().st_mtime_ns == before
     text = out.read_text()
     for other in (text.replace("Not proven", "Proven"), text[: len(text) // 2], f"{text}\n"):
         out.write_text(other)
-        assert not report_belt.run([folder], None, Options()).up_to_date
+        assert not report_belt.run([folder], None).up_to_date
         assert out.read_text() == text
     write(folder, "friction")
-    assert not report_belt.run([folder], None, Options()).up_to_date
+    assert not report_belt.run([folder], None).up_to_date
     assert "never turned" in out.read_text()
 
 
@@ -395,7 +394,7 @@ def test_a_damaged_artifact_is_reported_and_the_rest_is_shown(tmp_path: Path) ->
     folder = write(tmp_path / "belt", "stiffness", "slip")
     path = folder / "slip.parquet"
     path.write_bytes(path.read_bytes()[:-40])
-    summary = report_belt.run([folder], None, Options())
+    summary = report_belt.run([folder], None)
     assert any("slip.parquet: damaged" in line for line in summary.warnings)
     assert "slip.parquet: damaged" in (folder / "report.html").read_text()
 
@@ -405,25 +404,25 @@ def test_a_file_that_is_no_report_is_not_replaced(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "slip")
     (folder / "report.html").write_text("<html>my own page</html>")
     with pytest.raises(InputError, match="did not write"):
-        report_belt.run([folder], None, Options())
-    report_belt.run([folder], None, Options(force=True))
+        report_belt.run([folder], None)
+    report_belt.run([folder], None, force=True)
     (folder / "data.csv").write_text("1,2")
     with pytest.raises(InputError, match="not replaced"):
-        report_belt.run([folder], folder / "data.csv", Options(force=True))
+        report_belt.run([folder], folder / "data.csv", force=True)
     assert (folder / "data.csv").read_text() == "1,2"
 
 
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="no such folder"):
-        report_belt.run([tmp_path / "nothing"], None, Options())
+        report_belt.run([tmp_path / "nothing"], None)
     with pytest.raises(ArtifactError, match="no results of a belt"):
-        report_belt.run([tmp_path], None, Options())
+        report_belt.run([tmp_path], None)
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None:
     folders = [write(tmp_path / name, "slip", "stiffness") for name in ("one", "two")]
-    summary = report_belt.run(folders, None, Options())
+    summary = report_belt.run(folders, None)
     assert summary.out == tmp_path / "report.html"
     text = (tmp_path / "report.html").read_text()
     checked(text)
@@ -431,11 +430,11 @@ def test_several_belts_are_compared_on_a_page_with_links(tmp_path: Path) -> None
         assert f'href="{name}/report.html"' in text
         assert (tmp_path / name / "report.html").is_file()
     with pytest.raises(InputError, match="twice"):
-        report_belt.run([folders[0], folders[0]], None, Options())
+        report_belt.run([folders[0], folders[0]], None)
 
 
 def test_a_row_of_several_belts_tells_each_verdict_with_its_number() -> None:
-    page = belts_page([results(), without("compare_hold_out")], ["a", "b"], "0" * 64)
+    page = belts_page([results(), without("crossvalidation")], ["a", "b"], "0" * 64)
     table = page.sections[0].tables[0]
     assert table.headings[-3:] == ("published rms [%]", "refined rms [%]", "predicted rms [%]")
     verdicts = [row[-3:] for row in table.rows]

@@ -10,8 +10,8 @@ import pytest
 
 from beltid.config import load_config
 from beltid.identify.friction.reduction import reduce_runs
-from beltid.stages.simulation.campaign import recording_columns, simulation_settings
-from beltid.stages.simulation.planned_runs import Picked, planned_runs
+from beltid.stages.campaign import recording_columns, simulation_settings
+from beltid.stages.planned_runs import Picked, planned_runs
 from beltid.tables import schemas
 
 CONFIG = load_config(

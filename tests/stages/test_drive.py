@@ -21,7 +21,7 @@ TWO = [
 @pytest.fixture(autouse=True)
 def two_tensions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The limits over the tension, most of the work of a call, at two tensions only."""
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (0.8, 1.25))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (0.8, 1.25))
 
 
 def true_surface() -> beltid.FrictionSurface:
@@ -72,7 +72,7 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
     # 1 % of EA takes 1 % off the creep, and at fixed centres a little off the forces
     ratio = driven["speed_loss_u_rad_s"] / (0.01 * driven["loss_creep_rad_s"])
     assert ratio.to_numpy() == pytest.approx(1.0, abs=0.03)
-    assert [row["source"] for row in outcome.extra["budget"]] == [
+    assert [row["source"] for row in outcome.tables["budget"]] == [
         "axial stiffness of the belt",
         "combined",
     ]
@@ -83,7 +83,7 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
     outcome = beltid.simulate_drive(
         config(initial_tension_N=[155, 310], operating_points=points), 1.0, LAW
     )
-    limits = outcome.extra["slip_limits"]
+    limits = outcome.tables["slip_limits"]
     assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
     for row in limits:
         assert row["largest_torque_N_m"] == pytest.approx(10.0, rel=1e-9)
@@ -140,8 +140,8 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
     # and S20 of the synthetic recording; the string is 0.06 away
     assert losses["rod"] / losses["string"] == pytest.approx([0.934, 0.942], abs=0.02)
     for outcome in found.values():
-        assert [row["pulley"] for row in outcome.extra["arcs"]] == ["driver", "driven"]
-        for row in outcome.extra["arcs"]:
+        assert [row["pulley"] for row in outcome.tables["arcs"]] == ["driver", "driven"]
+        for row in outcome.tables["arcs"]:
             assert min(row["angle_deg"]) >= 0.0
             assert max(row["angle_deg"]) <= 182.0
             ahead = 1.0 if row["pulley"] == "driver" else -1.0
@@ -166,12 +166,12 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
 def test_slip_limit_over_the_tension_is_that_of_each_tension() -> None:
     points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [10]}}
     once = beltid.simulate_drive(config(operating_points=points), 1.0, LAW)
-    rows = once.extra["limits_over_tension"]
+    rows = once.tables["limits_over_tension"]
     other = beltid.simulate_drive(
         config(operating_points=points, initial_tension_N=[rows[0]["initial_tension_N"]]), 1.0, LAW
     )
     for name in ("adhesion_end_torque_N_m", "slip_limit_torque_N_m"):
-        assert rows[0][name] == pytest.approx(other.extra["slip_limits"][0][name], rel=1e-4)
+        assert rows[0][name] == pytest.approx(other.tables["slip_limits"][0][name], rel=1e-4)
     assert np.all(np.diff([row["slip_limit_torque_N_m"] for row in rows]) > 0.0)
 
 

@@ -13,10 +13,10 @@ from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
 from beltid.identify.agreement.hold_out import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.simulation.compare import predict_held_out
-from beltid.stages.simulation.hold_out import Predicted, predict
-from beltid.stages.simulation.planned_runs import with_tensions
-from beltid.stages.tables import press_law
+from beltid.stages.cross_validate import Predicted, predict
+from beltid.stages.inputs import press_law
+from beltid.stages.planned_runs import with_tensions
+from beltid.stages.steps import cross_validate
 
 TRUTH = Path(__file__).parents[1] / "truth" / "5pk" / "truth.csv"
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -71,11 +71,11 @@ def without_arc(columns: Columns, number: int) -> Predicted:
     ],
 )
 def test_runs_left_out_are_predicted_as_the_true_model_has_them(by, speeds, runs, rms) -> None:
-    outcome = predict_held_out(bench(speeds=speeds), LAW, hold_out=by)
+    outcome = cross_validate(bench(speeds=speeds), LAW, by=by)
     assert len(outcome.columns["run"]) == runs
     assert outcome.result.overall.rms < rms
     assert outcome.result.passed
-    assert outcome.extra["hold_out"] == by
+    assert outcome.facts["hold_out"] == by
     # the noise stated is more than there is, and nothing of the bench is wrong
     assert np.all(np.abs(outcome.columns["e_over_u"]) < 2.0)
 
@@ -98,10 +98,10 @@ def test_friction_with_a_maximum_between_the_speeds_is_covered() -> None:
     columns = bench(arcs=(40, 82), speeds=SPEEDS[::2])
     high = np.where(np.abs(columns["pulley_speed_rad_s"] - 0.21) < 0.02, 1.08, 1.0)
     columns = {**columns, "mu_sliding": columns["mu_sliding"] * high}
-    outcome = predict_held_out(columns, LAW, hold_out="speed")
+    outcome = cross_validate(columns, LAW, by="speed")
     assert outcome.result.overall.rms == pytest.approx(0.08, abs=0.02)
     assert np.all(np.abs(outcome.columns["e_over_u"]) < 2.0)
-    assert "interpolation between the speeds" in [row["source"] for row in outcome.extra["budget"]]
+    assert "interpolation between the speeds" in [row["source"] for row in outcome.tables["budget"]]
 
 
 def test_between_speeds_the_interpolation_is_as_uncertain_as_its_curvature() -> None:
@@ -172,15 +172,15 @@ def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None
 def test_a_bench_that_cannot_do_without_a_setting_says_so() -> None:
     columns = bench(arcs=(82,))
     with pytest.raises(TooFewSettings, match="1 arc measured, must be at least 2"):
-        predict_held_out(columns, LAW)
+        cross_validate(columns, LAW)
     two_speeds = {
         name: values[columns["pulley_speed_rad_s"] < 0.2] for name, values in columns.items()
     }
     with pytest.raises(TooFewSettings, match="2 speeds measured, must be at least 3"):
-        predict_held_out(two_speeds, LAW, hold_out="speed")
+        cross_validate(two_speeds, LAW, by="speed")
     few = bench(arcs=(40, 82))
     rows = np.r_[0:6, 25:28]
     with pytest.raises(TooFewSettings, match="3 runs are left without arc 40°"):
-        predict_held_out({name: values[rows] for name, values in few.items()}, LAW)
+        cross_validate({name: values[rows] for name, values in few.items()}, LAW)
     with pytest.raises(InputError, match="must be arc or speed"):
-        predict_held_out(columns, LAW, hold_out="tension")
+        cross_validate(columns, LAW, by="tension")

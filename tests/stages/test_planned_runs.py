@@ -11,8 +11,8 @@ import pytest
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.plan.candidates import Settings
-from beltid.stages.simulation.plan_inputs import rig_settings
-from beltid.stages.simulation.planned_runs import (
+from beltid.stages.plan_inputs import rig_settings
+from beltid.stages.planned_runs import (
     Picked,
     PlannedRun,
     differing_settings,

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltid.artifacts.artifact import read_artifact
 from beltid.bench.recording import read_recording
 from beltid.config import find_config
 from beltid.identify.friction.kinds import KnownCells
-from beltid.stages.identification import fit_friction
-from beltid.stages.identification.reduction import records_of
-from beltid.stages.reporter import Options
-from beltid.stages.results.recorded_curves import SMALL_SAMPLES, rig_curves, typical_runs
+from beltid.stages.curves import SMALL_SAMPLES, typical_runs
+from beltid.stages.reduction import records_of
+from beltid.stages.steps import fit_friction, rig_curves
+from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
 
@@ -40,8 +39,8 @@ def bench(tmp_path: Path) -> Path:
 def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     rig, friction = bench / "rig.csv", bench / "friction.parquet"
     source = find_config(rig, None)
-    fit_friction.run(source, {"rig": rig}, friction, Options())
-    curves = rig_curves(source, rig, friction, bench / "curves.parquet", Options())
+    fit_friction.run(source, {"frame": rig}, friction)
+    curves = rig_curves.run(source, {"frame": rig, "friction": friction}, bench / "curves.parquet")
     columns, reduced = curves.artifact.columns, read_artifact(friction, "friction").columns
     recorded = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=(2, 3))
     labels = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=0, dtype=str)

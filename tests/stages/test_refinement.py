@@ -8,8 +8,8 @@ import pytest
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.laws.penalty import NormalLaw
-from beltid.stages.simulation.refinement import prepared_campaign
-from beltid.stages.tables import press_law
+from beltid.stages.inputs import press_law
+from beltid.stages.refinement import prepared_campaign
 
 
 def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:

@@ -14,13 +14,13 @@ from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rigsim.rig import RunResult
-from beltid.stages.simulation.campaign import (
+from beltid.stages.campaign import (
     bench_of,
     recording_columns,
     simulated_results,
     simulation_settings,
 )
-from beltid.stages.simulation.planned_runs import Picked, planned_runs
+from beltid.stages.planned_runs import Picked, planned_runs
 
 R = 0.05
 LAW = NormalLaw(6.5e7, 3.0256e11)

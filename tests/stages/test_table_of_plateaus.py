@@ -11,11 +11,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from beltid.artifacts.artifact import read_artifact
+from beltid import build_surface, fit_friction
 from beltid.cli.program import app
 from beltid.errors import InputError
-from beltid.stages.identification.build_surface import build_surface
-from beltid.stages.identification.fit_friction import fit_friction
+from beltid.store.artifact import read_artifact
 
 R = 0.05
 
@@ -103,7 +102,7 @@ def test_a_table_may_state_coefficient_and_force_itself():
     built = build_surface(found)
     assert float(built.result.surface.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
     # no rig, so nothing of its calibration: the scatter alone
-    names = {row["source"] for row in built.extra["budget"]}
+    names = {row["source"] for row in built.tables["budget"]}
     assert names == {"scatter of the runs", "combined"}
 
 
@@ -186,13 +185,6 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     assert result.exit_code == 0, result.stderr
 
 
-def test_a_recording_and_a_table_are_not_taken_together(tmp_path: Path):
-    for call in (["fit-friction"], ["fit-friction", "rig.csv", "--table", "points.csv"]):
-        result = CliRunner().invoke(app, call)
-        assert result.exit_code == 2
-        assert "a recording, or a table by --table" in result.stderr
-
-
 def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path: Path):
     table, _ = by_kind("two_cells")
     wet = table.assign(tension_tight_N=table["tension_slack_N"] * 1.2, condition="Wet")
@@ -205,7 +197,7 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface(tmp_path
     ):
         build_surface(found)
     built = build_surface(found, condition="dry")
-    assert built.extra["conditions"] == {"condition": "dry"}
+    assert built.facts["conditions"] == {"condition": "dry"}
     dry = built.result.surface
     assert float(dry.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
     with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):

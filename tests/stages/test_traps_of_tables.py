@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from beltid import fit_friction
 from beltid.cli.program import app
 from beltid.errors import InputError
-from beltid.stages.identification.fit_friction import fit_friction
 
 R, ARC = 0.045, np.radians([75.0, 150.0, 75.0, 150.0])
 SLACK = np.array([40.0, 90.0, 160.0, 260.0])

@@ -1,8 +1,8 @@
-"""A result depends on whole sections of the config: on all that its stage reads, and no others."""
+"""A result depends on the sections of the config that its stage names, and on no others."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 
 from beltid.cli import app
 from beltid.config import Config, find_config
-from beltid.stages.build_artifact import Build, Built
-from beltid.stages.reporter import Options
-from beltid.stages.results.report_belt import keep_curves
+from beltid.stage import RECORDINGS, STAGES, Stage
+from beltid.stages.report_belt import keep_curves
 
 CONFIG = """\
 belt: {name: small}
@@ -23,8 +22,6 @@ drive: {method: string}
 data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
 """
 DATA = Path(__file__).parents[2] / "rigdata" / "5pk"
-UNUSED = {"stiffness": {"rig"}, "press_curves": {"rig"}}
-"""Sections that are handed to the reader of every recording, of use to that of the rig only."""
 
 
 @pytest.fixture
@@ -44,52 +41,48 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part_of_rig: Any) -> 
     return tmp_path
 
 
-def test_a_result_depends_on_every_section_that_its_stage_reads(
+def poisoned(config: Config, uses: tuple[str, ...]) -> Config:
+    """A config that no other section than these can be read of."""
+
+    class Poisoned(Config):
+        def __getattribute__(self, name: str) -> Any:
+            if name in Config.model_fields and name not in uses:
+                raise AssertionError(f"the section {name} is read, but not among {uses}")
+            return super().__getattribute__(name)
+
+    return Poisoned.model_construct(config.model_fields_set, **dict(config))
+
+
+def test_a_stage_reads_no_section_that_it_does_not_name(
     bench: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read: set[str] = set()
-    missing: dict[str, set[str]] = {}
-    get, up_to_date, write = Config.__getattribute__, Build.up_to_date, Build.write
+    ran: set[str] = set()
 
-    def noted(config: Config, name: str) -> Any:
-        if name in Config.model_fields and name != "data":
-            read.add(name)
-        return get(config, name)
+    def guarded(compute: Callable[..., Any], stage: Stage) -> Any:
+        # of a recording, how it is read counts, too
+        recorded = any(callable(kind) or kind in RECORDINGS for kind in stage.reads.values())
+        uses = (*stage.uses, *(("units",) if recorded else ()))
 
-    def begun(build: Build) -> Built | None:
-        built = up_to_date(build)
-        read.clear()
-        return built
+        def call(**given: Any) -> Any:
+            ran.add(stage.name)
+            return compute(**{**given, "config": poisoned(given["config"], uses)})
 
-    def ended(build: Build, outcome: Any) -> Built:
-        used = {use.partition(".")[0] for use in build.uses}
-        missing[build.out.stem] = {*read} - used - UNUSED.get(build.out.stem, set())
-        return write(build, outcome)
+        return call
 
-    monkeypatch.setattr(Config, "__getattribute__", noted)
-    monkeypatch.setattr(Build, "up_to_date", begun)
-    monkeypatch.setattr(Build, "write", ended)
-    monkeypatch.setattr("beltid.stages.drive.simulate_drive.TENSIONS", (1.0,))
-    done = CliRunner().invoke(app, ["run", "beltid.yaml", "-j", "1", "--no-report"])
-    assert done.exit_code in (0, 4), done.stderr
-    keep_curves(find_config(None, Path("beltid.yaml")), Path("runs/small"), Options())
-    assert len(missing) == 14
-    assert {name: sections for name, sections in missing.items() if sections} == {}
+    for stage in STAGES.values():
+        monkeypatch.setattr(stage, "compute", guarded(stage.compute, stage))
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
+    runner = CliRunner()
+    done = runner.invoke(app, ["run", "beltid.yaml", "-j", "1", "--no-report"])
+    assert done.exit_code in (0, 4), (done.stderr, done.exception)
+    keep_curves(find_config(None, Path("beltid.yaml")), Path("runs/small"))
+    done = runner.invoke(app, ["plan", "-o", "plan.csv", "--runs", "1"])
+    assert done.exit_code == 0, (done.stderr, done.exception)
+    assert ran == set(STAGES)
 
 
-def test_compare_is_made_again_after_any_key_of_the_rig_has_changed(
-    bench: Path,
-) -> None:
-    def compared(rig: str) -> bool:
-        (bench / "rig.yaml").write_text(f"rig: {{{rig}}}\n")
-        call = ["compare", "friction.parquet", "rig.csv", "-c", "rig.yaml", "--json"]
-        done = CliRunner().invoke(app, call)
-        assert done.exit_code == 0, done.stderr
-        return not json.loads(done.stdout)["up_to_date"]
-
-    done = CliRunner().invoke(app, ["fit-friction", "rig.csv"])
-    assert done.exit_code == 0, done.stderr
-    assert compared("slide: free")
-    assert not compared("slide: free")
-    assert compared("slide: held")
-    assert compared("span_length_m: 0.2")
+def test_the_poison_is_noticed() -> None:
+    config = poisoned(Config(), ("rig",))
+    assert config.rig_params().R > 0.0
+    with pytest.raises(AssertionError, match="the section belt is read"):
+        config.belt_params()

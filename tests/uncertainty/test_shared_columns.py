@@ -105,12 +105,12 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     # published: the line force follows a coefficient by (x/2) coth(x/2) - 1 < 0.2, x = mu beta, and
     # the surface that force by its slope of -0.2
     for outcome, low, high in ((published, 1.0, 1.03), (refined, 1 / response.max(), 1.2)):
-        found = lines(outcome.extra["budget"])
+        found = lines(outcome.tables["budget"])
         # the coefficient of a run follows a factor on the surface by its response, 0.85 to 1.02
         for name, size in (("shape of the tail", TAIL), ("common drift", -DRIFT)):
             assert 0.99 * low < found[name] / (100 * size) < 1.01 * high
         assert found["scatter of the runs"] < 100 * OWN * 1.1 or outcome is published
-        names = [s["error"] for s in outcome.extra["uncertainty"]["sources"]]
+        names = [s["error"] for s in outcome.facts["uncertainty"]["sources"]]
         assert names[:2] == ["shared_tail", "shared_drift"]
         factor = outcome.columns["mu_factor"]
         known = np.isfinite(outcome.columns["mu_u"])
@@ -158,8 +158,8 @@ def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
 def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
     # every key 0: nothing is shared; the scatter is what is left
     outcome = beltid.build_surface(friction(), NOTHING)
-    assert set(lines(outcome.extra["budget"])) == {"scatter of the runs", "combined"}
-    assert set(lines(plain.extra["budget"])) == {
+    assert set(lines(outcome.tables["budget"])) == {"scatter of the runs", "combined"}
+    assert set(lines(plain.tables["budget"])) == {
         "differences between arcs",
         "change over the campaign",
         "scatter of the runs",
@@ -205,11 +205,11 @@ def test_arcs_that_differ_are_reported_with_their_size_and_are_in_the_uncertaint
     # default uncertainties of the arcs and cells: 0.3 % off in some draws, 0.8 % in others
     assert abs(apart.size - 0.06) < 1.96 * apart.uncertainty < 0.02
     assert apart.arcs_deg[0] == pytest.approx(68.0)
-    budget = lines(found.extra["budget"])
+    budget = lines(found.tables["budget"])
     # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
     assert 1.0 < budget["differences between arcs"] < 5.0
     # arcs that agree: an effect could hide in what an arc is stated to be set to, not beyond it
-    agreeing = lines(usual.extra["budget"])
+    agreeing = lines(usual.tables["budget"])
     assert agreeing["differences between arcs"] < agreeing["contact arc, each setting"]
 
 

@@ -68,7 +68,7 @@ def folds(
     count = int(label.max()) + 1 if label.size else 0
     if count < FEWEST[by]:
         raise TooFewSettings(
-            f"compare.hold_out = {by}: {count} {by}{'' if count == 1 else 's'} measured, must be "
+            f"cross_validate.by = {by}: {count} {by}{'' if count == 1 else 's'} measured, must be "
             f"at least {FEWEST[by]} to leave one out"
         )
     inner = range(count) if by == "arc" else range(1, count - 1)
@@ -82,7 +82,7 @@ def folds(
         for k in inner
     )
     short = [
-        f"compare.hold_out = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
+        f"cross_validate.by = {by}: {fold.rest.size} runs are left without {fold.name}, must be at "
         f"least {FEWEST_RUNS}"
         for fold in result
         if fold.rest.size < FEWEST_RUNS

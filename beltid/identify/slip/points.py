@@ -1,4 +1,4 @@
-"""Operating points of a belt drive: creep, gross slip, and the pulley speeds to test on a rig."""
+"""Operating points of a belt drive: gross slip, and the pulley speeds to test on a rig."""
 
 from __future__ import annotations
 
@@ -16,18 +16,14 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 4.0  # standard errors beyond which a loss or a ratio is significant
 CREEP_SHARE = 0.5  # runs up to this share of a series' largest torque define its creep
 FEWEST_RUNS = 3  # minimum number of runs to determine the creep
-GROSS_OVER_CREEP = 2.0
-"""Gross slip: the loss exceeds this multiple of the creep at the same torque."""
-GROSS_SLIP_RATIO = 0.05
-"""Gross slip: the loss exceeds this share of the driver's speed."""
+GROSS_OVER_CREEP = 2.0  # a loss beyond this multiple of the creep is gross slip
+GROSS_SLIP_RATIO = 0.05  # and so is one beyond this share of the driver's speed
 SAME_SETTING = 0.02  # relative gap in speed or tension that separates two series
 SMALLEST_SHARE = 0.01
 """Sliding speeds below this share of the largest need no separate runs: the law uses the nearest
 measured coefficient there."""
-PROPOSED = 5
-"""Number of pulley speeds to propose."""
-SPEED_TOLERANCE = 0.02
-"""Relative deviation up to which a pulley speed still reaches the end of the range."""
+PROPOSED = 5  # number of pulley speeds to propose
+SPEED_TOLERANCE = 0.02  # a pulley speed this near still reaches the end of the range
 OK = "ok"
 GROSS_SLIP = "gross slip"
 
@@ -37,13 +33,13 @@ class SlipPoint:
     """Operating point of the drive: one row of the slip table; nan where unknown."""
 
     run: str
-    driver_speed_rad_s: float  # mean; negative if the drive turned backwards
+    driver_speed_rad_s: float
     initial_tension_N: float  # belt at rest
     torque_N_m: float  # mean, with the sign of the recording
     speed_loss_rad_s: float
     """Driver speed minus driven speed times the pulley ratio: positive if the driven pulley falls
-    behind, whatever the direction of rotation."""
-    speed_loss_se_rad_s: float  # includes sample correlation and the uncertainty of the ratio
+    behind."""
+    speed_loss_se_rad_s: float  # with the correlation of the samples and the ratio's uncertainty
     slip_speed_m_s: float  # Eq. (7), and its standard error
     slip_speed_se_m_s: float
     n_samples: int  # samples with both speeds known
@@ -65,24 +61,19 @@ class SlipResult:
 def gross_slip(
     speed: Array, tension: Array, torque: Array, loss: Array, se: Array, usable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Mark the usable runs with gross slip; all arrays have one entry per run, nan where unknown.
+    """Mark the usable runs with gross slip; arrays with one entry per run, nan where unknown.
 
     A series holds the runs of one driver speed and initial tension. Its creep [rad/s per N m] is
-    the median loss per torque of its less loaded runs, at least three; with fewer loaded runs there
-    is no creep to compare with.
+    the median loss per torque of its less loaded runs, at least three.
     """
-    torque, loss = np.abs(torque), np.abs(loss)
-    settings = np.stack(
-        [snap_to_settings(np.abs(speed), SAME_SETTING), snap_to_settings(tension, SAME_SETTING)]
-    )
+    settings = np.stack([snap_to_settings(x, SAME_SETTING) for x in (speed, tension)])
     # all unknown values form one setting
     _, series = np.unique(np.nan_to_num(settings, nan=-1.0), axis=1, return_inverse=True)
-    gross = loss > GROSS_SLIP_RATIO * np.abs(speed)
+    gross = loss > GROSS_SLIP_RATIO * speed
     for k in range(int(series.max()) + 1):
         rows = series == k
-        good = rows & usable & np.isfinite(torque) & np.isfinite(loss)
+        good = rows & usable & np.isfinite(torque)
         largest = float(np.max(torque[good], initial=0.0))
-        # torque-free runs carry no information on creep
         loaded = np.flatnonzero(good & (torque > 0.05 * largest))
         loaded = loaded[np.argsort(torque[loaded], kind="stable")]
         low = loaded[: max(np.count_nonzero(torque[loaded] <= CREEP_SHARE * largest), FEWEST_RUNS)]
@@ -96,8 +87,7 @@ def gross_slip(
 class RequiredSpeeds:
     """Range of pulley speeds to test, and whether the rig's settings cover it."""
 
-    proposed_rad_s: tuple[float, ...]
-    """Geometric steps from the smallest significant sliding speed to the largest."""
+    proposed_rad_s: tuple[float, ...]  # geometric steps over the significant sliding speeds
     covered: bool | None  # whether the rig's speeds reach both ends; None without speeds
     statement: str  # result in plain words
 
@@ -131,12 +121,10 @@ def required_pulley_speeds(
         problems.append("no run has a speed loss that differs significantly from zero")
     if problems:
         raise InputError(problems)
-    v_max = max(speeds)
-    v_min = max(min(speeds), SMALLEST_SHARE * v_max)
-    low, high = v_min / R, v_max / R
+    high = max(speeds) / R
+    low = max(min(speeds) / R, SMALLEST_SHARE * high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"
-    rig = list(configured or ())
-    missing = []
+    rig, missing = list(configured or ()), []
     if rig:
         if min(rig) > (1.0 + SPEED_TOLERANCE) * low:
             missing.append(f"{low:.3g} to {min(*rig, high):.3g} rad/s")

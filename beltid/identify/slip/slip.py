@@ -1,16 +1,11 @@
 """Sliding speeds in service from the angular-speed loss of a two-pulley drive, Eq. (7).
 
-In a loaded two-pulley drive the driven pulley falls behind the driver. Up to the torque that the
-belt can carry, this is creep, proportional to the torque; beyond it the belt slips grossly and the
-loss rises steeply. The largest loss without gross slip gives the largest sliding speed
-``v = omega_loss R`` that the friction rig has to cover. The loss refers to the driver:
-``driver_speed - ratio * driven_speed``. The pulley ratio comes from the runs without torque, where
-there is no loss; without such runs the pulleys are assumed equal. Start-up and run-down of the
-drive are ignored. A drive that turns backwards is evaluated like its mirror image; its speed and
-torque keep the signs of the recording.
+The driven pulley of a loaded drive falls behind the driver: ``omega_loss = driver - ratio driven``,
+by creep, proportional to the torque, until the belt slips grossly. The largest loss without gross
+slip gives the largest sliding speed ``v = omega_loss R`` that the friction rig has to cover. The
+ratio of the pulleys comes from the runs without torque; without such runs it is taken as one.
 
-Runs are short, and all runs of a series use the same sensors: their noise is pooled. A run that
-scatters far more than its series (it shakes) keeps its own variance and correlation.
+Runs are short, and the runs of a series use the same sensors: their noise is pooled.
 """
 
 from __future__ import annotations
@@ -23,23 +18,17 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, ndtr, stdtrit
 
 from beltid.errors import InputError
-from beltid.identify.estimators.signal import (
-    COARSEST,
-    adc_resolution,
-    converter_rounding,
-    difference_sigma,
-    noise_before_rounding,
-)
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
-    robust_mean_with_se,
     settings_of,
 )
 from beltid.identify.slip.points import (
+    FEWEST_RUNS,
     GROSS_SLIP,
     OK,
+    SAME_SETTING,
     SIGNIFICANT,
     SlipPoint,
     SlipResult,
@@ -50,19 +39,21 @@ from beltid.laws.capstan import sliding_speed
 Array = NDArray[np.float64]
 Runs = dict[str, list[Array]]  # samples of each run by column
 
-DRIVER, DRIVEN = "driver_speed_rad_s", "driven_speed_rad_s"
-SPEEDS = (DRIVER, DRIVEN)
-COLUMNS = ("initial_tension_N", "torque_N_m", *SPEEDS)
-GAINS = "the driven pulley gains on the driver"
+DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"
+COLUMNS = ("initial_tension_N", TORQUE, DRIVER, DRIVEN)
+GAINS = (
+    "the driven pulley gains on the driver: it drives, or the columns of driver and driven speed "
+    "are swapped"
+)
+BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
 MIN_SAMPLES = 3  # minimum number of usable samples of a run
 NO_LOAD_SHARE = 0.01  # a torque below this share of the largest counts as zero
 SHAKES = 1.0e-4  # probability below which a run's scatter differs from its series
-FEWEST_RUNS = 3  # if a series has fewer runs, all runs are pooled
-SERIES_WIDTH = 0.02  # relative gap in speed that separates two series
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
 UNSTEADY = 0.2  # change of torque within a run, over the largest torque, worth a note
 STANDS = 0.05
 """Speed of the driven pulley over the driver's below which its direction is unknown."""
+COARSEST = 0.1  # largest step of a reading, over the largest value, that is a resolution
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
@@ -82,41 +73,31 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         If columns are missing, the radius is not positive, or no point can be used.
     """
     labels, runs = _runs(speedloss, pulley_radius_m)
-    notes = _cut_to_speed(labels, runs)
-    of_runs = {name: np.array([robust_mean_with_se(x) for x in runs[name]]).T for name in COLUMNS}
-    tension, torque, speed, driven = (mean for mean, _, _ in of_runs.values())
-    total = np.array([np.nansum(x) for x in runs["torque_N_m"]])
-    turns, load, backward_notes = _directions(labels, speed, driven, total)
-    notes += [*backward_notes, *_unsteady(labels, runs["torque_N_m"])]
-    series = speed_series(speed)
+    notes = [*_cut_to_speed(labels, runs), *_unsteady(labels, runs[TORQUE])]
+    tension, torque, speed, driven = (
+        np.array([_mean(samples) for samples in runs[name]]) for name in COLUMNS
+    )
+    series = _series(speed)
+    torque_se = pooled_means(runs[TORQUE], series)[1]
+    idle = _without_torque(np.abs(torque), torque_se)
     rounding = _rounding(runs)
-    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, of_runs, series, rounding)
-    notes += ratio_notes
-    # from here on, runs that turn backwards are mirrored: of positive speed
-    losses = [a - ratio * b for a, b in zip(*(runs[name] for name in SPEEDS), strict=True)]
-    loss, loss_se, _ = pooled_means(losses, series)
-    loss = turns * loss
-    clear = np.abs(loss) > SIGNIFICANT * loss_se
-    if clear.any() and np.all((loss > 0.0) & (load * total < 0.0) | ~clear):
-        load = -load
-        notes.append("the torque of a driving pulley is recorded as negative: sign reversed")
-    parts = loss_se, rounding[0], ratio * rounding[1], ratio_se * driven
-    se = np.sqrt(sum(part**2 for part in parts))
+    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series, idle, speed, driven, rounding)
+    losses = [a - ratio * b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
+    loss, se = pooled_means(losses, series)
+    se = np.sqrt(se**2 + rounding[0] ** 2 + (ratio * rounding[1]) ** 2 + (ratio_se * driven) ** 2)
     n = np.array([np.isfinite(x).sum() for x in losses])
-    # a negative torque swaps the roles of the pulleys, as with a generator
-    drives = np.where(load * torque < 0.0, -turns * speed, turns * speed)
-    gains = -loss * np.copysign(1.0, drives) > SIGNIFICANT * se
-    status = _status(n, speed, driven, gains)
-    status[gross_slip(speed, tension, torque, loss, se, status == OK)] = GROSS_SLIP
+    status = np.full(n.size, OK, dtype=object)
+    for is_so, reason in (  # the last one that holds is stated
+        (loss < -SIGNIFICANT * se, GAINS),
+        (speed < 0.0, BACKWARDS),
+        (driven * np.sign(speed) < -STANDS * np.abs(speed), "the pulleys turn in opposite ways"),
+        (speed == 0.0, "the driver does not turn"),
+        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
+    ):
+        status[is_so] = reason
+    status[gross_slip(speed, tension, np.abs(torque), loss, se, status == OK)] = GROSS_SLIP
     service = status == OK
-    clear = service & (np.abs(loss) > SIGNIFICANT * se)
-    if clear.any() and np.all(loss[clear] < 0.0):
-        notes.append(
-            "the driven pulley gains on the driver in every run with a clear loss: either it "
-            "drives, as a negative torque says, or the columns of driver and driven speed are "
-            "swapped"
-        )
-    if not service.any() or (not clear.any() and np.any(status == GAINS)):
+    if not service.any() or (np.any(status == GAINS) and not np.any(loss[service] > se[service])):
         why = zip(labels[~service], status[~service], strict=True)
         raise InputError([*(f"run {label}: {text}" for label, text in why), *ratio_notes])
     for text in dict.fromkeys(status[~service]):
@@ -124,50 +105,35 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         notes.append(f"{text}: {named}; ignored for the largest sliding speed")
     v, v_se = sliding_speed(loss, pulley_radius_m), sliding_speed(se, pulley_radius_m)
     columns = labels, speed, tension, torque, loss, se, v, v_se, n, status
-    largest = int(np.argmax(np.where(service, np.abs(v), -np.inf)))
+    largest = int(np.argmax(np.where(service, v, -np.inf)))
     return SlipResult(
         points=tuple(SlipPoint(*row) for row in zip(*(c.tolist() for c in columns), strict=True)),
         ratio=ratio,
         ratio_se=ratio_se,
         max_slip_speed_m_s=abs(float(v[largest])),
         max_slip_run=labels[largest],
-        notes=tuple(notes),
+        notes=(*notes, *ratio_notes),
     )
-
-
-def _status(
-    n: NDArray[np.intp], speed: Array, driven: Array, gains: NDArray[np.bool_]
-) -> NDArray[np.object_]:
-    """Return why each run cannot be used, or OK."""
-    status = np.full(n.size, OK, dtype=object)
-    for is_so, reason in (  # the last one that holds is stated
-        (gains, GAINS),
-        (_turn_opposite(speed, driven), "the pulleys turn in opposite directions"),
-        (speed == 0.0, "the driver does not turn"),
-        (n < MIN_SAMPLES, f"fewer than {MIN_SAMPLES} usable samples"),
-    ):
-        status[is_so] = reason
-    return status
 
 
 def _runs(speedloss: Mapping[str, NDArray], radius: float) -> tuple[NDArray[np.object_], Runs]:
     """Check the columns and split them by run; return the labels in the order of the recording."""
-    head = "speed-loss recording:"
     needed = ("run", *COLUMNS)
-    problems = [f"{head} column {name} is missing" for name in needed if name not in speedloss]
+    missing = [name for name in needed if name not in speedloss]
+    problems = [f"speed-loss recording: column {name} is missing" for name in missing]
     if not (radius > 0.0 and math.isfinite(radius)):
         problems.append(f"pulley_radius_m = {radius!r}, must be > 0 m")
+    if not problems:
+        sizes = {name: np.shape(speedloss[name]) for name in needed}
+        if len(set(sizes.values())) > 1 or sizes["run"] == (0,):
+            text = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
+            problems.append(f"speed-loss recording: {text}, must be equally many, at least 1")
     if problems:
         raise InputError(problems)
     labels = np.asarray(speedloss["run"]).astype(str)
-    if labels.size == 0:
-        raise InputError(f"{head} 0 samples, must be at least 1")
-    columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
-    wrong = [f"{name} {v.shape}" for name, v in columns.items() if v.shape != labels.shape]
-    if wrong:
-        raise InputError(f"{head} columns {', '.join(wrong)}, must be {labels.shape} as run is")
     names = np.array(list(dict.fromkeys(labels.tolist())), dtype=object)
     rows = [labels == name for name in names]
+    columns = {name: np.asarray(speedloss[name], dtype=float) for name in COLUMNS}
     return names, {name: [values[r] for r in rows] for name, values in columns.items()}
 
 
@@ -194,113 +160,101 @@ def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
 
 def _unsteady(labels: NDArray[np.object_], torques: Sequence[Array]) -> list[str]:
     """Note runs whose torque changes: their mean is not an operating point."""
-    torques = [torque[np.isfinite(torque)] for torque in torques]
-    largest = max((float(np.median(np.abs(t))) for t in torques if t.size), default=0.0)
-    changing = []
-    for label, torque in zip(labels, torques, strict=True):
-        if torque.size < 8 * MIN_SAMPLES:
-            continue
-        means = [float(np.mean(part)) for part in np.array_split(torque, 8)]
-        noise = difference_sigma(torque) / math.sqrt(torque.size / 8)
-        if np.ptp(means) > max(UNSTEADY * largest, 8.0 * noise):
-            changing.append(f"{label} ({min(means):.3g} to {max(means):.3g} N m)")
-    if not changing:
-        return []
+    parts = [np.array_split(torque[np.isfinite(torque)], 8) for torque in torques]
+    medians = [
+        [float(np.median(p)) for p in run if p.size >= MIN_SAMPLES] or [0.0] for run in parts
+    ]
+    largest = max(max(np.abs(run)) for run in medians)
     return [
-        f"the torque changes within {', '.join(changing)}: only their means are used; split these "
-        "runs by torque"
+        f"the torque changes within {label} ({min(run):.3g} to {max(run):.3g} N m): only its mean "
+        "is used; split the run by torque"
+        for label, run in zip(labels, medians, strict=True)
+        if max(run) - min(run) > UNSTEADY * largest
     ]
 
 
-def _rounding(runs: Runs) -> Array:
-    """Estimate the errors of the mean speeds due to coarse readings [rad/s], rows of SPEEDS."""
-    finite = [[x[np.isfinite(x)] for x in runs[name]] for name in SPEEDS]
-    driver, driven = (np.concatenate(parts) for parts in finite)
-    steps = np.maximum(adc_resolution(driver, driven), _common_step(np.append(driver, driven)))
-    recorded = np.array([[np.std(x) if x.size else 0.0 for x in parts] for parts in finite])
-    return converter_rounding(noise_before_rounding(recorded, steps[:, None]), steps[:, None])
+def _series(speed: Array) -> NDArray[np.intp]:
+    """Number the series of runs by speed [rad/s]; one of all runs if any speed has too few."""
+    series = settings_of(np.abs(speed), SAME_SETTING)
+    one = not np.isfinite(speed).all() or np.bincount(series).min() < FEWEST_RUNS
+    return np.zeros_like(series) if one else series
 
 
-def _common_step(readings: Array) -> float:
-    """Return the largest step that divides all readings, by Euclid's algorithm.
-
-    It tells the resolution of readings that do not change within a run. Zero with fewer than three
-    different readings, which do not tell it, and where it is too large for a resolution.
-    """
-    levels = np.unique(np.abs(readings[readings != 0.0]))
+def resolution(readings: Array) -> float:
+    """Return the largest step that divides all readings (Euclid), zero if none shows."""
+    levels = np.unique(np.abs(readings[np.isfinite(readings) & (readings != 0.0)]))
     if levels.size < 3:
         return 0.0
-    step, smallest = float(levels[0]), 1e-9 * float(levels[-1])
-    while step > smallest:
-        remainders = np.abs(levels - step * np.rint(levels / step))
-        if np.max(remainders) <= smallest:
-            return step if step <= COARSEST * float(levels[-1]) else 0.0
-        step = float(np.min(remainders[remainders > smallest]))
-    return 0.0
+    step, rest = float(levels[0]), levels
+    while rest.size:
+        rest = np.abs(levels - step * np.rint(levels / step))
+        rest = rest[rest > 1e-6 * levels[-1]]
+        step = float(np.min(rest, initial=step))
+    return step if step <= COARSEST * levels[-1] else 0.0
 
 
-def _directions(
-    labels: NDArray[np.object_], driver: Array, driven: Array, torque: Array
-) -> tuple[Array, Array, list[str]]:
-    """Return the signs (1 or -1) that mirror speeds and torques of backward runs, and notes.
+def rounding_of_mean(recorded: Array, step: float) -> Array:
+    """Return the standard error of means due to readings in steps; averaging does not lower it.
 
-    A torque that is negative overall was recorded about the axis of the pulleys; its sign is
-    reversed too. A torque that stays positive was recorded in the direction of rotation.
+    It is ``step/sqrt(12)`` without noise; noise before the rounding, here a safe lower estimate
+    from the recorded scatter, smooths it as ``exp(-2 pi² noise²/step²)``.
     """
-    backward = (driver < 0.0) & ~_turn_opposite(driver, driven)
-    turns = np.where(backward, -1.0, 1.0)
-    if not backward.any():
-        return turns, turns, []
-    mirror_torque = torque[backward].sum() < 0.0
-    quantities = "speeds and of the torque" if mirror_torque else "speeds"
-    named = "all runs" if backward.all() else ", ".join(labels[backward])
-    note = f"the drive turns backwards in {named}: sign of the {quantities} reversed"
-    return turns, turns if mirror_torque else np.ones(turns.size), [note]
+    if step == 0.0:
+        return np.zeros(recorded.shape)
+    noise2 = np.maximum((recorded / step) ** 2 - 1.0 / 6.0, 0.0)
+    return np.asarray(step / math.sqrt(12.0) * np.exp(-2.0 * math.pi**2 * noise2))
 
 
-def _turn_opposite(driver: Array, driven: Array) -> NDArray[np.bool_]:
-    """Tell whether driven pulleys turn against the driver, impossible with an open belt."""
-    return (driver * driven < 0.0) & (np.abs(driven) > STANDS * np.abs(driver))
+def _rounding(runs: Runs) -> tuple[Array, Array]:
+    """Return the standard errors of the mean speeds (driver, driven) due to coarse readings."""
+    step = resolution(np.concatenate(runs[DRIVER] + runs[DRIVEN]))
+    scatter = [
+        np.array([np.nanstd(w) if np.isfinite(w).any() else 0.0 for w in runs[name]])
+        for name in (DRIVER, DRIVEN)
+    ]
+    return rounding_of_mean(scatter[0], step), rounding_of_mean(scatter[1], step)
+
+
+def _without_torque(torque: Array, se: Array) -> NDArray[np.bool_]:
+    """Mark the runs without torque, (R,): below a share of the largest, or within its noise."""
+    largest = np.fmax.reduce(torque, initial=0.0)
+    return torque <= np.fmax(NO_LOAD_SHARE * largest, np.fmin(2.0 * se, UNSTEADY * largest))
 
 
 def _pulley_ratio(
-    runs: Runs, of_runs: Mapping[str, Array], series: NDArray[np.intp], rounding: Array
+    runs: Runs,
+    series: NDArray[np.intp],
+    idle: NDArray[np.bool_],
+    speed: Array,
+    driven: Array,
+    rounding: tuple[Array, Array],
 ) -> tuple[float, float, list[str]]:
     """Return the driver-to-driven speed ratio without torque, its standard error, and notes.
 
     Coarse readings may be wrong by the same amount in all runs: their errors do not average out.
     """
-    torque, torque_se, _ = np.abs(of_runs["torque_N_m"])
-    driver, driven = (np.abs(of_runs[name][0]) for name in SPEEDS)
-    largest = np.fmax.reduce(torque, initial=0.0)
-    noise = np.where(torque_se > 0.0, np.fmin(2.0 * torque_se, UNSTEADY * largest), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        quotients = [a / b for a, b in zip(*(runs[name] for name in SPEEDS), strict=True)]
-    ratios, scatter, n_eff = pooled_means(quotients, series)
-    idle = (torque <= np.fmax(NO_LOAD_SHARE * largest, noise)) & (n_eff > 0.0)
-    idle &= np.isfinite(scatter)
+        quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
+    ratios, scatter = pooled_means(quotients, series)
+    idle = idle & np.isfinite(scatter)
     if not idle.any():
-        fastest = np.fmax.reduce(driver, initial=0.0)
-        unequal = (
-            f"radii that differ by 0.1 % would be {1e-3 * fastest:.2g} rad/s of the loss at "
-            f"{fastest:.3g} rad/s"
-        )
-        return 1.0, 0.0, [f"no run without torque: the pulleys are taken as equal; {unequal}"]
+        unequal = f"{1e-3 * np.fmax.reduce(np.abs(speed)):.2g} rad/s of the loss"
+        text = "no run without torque: the pulleys are taken as equal; radii that differ by 0.1 %"
+        return 1.0, 0.0, [f"{text} would be {unequal}"]
     ratios, scatter = ratios[idle], scatter[idle]
-    coarse = np.hypot(rounding[0, idle], ratios * rounding[1, idle]) / driven[idle]
+    coarse = np.hypot(rounding[0][idle], ratios * rounding[1][idle]) / np.abs(driven[idle])
     weights = 1.0 / np.maximum(scatter**2 + coarse**2, 1e-30)
     weights /= weights.sum()
     ratio = float(weights @ ratios)
-    se = math.hypot(np.linalg.norm(weights * scatter), float(weights @ coarse))
+    se = math.hypot(float(np.linalg.norm(weights * scatter)), float(weights @ coarse))
     notes = [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
     return ratio, se, notes if abs(ratio - 1.0) > SIGNIFICANT * se else []
 
 
-def speed_series(speed_rad_s: Array) -> NDArray[np.intp]:
-    """Number the series of runs by speed [rad/s]; one of all runs if any speed has too few."""
-    series = settings_of(np.abs(speed_rad_s), SERIES_WIDTH)
-    one = not np.isfinite(speed_rad_s).all() or np.bincount(series).min() < FEWEST_RUNS
-    return np.zeros_like(series) if one else series
+def _mean(samples: Array) -> float:
+    """Average without spikes; nan without samples."""
+    kept = samples[~outlier_mask(samples)]
+    return float(np.mean(kept)) if kept.size else math.nan
 
 
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
@@ -315,13 +269,12 @@ def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
 
     Returns
     -------
-    ndarray, shape (3, R)
-        Means, standard errors and numbers of independent samples. The standard error is
-        ``t sqrt(s² tau / n)`` with the pooled variance s² and correlation time tau [samples];
-        Student's t for the degrees of freedom of s² widens it to a probability of 68 %. nan if the
-        noise cannot be determined.
+    ndarray, shape (2, R)
+        Means and standard errors ``t sqrt(s² tau / n)`` with the variance s² and the correlation
+        time tau [samples] of the series, or of the run itself if it scatters far more; Student's t
+        for the degrees of freedom of s² widens it to a probability of 68 %. nan if unknown.
     """
-    pooled = np.empty((3, series.size))
+    pooled = np.full((2, series.size), np.nan)
     for number in np.unique(series):
         rows = np.flatnonzero(series == number)
         pooled[:, rows] = _means_of_series([samples[k] for k in rows.tolist()])
@@ -330,38 +283,28 @@ def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
 
 def _means_of_series(recorded: Sequence[Array]) -> Array:
     """Average each run of one series; see :func:`pooled_means`."""
-    runs = _without_spikes(recorded)
+    steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in recorded])
+    noise = mad_sigma(np.concatenate([steps, -steps])) / math.sqrt(2.0) if steps.size else 0.0
+    runs = [np.where(outlier_mask(r, noise), np.nan, r) for r in recorded]
     n = np.array([np.count_nonzero(np.isfinite(r)) for r in runs], dtype=float)
-    mean = [float(np.nanmean(r)) if k else np.nan for r, k in zip(runs, n, strict=True)]
+    mean = np.array([np.nanmean(r) if k else np.nan for r, k in zip(runs, n, strict=True)])
     squares = np.array([np.nansum((r - m) ** 2) for r, m in zip(runs, mean, strict=True)])
-    # a run that shakes must not dominate the correlation: start with equal weights
-    normalised = [r / max(float(np.sqrt(s)), 1e-300) for r, s in zip(runs, squares, strict=True)]
-    tau = np.minimum(integrated_autocorrelation_time(*normalised), np.maximum(n, 1.0))
-    usable = (n / tau > 1.0) & (squares > 0.0)
     shakes = np.zeros(n.size, dtype=bool)
-    if np.count_nonzero(usable) >= FEWEST_RUNS:
-        # chi² relative to the median of the runs, which ignores those that shake
-        dof = n[usable] / tau[usable] - 1.0
-        typical = np.median(squares[usable] / chdtri(dof, 0.5))
-        shakes[usable] = chdtrc(dof, squares[usable] / typical) < SHAKES
-    for group in (np.flatnonzero(~shakes), *np.flatnonzero(shakes)[:, None]):
-        tau_group = integrated_autocorrelation_time(*(runs[k] for k in group))
-        tau[group] = np.minimum(tau_group, np.maximum(n[group], 1.0))
-    dof = np.maximum(n / tau - 1.0, 0.0)  # independent samples minus one for the mean
-    variance = np.divide(squares, tau * dof, out=np.zeros(n.size), where=dof > 0.0)
-    pooled_dof = float(dof[~shakes].sum())
-    if pooled_dof > 0.0:
-        variance[~shakes] = dof[~shakes] @ variance[~shakes] / pooled_dof
-        dof[~shakes] = pooled_dof
-    usable = (dof > 0.0) & (n > 0.0)
+    several = (n > 1.0) & (squares > 0.0)
+    if np.count_nonzero(several) >= FEWEST_RUNS:
+        # chi² relative to the median of the runs, which ignores those that shake; of unit size,
+        # a run that shakes does not dominate the correlation
+        unit = (runs[k] / math.sqrt(squares[k]) for k in np.flatnonzero(several).tolist())
+        dof = np.maximum(n[several] / integrated_autocorrelation_time(*unit) - 1.0, 1e-3)
+        typical = np.median(squares[several] / chdtri(dof, 0.5))
+        shakes[several] = chdtrc(dof, squares[several] / typical) < SHAKES
     se = np.full(n.size, np.nan)
-    student = stdtrit(np.maximum(dof[usable], 1.0), float(ndtr(1.0)))
-    se[usable] = student * np.sqrt(variance[usable] * tau[usable] / n[usable])
-    return np.array([mean, se, n / tau])
-
-
-def _without_spikes(runs: Sequence[Array]) -> list[Array]:
-    """Replace spikes by nan; a spike exceeds the noise of its run and of all runs."""
-    steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in runs])
-    common = mad_sigma(np.concatenate([steps, -steps])) / np.sqrt(2.0) if steps.size else 0.0
-    return [np.where(outlier_mask(r, common), np.nan, r) for r in runs]
+    for group in (np.flatnonzero(~shakes & (n > 0.0)), *np.flatnonzero(shakes)[:, None]):
+        tau = integrated_autocorrelation_time(*(runs[k] for k in group))
+        tau_of_run = np.minimum(tau, n[group])
+        dof = np.sum(np.maximum(n[group] / tau_of_run - 1.0, 0.0))
+        if dof > 0.0:
+            s2 = np.sum(squares[group] / tau_of_run) / dof
+            student = stdtrit(max(dof, 1.0), ndtr(1.0))
+            se[group] = student * np.sqrt(s2 * tau_of_run / n[group])
+    return np.array([mean, se])

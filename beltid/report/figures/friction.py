@@ -108,7 +108,7 @@ def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
 )
 def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the simulated coefficients of all runs."""
-    rows = [row for row in sheet.rows("runs") if row["status"] == "ok"]
+    rows = [row for row in sheet.rows("simulated_runs") if row["status"] == "ok"]
     if not rows:
         raise NotDrawn("no simulated run could be used")
     names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")

@@ -64,7 +64,8 @@ def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the means over the arcs, measured with their standard error and simulated."""
     force, mu, simulated, tension, omega = means_of(sheet)
     spread, omega = _scatter(sheet, tension, omega), np.abs(omega)  # both senses of rotation
-    surface = results.get(sheet.name.replace("compare", "surface"))
+    of_surface = sheet.name.replace("compare", "surface") if sheet.name in COMPARED else ""
+    surface = results.get(of_surface)
     radius, has_band = results.pulley_radius_m, False
     by_speed = classes_of(omega, MOST_SPEEDS)
     for colour, rows in zip(shades(len(by_speed)), by_speed, strict=True):

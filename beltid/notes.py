@@ -1,0 +1,115 @@
+"""Notes and progress of the work, by the logger ``beltid`` of the standard library.
+
+INFO is a note, DEBUG a detail, WARNING something to look into, ERROR something to mend. A record
+with the attribute `progress` is a step of a long task: its label, steps done, steps in all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import warnings
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from beltid.errors import BeltidWarning
+
+log: Final = logging.getLogger("beltid")
+log.addHandler(logging.NullHandler())
+
+
+@dataclass(frozen=True, slots=True)
+class Prefix:
+    """What stands before the notes of a belt, and the warnings that were given already."""
+
+    text: str
+    warned: set[str] = field(default_factory=set)
+
+
+_prefix: ContextVar[Prefix] = ContextVar("prefix", default=Prefix(""))  # noqa: B039
+
+
+class _Prefixed(logging.Filter):
+    """Put the prefix at work before a line; give each warning of a belt only once."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Change the message of a record; drop a repeated warning."""
+        prefix, text = _prefix.get(), record.getMessage()
+        if not prefix.text or hasattr(record, "progress"):
+            return True
+        if record.levelno == logging.WARNING:
+            if text in prefix.warned:
+                return False
+            prefix.warned.add(text)
+        record.msg, record.args = f"{prefix.text}{text}", ()
+        return True
+
+
+log.addFilter(_Prefixed())
+
+
+@contextlib.contextmanager
+def prefixed(prefix: Prefix) -> Iterator[None]:
+    """Put a prefix, such as ``5pk: ``, before all notes of this thread inside."""
+    token = _prefix.set(prefix)
+    try:
+        yield
+    finally:
+        _prefix.reset(token)
+
+
+@contextlib.contextmanager
+def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
+    """Report the progress of a task of `total` steps; call the yielded function after each."""
+    done = 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        log.info(label, extra={"progress": (f"{_prefix.get().text}{label}", done, total)})
+
+    yield advance
+
+
+@contextlib.contextmanager
+def python_warnings() -> Iterator[None]:
+    """Turn Python warnings inside into notes, without their place in the code.
+
+    Those of beltid are warnings, those of libraries details.
+    """
+
+    def take(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+        if issubclass(category, BeltidWarning):
+            log.warning("%s", message)
+        else:
+            log.debug("%s: %s", category.__name__, message)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = take  # type: ignore[assignment]
+        yield
+
+
+class Kept(logging.Handler):
+    """Handler that keeps level and text of each line, for another process to report."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[tuple[int, str]] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a line; steps of a task are not kept."""
+        if not hasattr(record, "progress"):
+            self.lines.append((record.levelno, record.getMessage()))
+
+
+@contextlib.contextmanager
+def heard_by(handler: logging.Handler) -> Iterator[None]:
+    """Let a handler receive the notes made inside."""
+    log.setLevel(logging.DEBUG)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)

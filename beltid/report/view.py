@@ -1,0 +1,315 @@
+"""What people see of an artifact: its facts, its table, its further tables.
+
+One view serves the command that made it, `show`, ``--json`` and the repr of a result in Python.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.report.cells import MISSING, between, cell
+from beltid.report.summary import Summary, rows_of
+from beltid.store.artifact import Artifact
+
+FEW: Final = 16
+"""Number of rows up to which a table is shown as it is."""
+MOST_FACTS: Final = 40
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What is shown of a kind.
+
+    Attributes
+    ----------
+    title : str
+        What the table is.
+    by : str
+        Columns whose values group a long table.
+    shown : str
+        Further columns.
+    table : str
+        Further table that stands for the columns; "" for the columns themselves.
+    first : str
+        Further table that people see in its place.
+    pivot : tuple of str
+        Rows, columns and values of the table that people see in its place.
+    always : tuple of str
+        Further tables that are always shown.
+    """
+
+    title: str
+    by: str = ""
+    shown: str = ""
+    table: str = ""
+    first: str = ""
+    pivot: tuple[str, ...] = ()
+    always: tuple[str, ...] = ()
+
+
+COMPARED: Final = (
+    "normal_force_N_m mu_measured mu_simulated within_tolerance run nominal_tension_N status"
+)
+VIEWS: Final = {
+    "stiffness": View(
+        "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
+        "temperature_degC",
+        "k_linear_N_m2 k_quadratic_N_m3 hysteresis_ratio max_force_N_m",
+    ),
+    "slip": View(
+        "sliding speed of belt on pulley in service, from the loss of angular speed",
+        "driver_speed_rad_s initial_tension_N",
+        "torque_N_m speed_loss_rad_s slip_speed_m_s slip_speed_se_m_s run status",
+    ),
+    "friction": View(
+        "friction coefficient of every run",
+        "arc_deg pulley_speed_rad_s",
+        "normal_force_N_m mu_sliding mu_sliding_u mu_sticking run nominal_tension_N status",
+    ),
+    "surface": View(
+        "friction coefficient over normal force and sliding speed",
+        shown="arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
+        pivot=("normal_force_N_m", "slip_speed_m_s", "mu"),
+        always=("budget", "misfit", "effects"),
+    ),
+    "simulated": View(
+        "friction coefficient of every simulated run, sliding",
+        "arc_deg pulley_speed_rad_s",
+        "normal_force_N_m mu run initial_tension_N status",
+        table="simulated_runs",
+    ),
+    "compare": View(
+        "simulated less measured friction coefficient, relative to measured",
+        "arc_deg pulley_speed_rad_s",
+        COMPARED,
+        first="groups",
+    ),
+    "crossvalidation": View(
+        "friction of runs that were left out, predicted from the others, less measured",
+        "arc_deg pulley_speed_rad_s",
+        COMPARED,
+        first="groups",
+    ),
+    "drive": View(
+        "speed loss and forces of a belt drive, predicted from the identified laws",
+        "pulley",
+        "driver_speed_rad_s torque_N_m speed_loss_rad_s speed_loss_u_rad_s hub_force_N reserve run "
+        "status",
+        always=("slip_limits",),
+    ),
+    "compare_drive": View(
+        "predicted less measured speed loss of the drive",
+        "driver_speed_rad_s initial_tension_N",
+        "torque_N_m loss_measured_rad_s loss_predicted_rad_s relative_difference e_over_u "
+        "arc_share run status",
+    ),
+    "press_curves": View("branches of the press", "test branch", "penetration_m line_force_N_m"),
+    "rig_curves": View("runs of the rig over time", "run", "time_s mu"),
+    "plan": View(
+        "the next runs of the friction rig",
+        shown="order arc_deg initial_tension_N pulley_speed_rad_s repeat repeats start_minutes "
+        "gain_percent needed_for",
+        always=("regions", "statements"),
+    ),
+}
+"""Kind -> what is shown of it."""
+TITLES: Final = {
+    "budget": "standard uncertainties, in percent of the quantity",
+    "misfit": "simulated less measured friction: published surface, then refined",
+    "effects": "friction changes not in the surface, in percent of mu",
+    "slip_limits": "torque with which adhesion ends, and beyond which the drive slips grossly",
+    "regions": "standard uncertainty by region, in percent of mu",
+    "statements": "if it were known twice as well",
+}
+"""Further table -> its title; the others are called by their names."""
+FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_tension")
+"""What only other stages and the report read."""
+
+
+def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
+    """Return what is shown of an artifact, as of the command that made it."""
+    record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
+    rows, columns = _rows(artifact, view)
+    names = tuple(n for n in f"{view.by} {view.shown}".split() if n in columns)
+    names = tuple(dict.fromkeys(("run", *names) if "run" in names else names or columns))
+    titled = {TITLES.get(name, name.replace("_", " ")): name for name in record.tables}
+    tables = {
+        title: _budget_cells(record.tables[name]) if name == "budget" else record.tables[name]
+        for title, name in titled.items()
+        if name != view.table and name not in FOR_REPORT
+    }
+    failed = record.passed is False
+    return Summary(
+        stage=record.made_by or artifact.kind,
+        title=view.title,
+        out=artifact.path if record.made_by else None,
+        # further tables are facts for programs, under their names
+        facts={k: v for k, v in {**record.tables, **record.facts}.items() if k not in FOR_REPORT},
+        table=rows,
+        overview=_overview(artifact, view, columns, rows),
+        shown=names,
+        extra_tables={t: r for t, r in tables.items() if titled[t] in view.always},
+        details={t: r for t, r in tables.items() if titled[t] not in view.always},
+        notes=tuple(record.notes),
+        warnings=tuple(record.warnings),
+        verdict=record.verdict,
+        exit_status=fails_with if failed else 0,
+        up_to_date=up_to_date,
+        origin=record.origin,
+    )
+
+
+def _rows(artifact: Artifact, view: View) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
+    """Return the rows that programs get, and the same as columns."""
+    if view.table:
+        rows = [
+            {k: v for k, v in row.items() if not isinstance(v, dict)}
+            for row in artifact.tables.get(view.table, ())
+        ]
+        names = rows[0] if rows else ()
+        return rows, {name: _array([row[name] for row in rows]) for name in names}
+    flat = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
+    return rows_of(flat, *flat), flat
+
+
+def _array(values: list[Any]) -> np.ndarray:
+    if any(isinstance(value, str) for value in values):
+        return np.array(values, dtype=object)
+    return np.array(values, dtype=float)
+
+
+def _overview(
+    artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Sequence[Any]
+) -> list[dict[str, Any]]:
+    """Return what people see of a long table: an own one, a pivot, or a row per setting."""
+    if view.first:
+        return [dict(row) for row in artifact.tables.get(view.first, ())]
+    if view.pivot and (found := pivoted(columns, *view.pivot)):
+        return found
+    if artifact.kind == "stiffness":
+        names = f"{view.by} {view.shown}".split()
+        return [
+            {**row, view.by: "pooled" if row[view.by] is None else row[view.by]}
+            for row in rows_of(columns, *names)
+        ]
+    if len(rows) <= FEW or not view.by:
+        return []
+    return grouped(columns, view.by.split(), view.shown.split())
+
+
+def grouped(
+    columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
+    n = len(columns[by[0]])
+    ok = columns["status"] == "ok" if "status" in columns else np.ones(n, dtype=bool)
+    if not ok.any():  # statuses of another kind
+        ok = np.ones(n, dtype=bool)
+    rows: dict[tuple[Any, ...], list[int]] = {}
+    for i in np.flatnonzero(ok).tolist():
+        key = tuple(v if isinstance(v := columns[c][i], str) else float(f"{v:.3g}") for c in by)
+        rows.setdefault(key, []).append(i)
+    numbers = [c for c in shown if c in columns and columns[c].dtype.kind == "f"]
+    ordered = rows if any(isinstance(k, str) for k in next(iter(rows))) else sorted(rows)
+    return [
+        {
+            **dict(zip(by, key, strict=True)),
+            "rows": len(rows[key]),
+            **{c: _range(c, columns[c][rows[key]]) for c in numbers},
+        }
+        for key in ordered
+    ]
+
+
+def _range(name: str, values: np.ndarray) -> str:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return MISSING
+    return between(cell(name, float(finite.min())), cell(name, float(finite.max())))
+
+
+def pivoted(
+    columns: Mapping[str, np.ndarray], down: str, across: str, value: str
+) -> list[dict[str, Any]]:
+    """Return a row per value of a column, with a column per value of another."""
+    mean = np.isnan(columns["arc_deg"])
+    rows: dict[float, dict[str, Any]] = {}
+    for d, a, v in zip(*(columns[name][mean] for name in (down, across, value)), strict=True):
+        rows.setdefault(float(d), {down: float(d)})[f"{value} at {a:.4g} m/s"] = float(v)
+    return list(rows.values())
+
+
+def _budget_cells(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Format the rows of an uncertainty budget for people."""
+    return [
+        {
+            "quantity": row["quantity"],
+            "source": row["source"],
+            "known": row["basis"],
+            "uncertainty": ""
+            if row["standard_uncertainty"] is None
+            else f"{row['standard_uncertainty']:.3g} {row['unit']}",
+            "contribution_percent": row["contribution_percent"],
+            "largest_percent": row["largest_percent"],
+        }
+        for row in rows
+    ]
+
+
+def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
+    """Return what `show` says of an artifact: what it is and was made from, then what it says."""
+    record, said = artifact.record, summary_of(artifact)
+    figure = f"{figures[0][1]} ({figures[0][0]})" if figures else None
+    facts: dict[str, Any] = {
+        "kind": record.kind,
+        "schema_version": record.version,
+        "rows": len(next(iter(artifact.columns.values()))),
+        "origin": record.origin,
+        "made_by": record.made_by,
+        "beltid": record.software.removeprefix("beltid "),
+        "config": record.config,
+        "file_sha256": artifact.sha256,
+        "config_sha256": record.config_sha256,
+        "sources_sha256": record.sources,
+        **{f"valid {name}": span for name, span in record.validity.items()},
+        "set_aside": len(record.set_aside),
+        "figure": figure,
+        **({"further figures": ", ".join(k for k, _ in figures[1:])} if figures[1:] else {}),
+    }
+    pairs = [{"setting": key, "value": value} for key, value in record.settings.items()]
+    return Summary(
+        stage="show",
+        title=f"{artifact.path}: {said.title}",
+        facts={**said.facts, **facts},
+        table=said.table,
+        overview=said.overview,
+        shown=said.shown,
+        extra_tables=said.extra_tables,
+        details={
+            **said.details,
+            "made from": [{"input": k, "sha256": sha} for k, sha in record.inputs.items()],
+            "set aside": record.set_aside,
+            "settings": pairs,
+        },
+        notes=(*record.warnings, *record.notes),
+        verdict=said.verdict,
+        origin=record.origin,
+    )
+
+
+def text_of(artifact: Artifact) -> str:
+    """Return an artifact as text of one screen: the repr of a result."""
+    from rich.console import Console
+
+    from beltid.report.terminal import show
+
+    console = Console(file=io.StringIO(), width=100, force_terminal=False, color_system=None)
+    show(summary_of(artifact), console)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    more = [f"... {len(lines) - MOST_FACTS} more lines"] if len(lines) > MOST_FACTS else []
+    return "\n".join([*lines[:MOST_FACTS], *more])

@@ -1,0 +1,157 @@
+"""Measured against simulated friction coefficients (section 4).
+
+The simulated recording passes the same function that reduced the measured one, with the radius
+stored in the friction artifact. Only the load cells differ: those of the simulated rig are perfect,
+those of a second bench are as the config states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.recording import Recording
+from beltid.config import Config
+from beltid.errors import counted
+from beltid.identify.agreement.compare import AgreementResult, compare_points
+from beltid.report.summary import rows_of
+from beltid.stage import Outcome
+from beltid.stages.columns import span
+from beltid.stages.inputs import friction_columns
+from beltid.stages.planned_runs import with_tensions
+from beltid.stages.reduction import (
+    recording_in_memory,
+    reduce_rig,
+    reduction_columns,
+    rig_kind,
+)
+from beltid.store.artifact import Artifact
+from beltid.uncertainty.agreement import dominant, validated, within_words
+from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
+
+NEEDED: Final = (
+    *("run", "arc_deg", "nominal_tension_N", "pulley_speed_rad_s"),
+    *("normal_force_N_m", "mu_sliding"),
+)
+ENOUGH: Final = 0.8
+"""Share of the usable measured runs below which a comparison is one of few runs."""
+MIN_SHARE_COMPARED: Final = 0.5
+"""Share of compared runs below which the campaign fails: too few to judge it."""
+TOLERANCES: Final = {
+    "max_rms_relative_error": "rms",
+    "max_mean_relative_error": "mean magnitude",
+    "max_relative_error": "largest",
+    "min_share_compared": "runs compared",
+}
+Columns = Mapping[str, np.ndarray]
+
+
+def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
+    """Compare run by run; the simulated runs are a recording, reduced runs, or a campaign."""
+    measured = friction_columns(friction, NEEDED)
+    uncertainty, notes = None, tuple[str, ...]()
+    if isinstance(simulated, Artifact):
+        uncertainty = runs_uncertainty_of(simulated.facts)
+    elif isinstance(simulated, Recording) and (cells := rig_kind(config).cells.note):
+        # name without folder, so that the same input gives the same bytes anywhere
+        notes = (f"{simulated.path.name}: {cells}",)
+    return agreement(measured, _reduced(simulated, friction, config), config, uncertainty, notes)
+
+
+def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
+    """Return the simulated runs, reduced like the measured ones."""
+    if isinstance(friction, Artifact) and "rig" in friction.record.settings:
+        radius = float(friction.record.settings["rig"]["pulley_radius_m"])
+        rig = config.rig.model_copy(update={"pulley_radius_m": radius})
+        config = config.model_copy(update={"rig": rig})
+    if isinstance(simulated, Recording):  # of a second bench
+        return reduction_columns(reduce_rig(simulated, config))
+    frame = simulated
+    if isinstance(simulated, (Outcome, Artifact)):
+        if simulated.kind != "simulated":
+            return friction_columns(simulated, NEEDED, "simulated")
+        frame = simulated.columns
+    named = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    names = {str(name) for name in named} if isinstance(named, Iterable) else set()
+    if "time_s" in names:
+        recording = recording_in_memory(frame, None, simulated=True)
+        return reduction_columns(reduce_rig(recording, config))
+    if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
+        frame = {
+            **{name: np.asarray(frame[name]) for name in names},
+            "mu_sliding": np.asarray(frame["mu"]),
+            "nominal_tension_N": np.asarray(frame["initial_tension_N"]),
+        }
+    return friction_columns(frame, NEEDED, "simulated")
+
+
+def agreement(
+    measured: Columns,
+    simulated: Columns,
+    config: Config,
+    uncertainty: RunsUncertainty | None = None,
+    notes: tuple[str, ...] = (),
+) -> Outcome[AgreementResult]:
+    """Compare two tables of reduced runs, and judge the differences by the tolerances."""
+    section = config.compare
+    measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
+    tolerances = {
+        "max_rms_relative_error": section.max_rms_relative_error,
+        "max_mean_relative_error": section.max_mean_relative_error,
+        "max_relative_error": section.max_relative_error,
+        "min_share_compared": MIN_SHARE_COMPARED,
+    }
+    proven = validated(
+        compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
+    )
+    result, extra = proven.result, proven.extra()
+    columns = {**result.to_columns(), **proven.columns()}
+    n = len(columns["run"])
+    columns["status"] = np.full(n, "ok", dtype=object)
+    warnings = [
+        f"{counted(count, 'run')} not compared: {why}" for why, count in result.not_compared.items()
+    ]
+    if result.share_compared < ENOUGH:
+        few = f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "
+        warnings.insert(0, f"{few}these only")
+    judged = result.verdict_table()
+    return Outcome(
+        columns,
+        result,
+        facts={
+            "runs_compared": n,
+            "runs_measured": result.n_measured,
+            "runs_simulated": result.n_simulated,
+            "within_two_u_validation": within_words(extra["validation"]),
+            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(extra["budget"]),
+            "validation": extra["validation"],
+        },
+        tables={
+            "groups": [group.as_row() for group in result.groups],
+            "judged": judged,
+            "averaged": rows_of(result.averaged, *result.averaged),
+            "budget": extra["budget"],
+        },
+        validity={"normal_force_N_m": span(result.normal_force_N_m)},
+        set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
+        notes=(*notes, *proven.notes()),
+        warnings=tuple(warnings),
+        verdict=_verdict(result.passed, judged),
+        passed=bool(result.passed),
+    )
+
+
+def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
+    def in_words(row: Mapping[str, Any]) -> str:
+        label = TOLERANCES[row["tolerance"]]
+        found, allowed = row["found"], f"{100.0 * row['allowed']:g} %"
+        percent = float("nan") if found is None else 100.0 * found
+        if row["tolerance"] == "min_share_compared":
+            return f"{label} {percent:.0f} % < {allowed}"
+        return f"{label} {percent:.2f} % {'<=' if row['holds'] else '>'} {allowed}"
+
+    shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
+    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

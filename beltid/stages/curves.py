@@ -1,0 +1,167 @@
+"""Parts of the recordings that the figures need: branches of the press, some runs over time.
+
+They are thinned and stored with the results, so that a report can be written from the folder of a
+belt alone, without the recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from beltid.bench.recording import Recording
+from beltid.config import Config
+from beltid.errors import InputError
+from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.press.recording import StiffnessSettings
+from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
+from beltid.laws.capstan import friction_coefficient
+from beltid.stage import Outcome
+from beltid.stages.reduction import records_of
+from beltid.store.artifact import Artifact
+
+MOST_ARCS: Final = 4
+MOST_BRANCH_POINTS: Final = 120
+MOST_SET_ASIDE: Final = 12
+"""Number of runs set aside that are kept for inspection."""
+MOST_NAMED: Final = 5
+MOST_RUNS: Final = 480
+"""Number of runs of a campaign that are kept as small pictures: the first ones."""
+SMALL_SAMPLES: Final = 80
+MOST_SAMPLES: Final = 1200
+"""Number of samples kept of a run; a longer run keeps the extremes of neighbouring samples."""
+
+
+def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]:
+    """Return the branches of the press cycles that the stiffness was fitted to."""
+    result = fit_stiffness(press.columns, StiffnessSettings(**config.press.si()))
+    return Outcome(branch_columns(result), result)
+
+
+def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
+    """Return runs over time: typical runs and runs set aside in detail, all others thinned.
+
+    Raises
+    ------
+    InputError
+        If the recording lacks one of these runs, so that it does not belong to the friction table.
+    """
+    samples = samples_of_runs(friction.columns)
+    parts = _thinned_runs(rig, samples, config)
+    missing = sorted(set(samples) - set(parts))
+    if missing:
+        raise InputError(
+            f"{rig.path}: has no run {', '.join(missing[:MOST_NAMED])}; {friction.path} was made "
+            "from another recording"
+        )
+    runs = [parts[run] for run in samples]
+    columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
+    return Outcome(columns, tuple(samples))
+
+
+def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Return the runs to keep, and the maximum number of samples of each.
+
+    The typical run of every arc comes first, then runs that were set aside: these are shown one by
+    one. All others keep as many samples as a gallery of small pictures shows.
+    """
+    labels, good = friction["run"], friction["status"] == "ok"
+    aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
+    detailed = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
+    others = {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS]}
+    return dict.fromkeys(detailed, MOST_SAMPLES) | {
+        label: most for label, most in others.items() if label not in detailed
+    }
+
+
+def _thinned_runs(
+    recording: Recording, samples: Mapping[str, int], config: Config
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return the thinned tensions of the runs to keep, as measured or derived on this rig."""
+    curves = {}
+    for record in records_of(recording, config):
+        if record.run not in samples:
+            continue
+        tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
+        if not kind.is_derived:  # otherwise already corrected
+            tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
+        kept = thinned(np.arange(tight.size), tight, samples[record.run])
+        curves[record.run] = {
+            "run": np.full(kept.size, record.run, dtype=object),
+            "time_s": record.time_s[kept],
+            "tension_tight_N": tight[kept],
+            "tension_slack_N": slack[kept],
+            "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
+            "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
+        }
+    return curves
+
+
+def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
+    """Return the rows of the runs nearest to the median settings of every arc, in order of arcs.
+
+    Many arcs are grouped into `MOST_ARCS` classes with one run each.
+
+    Parameters
+    ----------
+    friction : mapping of str to ndarray
+        Columns of the friction table.
+    """
+    good = friction["status"] == "ok"
+    tension, speed = (
+        np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))
+        for name in ("nominal_tension_N", "slip_speed_m_s")
+    )
+    arcs = np.where(good, snap_to_settings(friction["arc_deg"]), np.nan)
+    groups = [np.flatnonzero(arcs == arc) for arc in np.unique(arcs[np.isfinite(arcs)])]
+    if len(groups) > MOST_ARCS:
+        used = np.concatenate(groups)
+        groups = np.array_split(used[np.argsort(friction["arc_deg"][used])], MOST_ARCS)
+    chosen = []
+    for rows in groups:
+        distance = np.zeros(rows.size)
+        for setting in (tension[rows], speed[rows]):
+            if np.isfinite(setting).any():
+                distance += np.nan_to_num(np.abs(setting - np.nanmedian(setting)), nan=np.inf)
+        chosen.append(int(rows[np.argmin(distance)]))
+    return tuple(chosen)
+
+
+def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
+    """Return the branches over the penetration, each thinned to at most 120 means of neighbours."""
+    parts: list[dict[str, np.ndarray]] = []
+    for curve in result.recording.curves:
+        for branch in curve.branches:
+            n = branch.position_m.size
+            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)[:-1]
+            sizes = np.diff(np.append(starts, n))
+            position, force = (
+                np.add.reduceat(v, starts) / sizes for v in (branch.position_m, branch.force_N_m)
+            )
+            labels = {
+                "test": np.array(curve.test, dtype=object),
+                "temperature_degC": np.array(curve.recorded.temperature_degC),
+                "cycle": np.array(curve.cycle, dtype=np.int64),
+                "branch": np.array(branch.name, dtype=object),
+            }
+            parts.append(
+                {name: np.full(starts.size, label) for name, label in labels.items()}
+                | {"penetration_m": position - result.contact_m[curve.test]}
+                | {"line_force_N_m": force}
+            )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:
+    """Return the rows of a run; of a long run, those with the extremes of neighbouring samples."""
+    if rows.size <= most:
+        return rows
+    kept = []
+    for group in np.array_split(rows, most // 2):
+        v = values[group]
+        finite = group[np.isfinite(v)]
+        if finite.size:
+            kept += [finite[np.argmin(values[finite])], finite[np.argmax(values[finite])]]
+    return np.unique(np.array(kept, dtype=rows.dtype))

@@ -1,0 +1,425 @@
+"""A belt drive, predicted from the identified laws (section 2.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.config.model import DriveSection
+from beltid.drive.geometry import layout
+from beltid.drive.limits import slip_limit
+from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.profile import arc_profiles
+from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
+from beltid.drive.rod import ribs_shear
+from beltid.drive.rod_level import short_spans
+from beltid.errors import ConvergenceError, InputError, NumericsError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.notes import log
+from beltid.report.conditions import series_of
+from beltid.stage import Outcome
+from beltid.stages.columns import largest, span
+from beltid.stages.drive_of_config import (
+    LabelledPoint,
+    drive_of,
+    drive_warnings,
+    load_pulley,
+    points_of_config,
+    points_of_slip,
+)
+from beltid.stages.inputs import press_law, surface_from
+from beltid.stages.uncertainties import standard_uncertainties
+from beltid.uncertainty.budget import Scatter, budget
+from beltid.uncertainty.drive import (
+    DriveUncertainty,
+    change_by_slower_friction,
+    drive_uncertainty,
+    without_bending,
+)
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import Source, bending_source, drive_sources, slower_source
+
+SIGNIFICANT_LOSS: Final = 0.1
+"""Share of the largest loss above which a loss counts in the budget."""
+TENSIONS: Final = (0.4, 0.6, 0.8, 1.0, 1.25, 1.5)
+"""Tensions over the tension at rest for which the report shows the slip limit."""
+NOT_STATED: Final = (
+    "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
+    "assumed"
+)
+RIGID_STRING: Final = (
+    "belt.shear_stiffness_N_m2: the ribs of a string are rigid, so the loss is too small; with "
+    "drive.method: rod they shear"
+)
+ALIKE_RATIOS: Final = 0.03
+"""Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
+MOST_OUTSIDE: Final = 0.3
+"""Share of the sliding friction outside the measured range above which a warning is given."""
+
+
+Solved = tuple[LabelledPoint, DriveResult]
+"""An operating point with its steady state."""
+
+
+def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tuple[Solved, ...]]:
+    """Predict the operating points of a speed-loss recording, else those of the config."""
+    friction, press = surface_from(surface), press_law(law, config)
+    points = points_of_config(config) if slip is None else points_of_slip(config, slip.columns)
+    loaded = None if slip is None else load_pulley(config.drive)
+    log.info("%d operating points, %s", len(points), config.drive.method)
+    drive, method = drive_of(config, friction, press.law), config.drive.method
+    at_rest = Simulator(drive).at_rest
+    stated_shear = config.belt.shear_stiffness_N_m2 is not None
+    drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
+    good, failed = _solve_points(Simulator(drive, method), points)
+    uncertainty, sources = _uncertainty(config, drive, good, press)
+    by_string = [
+        labelled.run
+        for (labelled, _), is_flagged in zip(good, uncertainty.by_string, strict=True)
+        if is_flagged
+    ]
+    columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
+    statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
+    return Outcome(
+        columns,
+        tuple(good),
+        facts={
+            "method": method,
+            "points": len(good),
+            "points_failed": len(failed),
+            "largest_speed_loss_rad_s": largest(columns["speed_loss_rad_s"]),
+            "largest_hub_force_N": largest(columns["hub_force_N"]),
+            "pulleys_by_status": ", ".join(
+                f"{n} {name}" for name, n in zip(statuses, counts, strict=True)
+            ),
+            "loaded_pulley": loaded,
+        },
+        tables={
+            "slip_limits": _limits(drive, good),
+            "limits_over_tension": _limits_over_tension(drive, good),
+            "laid": _layout_rows(drive, good),
+            "arcs": _arcs(good),
+            "budget": _budget(columns, sources, uncertainty),
+        },
+        validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
+        set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
+        notes=(
+            *_rigid_ribs(drive, method),
+            *_notes(columns, drive, friction.factor is not None, method, by_string),
+        ),
+        warnings=(
+            *([] if "drive" in config.model_fields_set else [NOT_STATED]),
+            *([RIGID_STRING] if stated_shear and method == "string" else []),
+            *drive_notes,
+            *(f"point {labelled.run}: {error}" for labelled, error in failed),
+            *_outside(columns, friction),
+            *([] if slip is None else _other_radii(config.drive, slip)),
+        ),
+    )
+
+
+def _other_radii(section: DriveSection, slip: Any) -> list[str]:
+    """Warn if the pulleys of the recording idle at another speed ratio than the stated radii."""
+    radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
+    loaded, name = load_pulley(section), getattr(slip, "path", "slip")
+    stated = radius[loaded] / radius[section.driving]
+    ratio = slip.facts.get("pulley_ratio")
+    if not ratio or not slip.facts.get("pulley_ratio_se"):
+        return []
+    if abs(ratio / stated - 1.0) < ALIKE_RATIOS:
+        return []
+    return [
+        f"{name}: without torque the driver turns {ratio:.4g} times as fast as {loaded}, with the "
+        f"radii of drive.pulleys {stated:.4g} times: the radii or names of the pulleys are wrong, "
+        "or driver and driven are swapped"
+    ]
+
+
+def _solve_points(
+    simulator: Simulator, points: Sequence[LabelledPoint]
+) -> tuple[list[Solved], list[tuple[LabelledPoint, ConvergenceError]]]:
+    """Solve all points; return the steady states, and the errors of the points that failed."""
+    good: list[Solved] = []
+    failed: list[tuple[LabelledPoint, ConvergenceError]] = []
+    for labelled in points:
+        try:
+            result = simulator.solve(labelled.point)
+            if result.state.rods:
+                too_short = short_spans(result.drive, result.state.laid.spans, result.state.P)
+                if too_short:
+                    raise ConvergenceError(too_short)
+            good.append((labelled, result))
+        except ConvergenceError as error:
+            failed.append((labelled, error))
+    if not good:
+        problems = [f"point {labelled.run}: {error}" for labelled, error in failed]
+        if simulator.method == "rod":
+            problems.append("drive.method: string does without rods")
+        raise NumericsError(problems)
+    return good, failed
+
+
+def _uncertainty(
+    config: Config,
+    drive: Drive,
+    good: Sequence[Solved],
+    press: PressLaw,
+) -> tuple[DriveUncertainty, tuple[Source, ...]]:
+    """Return the uncertainty of the speed losses and its sources."""
+    points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
+    sources = drive_sources(standard_uncertainties(config), len(drive.pulleys), press.has_scatter)
+    uncertainty = drive_uncertainty(drive, points, results, press, sources)
+    if config.drive.method == "string":
+        sources = (*sources, bending_source())
+        uncertainty = uncertainty.with_source(without_bending(results))
+    slower_friction = change_by_slower_friction(drive, points, results)
+    if slower_friction.any():
+        sources = (*sources, slower_source())
+        uncertainty = uncertainty.with_source(slower_friction)
+    return uncertainty, sources
+
+
+def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return the torque limits at each speed and tension, from the most loaded point there."""
+    speeds = np.array([result.point.omega for _, result in good])
+    series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
+    heaviest = {
+        setting: max((good[i] for i in rows), key=lambda solved: solved[1].load)
+        for setting, rows in series.items()
+    }
+    simulator = Simulator(drive)
+    return [
+        {
+            "driver_speed_rad_s": speed,
+            "initial_tension_N": tension,
+            "largest_torque_N_m": result.load,
+            **_limit(simulator, labelled.point, result.load),
+        }
+        for (speed, tension), (labelled, result) in heaviest.items()
+        if result.load != 0.0
+    ]
+
+
+def _limits_over_tension(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return the torque limits over the belt tension, for the most loaded point."""
+    labelled, result = _most_loaded(good)
+    if result.load == 0.0:
+        return []
+    simulator, rows = Simulator(drive), []
+    for share in TENSIONS:
+        point = replace(labelled.point, T_0=share * result.rest.T_0)
+        with suppress(InputError):  # the arm of a tensioner cannot produce every tension
+            limit = _limit(simulator, point, result.load)
+            setting = {"driver_speed_rad_s": point.omega, "initial_tension_N": point.T_0}
+            rows.append({**setting, **limit})
+    return rows
+
+
+def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, Any]:
+    """Return the torques at which adhesion ends and gross slip begins at a point [N m]."""
+    limit = slip_limit(simulator, point)
+    return {
+        "adhesion_end_torque_N_m": limit.adhesion * load,
+        "slip_limit_torque_N_m": limit.slip * load,
+    }
+
+
+def _most_loaded(good: Sequence[Solved]) -> Solved:
+    """Return the most loaded steady point, or the most loaded point if none is steady."""
+    steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
+    return max(steady or good, key=lambda solved: solved[1].load)
+
+
+def _layout_rows(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return the layout of pulleys and spans at rest, in the order of the drive."""
+    laid = layout(drive, good[0][1].rest.arm_angle)
+    return [
+        {
+            "pulley": pulley.name,
+            "x_m": laid.centres[i, 0],
+            "y_m": laid.centres[i, 1],
+            "radius_m": pulley.R,
+            "leaves_m": laid.starts[i],
+            "arrives_m": laid.ends[i],
+        }
+        for i, pulley in enumerate(drive.pulleys)
+    ]
+
+
+def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return line force and sliding speed along every arc at the most loaded point."""
+    labelled, result = _most_loaded(good)
+    return [
+        {
+            "pulley": pulley.name,
+            "run": labelled.run,
+            "angle_deg": np.degrees(profile.angle),
+            "normal_force_N_m": profile.normal_force,
+            "slip_speed_m_s": profile.slip_speed,
+        }
+        for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True)
+        if profile is not None
+    ]
+
+
+def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
+    """Return the columns of the drive table, with a row per point and pulley."""
+    n = len(drive.pulleys)
+    blocks = [_block(result) for _, result in good]
+    columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    for name, values in columns.items():
+        if values.dtype == float:
+            columns[name] = np.where(np.isfinite(values), values, np.nan)
+    return {
+        "point": np.repeat(np.arange(1, len(good) + 1), n),
+        "run": np.repeat(np.array([labelled.run for labelled, _ in good], dtype=object), n),
+        "pulley": np.tile(np.array([p.name for p in drive.pulleys], dtype=object), len(good)),
+        **columns,
+    }
+
+
+def _block(result: DriveResult) -> dict[str, np.ndarray]:
+    """Return the rows of one operating point, one per pulley in the order of the drive."""
+    state, loss = result.state, result.loss
+    shares = result.shares
+    before, behind = result.tensions
+    x, y = result.hub_force.T
+    n = state.P.size
+    rows = {
+        "driver_speed_rad_s": np.full(n, result.point.omega),
+        "initial_tension_N": np.full(n, result.rest.T_0),
+        "torque_N_m": result.torque,
+        "speed_rad_s": result.speed,
+        "speed_loss_rad_s": loss.total,
+        "loss_creep_rad_s": loss.creep,
+        "loss_seating_rad_s": loss.seating,
+        "loss_slip_rad_s": loss.slip,
+        "tension_in_N": before,
+        "tension_out_N": behind,
+        "hub_force_N": np.hypot(x, y),
+        "hub_angle_deg": np.degrees(np.arctan2(y, x)),
+        "wrap_deg": np.degrees(state.laid.wraps),
+        "arc_used_deg": np.degrees(result.arc_used),
+        "reserve": result.reserve,
+        "slip_speed_max_m_s": shares.slip_speed_max,
+        "normal_force_min_N_m": shares.normal_force_min,
+        "normal_force_max_N_m": shares.normal_force_max,
+        "share_below_speed_range": shares.below_speed_range,
+        "share_outside_force_range": shares.outside_force_range,
+        "friction_power_W": result.friction_power,
+        "status": np.array(result.status, dtype=object),
+        "steady_states": shares.steady_states,
+    }
+    return {name: result.in_order(values) for name, values in rows.items()}
+
+
+def _budget(
+    columns: Mapping[str, np.ndarray], sources: Sequence[Source], uncertainty: DriveUncertainty
+) -> list[dict[str, Any]]:
+    """Return the relative budget of the speed losses, over the pulleys with a significant loss."""
+    loss = columns["speed_loss_rad_s"]
+    changes, scatter = uncertainty.shared.reshape(loss.size, -1), uncertainty.surface.ravel()
+    significant = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
+    significant &= np.abs(loss) > SIGNIFICANT_LOSS * np.nanmax(np.abs(loss), initial=0.0)
+    if not significant.any():
+        return []
+    per_loss = 1.0 / loss[significant]
+    part = Scatter("friction surface", np.abs(scatter[significant] * per_loss))
+    return budget("speed loss", sources, changes[significant] * per_loss[:, None], part)
+
+
+def _notes(
+    columns: Mapping[str, np.ndarray],
+    drive: Drive,
+    has_covariance: bool,
+    method: Method,
+    by_string: Sequence[str],
+) -> tuple[str, ...]:
+    notes = [
+        "the friction power is that of the contact alone: the hysteresis of the belt in bending "
+        "and seating costs about as much again"
+    ]
+    if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
+        notes.append(_slower_than_measured(drive))
+    if method == "rod":
+        notes.append(
+            "speeds and torques are those of the rod; arcs used, shares, slip limits and, short of "
+            "full slip, uncertainties those of the string: the limits may be too high for a belt "
+            "that bends, by up to a fifth with a given slack force"
+        )
+    if by_string:
+        notes.append(
+            "the rod has no steady state for some changed inputs; these points have the "
+            f"uncertainties of the string: {', '.join(by_string)}"
+        )
+    if not has_covariance:
+        notes.append("the friction surface has no covariance: it is assumed to be exact")
+    for status, words in (
+        ("gross slip", "cannot be transmitted with the friction that is known"),
+        ("slack", "leave a span without tension"),
+    ):
+        runs = dict.fromkeys(columns["run"][columns["status"] == status].tolist())
+        if runs:
+            notes.append(f"{len(runs)} points {words}: {', '.join(runs)}")
+    return tuple(notes)
+
+
+def _slower_than_measured(drive: Drive) -> str:
+    """Describe how friction is continued below the slowest measured sliding speed."""
+    slowest, _ = drive.surface.validity["slip_speed_m_s"]
+    subject = f"friction below {slowest:.3g} m/s, the slowest measured sliding speed,"
+    if drive.friction is drive.surface.tables():
+        return f"{subject} is taken at that speed"
+    return (
+        f"{subject} is continued with half of the trend there: the mean of no trend and the full "
+        "trend, which bound its uncertainty"
+    )
+
+
+def _rigid_ribs(drive: Drive, method: Method) -> list[str]:
+    """Note that the rod methods treat stiff ribs as rigid."""
+    k_s = drive.shear_stiffness
+    if method == "string" or math.isinf(k_s) or ribs_shear(drive):
+        return []
+    over = 1e3 * math.sqrt(drive.belt.EA / k_s)
+    return [
+        f"ribs of {k_s:.3g} N/m² shear over {over:.2g} mm of belt only: the rod treats them as "
+        "rigid, which changes the loss by less than 1 %"
+    ]
+
+
+def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
+    """Return warnings about friction outside the measured range of the laws."""
+    warnings = []
+    slowest, _ = surface.validity["slip_speed_m_s"]
+    low, high = surface.validity["normal_force_N_m"]
+    for name, words in (
+        ("share_below_speed_range", f"below the slowest measured sliding, {slowest:.3g} m/s"),
+        (
+            "share_outside_force_range",
+            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m; the nearest measured "
+            "value was used",
+        ),
+    ):
+        shares = columns[name]
+        beyond = shares > MOST_OUTSIDE
+        if beyond.any():
+            runs = len(set(columns["run"][beyond].tolist()))
+            warnings.append(
+                f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
+                f"acts {words}"
+            )
+    states = columns["steady_states"] > 1
+    if states.any():
+        runs_with = dict.fromkeys(columns["run"][states].tolist())
+        warnings.append(
+            "friction falls with the speed: a second steady state with more slip exists for "
+            f"{', '.join(runs_with)}; the state with less slip was chosen"
+        )
+    return warnings

@@ -1,0 +1,246 @@
+"""Laws, surfaces and tables as the Python functions take them: files, results, numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltid.bench.recording import table_columns
+from beltid.config import Config
+from beltid.errors import ArgumentTypeError, ArtifactError, InputError
+from beltid.export.law import ContactLaw
+from beltid.export.law_file import law_from_text
+from beltid.identify.surface.surface import surface_from_columns
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.stage import Outcome
+from beltid.store.artifact import Artifact, read_artifact, stated_kind
+from beltid.store.disk import read_bytes
+from beltid.store.together import refuse_misfits
+from beltid.tables import schemas
+from beltid.uncertainty.press_law import PressLaw
+
+
+def load_law(path: str | Path) -> ContactLaw:
+    """Load the contact law of a belt from its file ``<belt>.beltlaw.json``.
+
+    Parameters
+    ----------
+    path : path
+        The file, as ``beltid export json`` writes it.
+
+    Returns
+    -------
+    ContactLaw
+        ``.surface`` is the `FrictionSurface`, ``.normal_law`` the `NormalLaw`.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged, changed by hand, or no contact law.
+    """
+    data = read_bytes(Path(path), ArtifactError)
+    try:
+        return law_from_text(data.decode("utf-8"), str(path))
+    except UnicodeDecodeError:
+        kind = stated_kind(Path(path))
+    raise ArtifactError(
+        f"{path}: is a {kind} artifact, part of a contact law; name the folder of a belt's "
+        "results, such as runs/5pk, or a law file"
+        if kind
+        else f"{path}: not a contact law: no UTF-8 text"
+    )
+
+
+def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
+    """Load the averaged friction surface of a surface artifact.
+
+    It has its uncertainty: ``.mu_u(f, v)``, the combined standard uncertainty, and
+    ``.band(f, v, level)``.
+
+    Parameters
+    ----------
+    source : path or Outcome
+        The artifact, as ``beltid build-surface`` writes it, a law file of ``beltid export``, or the
+        result of `build_surface` or `refine_surface`.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of another kind.
+    """
+    if not isinstance(source, (str, Path)):
+        return surface_from(source)
+    if Path(source).suffix == ".json":
+        return load_law(source).surface
+    return surface_of(read_artifact(source, "surface"))
+
+
+def load_stiffness(
+    source: str | Path | Outcome[Any], temperature_degC: float | None = None
+) -> NormalLaw:
+    """Load the normal contact law of a stiffness artifact.
+
+    Parameters
+    ----------
+    source : path or Outcome
+        The artifact, as ``beltid fit-stiffness`` writes it, a law file of ``beltid export`` (which
+        holds the pooled law only), or the result of `fit_stiffness`.
+    temperature_degC : float, optional
+        The law fitted at the nearest measured temperature (within 5 °C); by default the pooled law.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of another kind.
+    InputError
+        If there is no law at that temperature.
+    """
+    if not isinstance(source, (str, Path)):
+        checked_law(source)
+        return law_of(source, temperature_degC) if temperature_degC else checked_law(source)
+    if Path(source).suffix == ".json":
+        if temperature_degC is not None:
+            raise InputError(f"{source}: a law file holds the pooled law only, no temperature")
+        return load_law(source).normal_law
+    return law_of(read_artifact(source, "stiffness"), temperature_degC)
+
+
+def surface_of(item: Artifact | Outcome[Any]) -> FrictionSurface:
+    """Return the averaged friction surface of a surface table, with its covariance."""
+    columns = item.columns
+    try:
+        surface = surface_from_columns(columns)
+    except InputError as error:
+        raise InputError(error.at(str(getattr(item, "path", "surface")))) from None
+    rows = np.flatnonzero(np.isnan(columns["arc_deg"]))
+    rows = rows[np.lexsort((columns["slip_speed_m_s"][rows], columns["normal_force_N_m"][rows]))]
+    factor = columns.get("mu_factor")
+    if factor is not None:
+        factor = factor[rows].reshape(*surface.mu_nodes.shape, -1)
+        factor = None if np.isnan(factor).any() else factor
+    sources = (item.facts.get("uncertainty") or {}).get("sources", ())
+    return surface.with_covariance(factor, [source["name"] for source in sources])
+
+
+def friction_in(folder: Path) -> Artifact | None:
+    """Return the friction artifact in a folder; None if there is none that can be read."""
+    try:
+        return read_artifact(folder / "friction.parquet", "friction")
+    except ArtifactError:
+        return None
+
+
+def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
+    """Return the friction artifact that the surface was made from, if it is still in the folder.
+
+    Raises
+    ------
+    ArtifactError
+        If the same recording was reduced again since.
+    """
+    friction = friction_in(folder)
+    if friction is None:
+        return None
+    refuse_misfits([surface], [friction])
+    return friction if friction.sha256 == surface.record.inputs.get("friction") else None
+
+
+def law_of(item: Artifact | Outcome[Any], temperature_degC: float | None = None) -> NormalLaw:
+    """Return the normal contact law of a stiffness table; see `load_stiffness`."""
+    temperatures = item.columns["temperature_degC"]
+    if temperature_degC is None:
+        rows = np.flatnonzero(np.isnan(temperatures))
+    else:
+        rows = np.flatnonzero(np.abs(temperatures - temperature_degC) <= 5.0)
+        rows = rows[np.argsort(np.abs(temperatures[rows] - temperature_degC), kind="stable")]
+    if rows.size == 0:
+        known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
+        wanted = "pooled law" if temperature_degC is None else f"law at {temperature_degC:g} °C"
+        name = getattr(item, "path", "stiffness")
+        raise InputError(f"{name}: no {wanted}; temperatures with a law: {known}")
+    names = ("k_linear_N_m2", "k_quadratic_N_m3")
+    return NormalLaw(*(float(item.columns[name][rows[0]]) for name in names))
+
+
+def press_law(law: Any, config: Config) -> PressLaw:
+    """Return a contact law with the scatter of its fit, which only a fitted table contains."""
+    covariance, depth = np.zeros((2, 2)), 1.0e-4
+    normal = checked_law(law)
+    if isinstance(law, (Artifact, Outcome)):
+        pooled = int(np.flatnonzero(np.isnan(law.columns["temperature_degC"]))[0])
+        stored = law.columns["covariance"][pooled].reshape(2, 2)
+        covariance = np.where(np.isfinite(stored), stored, 0.0)
+        depth = float(law.columns["max_penetration_m"][pooled])
+    return PressLaw(normal, covariance, depth, config.press.si()["segment_length_m"])
+
+
+def friction_columns(
+    table: Any, needed: tuple[str, ...], argument: str = "friction"
+) -> Mapping[str, np.ndarray]:
+    """Return the columns of reduced runs: an artifact, a result, or a table in memory.
+
+    Raises
+    ------
+    InputError
+        With every column that is missing or holds values of the wrong type.
+    """
+    if isinstance(table, (Outcome, Artifact)):
+        if table.kind != "friction":
+            raise InputError(f"{argument} is a {table.kind} table, a friction table is needed")
+        return table.columns
+    columns = table_columns(table, schemas.table("friction"), argument)
+    missing = ", ".join(column for column in needed if column not in columns)
+    if missing:
+        raise InputError(f"{argument}: column {missing} is missing")
+    return columns
+
+
+def surface_from(surface: Any) -> FrictionSurface:
+    """Return a friction surface given as such, as a result, or as a constant coefficient.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(surface, (Outcome, Artifact)) and surface.kind == "surface":
+        return surface_of(surface)
+    if isinstance(surface, FrictionSurface):
+        return surface
+    if not is_number(surface):
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
+            "the result of build_surface or refine_surface, or a number (constant mu)"
+        )
+    if not 0.0 < surface < math.inf:
+        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
+    return FrictionSurface.constant(float(surface))
+
+
+def checked_law(law: Any) -> NormalLaw:
+    """Return a normal law given as such or as a result; otherwise raise an error."""
+    if isinstance(law, (Outcome, Artifact)) and law.kind == "stiffness":
+        return law_of(law)
+    if isinstance(law, NormalLaw):
+        return law
+    raise ArgumentTypeError(
+        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
+        "fit_stiffness(FRAME)"
+    )
+
+
+def shown(value: Any) -> str:
+    """Describe a wrong argument for a message: None, or its type."""
+    if isinstance(value, Outcome):
+        return f"result of kind {value.kind}"
+    return "None" if value is None else type(value).__name__
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a single real number; booleans are not."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

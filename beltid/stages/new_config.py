@@ -1,0 +1,168 @@
+"""beltid init: write a commented config for a new belt."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.bench.inspection import Inspection, RunView, inspect_recording
+from beltid.config import Config, load_config
+from beltid.config.loading import effective_values
+from beltid.config.source import format_path
+from beltid.config.writing import SECTIONS, template_text
+from beltid.errors import InputError
+from beltid.identify.agreement.compare import SAME_SETTING
+from beltid.notes import log
+from beltid.report.summary import Summary
+from beltid.stages.file_sections import file_sections, section_lines
+from beltid.stages.planned_runs import nominal_settings
+from beltid.store.artifact import plain
+from beltid.store.disk import write_text
+from beltid.store.place import anyone_s, check_place
+from beltid.tables.schemas import RECORDINGS
+
+SETTINGS: Final = {
+    "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
+    "rig.initial_tensions_N": (
+        ("initial_tension_N", "weight_N"),
+        SAME_SETTING["nominal_tension_N"],
+    ),
+    "rig.pulley_speeds_rad_s": (("pulley_speed_rad_s",), SAME_SETTING["pulley_speed_rad_s"]),
+}
+"""List of the config -> columns of a recording that contain it, relative gap of one setting."""
+MOST_SETTINGS: Final = 30
+"""Number of values above which every run is assumed to have its own setting."""
+
+
+def run(name: str, files: Sequence[Path], out: Path | None, *, force: bool = False) -> Summary:
+    """Write the config of a new belt.
+
+    Parameters
+    ----------
+    name : str
+        Name of the belt.
+    files : sequence of Path
+        Its recordings, one per bench.
+    out : Path or None
+        The file; None for ``<name>.yaml``.
+    force : bool
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    InputError
+        If the name is not allowed, the bench of a recording is unknown, or the file exists.
+    """
+    path = out or Path(f"{name}.yaml")
+    values, sources = _of_name(name)
+    load_config(_sections(values))  # checks the name
+    recordings = {f"recording {file}": file for file in files}
+    check_place(path, (".yaml", ".yml"), anyone_s, inputs=recordings, force=force)
+    problems: list[str] = []
+    sections: dict[str, Any] = {}
+    for file in files:
+        try:
+            inspection = _inspected(file)
+        except InputError as error:
+            problems += error.problems
+            continue
+        found = _stated_by(inspection, file, path.parent)
+        sections[inspection.kind] = file_sections(inspection, Config())
+        key = next(iter(found))
+        if key in values:
+            problems.append(f"{file}: a second recording for {key}, beside {values[key]}")
+        values |= found
+        sources |= dict.fromkeys(found, f"from {file}") | {key: "recognised by its channels"}
+    if problems:
+        raise InputError(problems)
+    config = load_config(_sections(values))
+    text = "\n".join([template_text(config, sources), *section_lines(sections), ""])
+    write_text(path, text)
+    return _summary(path, config, sources)
+
+
+def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the values that follow from a name, and from where: 6pk is a 6PK with six ribs."""
+    values: dict[str, Any] = {"belt.name": name}
+    match = re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE)
+    if match:
+        values |= {"belt.type": name.upper(), "belt.ribs": int(match[1])}
+    return values, dict.fromkeys(values, "from the name")
+
+
+def _inspected(file: Path) -> Inspection:
+    """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
+    inspection = inspect_recording(file, Config())
+    kinds = [name for name in RECORDINGS if name in type(Config().data).model_fields]
+    if inspection.kind not in kinds:
+        raise InputError(
+            f"{file}: recording of {inspection.kind or 'an unknown bench'}, must be of "
+            f"{', '.join(kinds)}; `beltid inspect {file}` shows its channels"
+        )
+    for line in inspection.problems[:1]:
+        log.warning(
+            "%s",
+            f"data.{inspection.kind}: {line}; `beltid inspect {file}` lists everything that must "
+            "be stated",
+        )
+    return inspection
+
+
+def _stated_by(inspection: Inspection, file: Path, folder: Path) -> dict[str, Any]:
+    """Return what a recording states, by config key: its path, and for the rig its settings."""
+    place = Path(os.path.relpath(file, folder)).as_posix()
+    values: dict[str, Any] = {f"data.{inspection.kind}": place}
+    if inspection.kind == "rig":
+        values |= {f"rig.{name}": word for name, word in inspection.rig.items()}
+        values |= _settings(inspection.runs)
+    return values
+
+
+def _settings(runs: Sequence[RunView]) -> dict[str, list[float]]:
+    """Return arcs, tensions and speeds of the runs of a rig, by config key."""
+    values = {}
+    for key, (columns, gap) in SETTINGS.items():
+        recorded = [run.settings[c] for run in runs for c in columns if c in run.settings]
+        snapped = nominal_settings(np.array(recorded), gap)
+        settings = sorted({float(f"{value:.4g}") for value in snapped})
+        if len(settings) > MOST_SETTINGS:
+            log.info(
+                "%s is left open: the recording has %d values, which are used unless the config "
+                "states others",
+                key,
+                len(settings),
+            )
+        elif settings:
+            values[key] = settings
+    return values
+
+
+def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        sections.setdefault(section, {})[name] = value
+    return sections
+
+
+def _summary(path: Path, config: Config, sources: Mapping[str, str]) -> Summary:
+    """Summarise every key with its value and origin; the overview omits defaults."""
+    rows = [
+        {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
+        for path, value, _ in effective_values(config)
+        if path[0] in SECTIONS and (key := format_path(path))
+    ]
+    return Summary(
+        stage="init",
+        title=f"config of the belt {config.belt.name}",
+        out=path,
+        facts={"stated": len(sources), "defaults": len(rows) - len(sources)},
+        table=rows,
+        overview=[row for row in rows if row["key"] in sources],
+        origin=config.data.origin,
+    )

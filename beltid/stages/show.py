@@ -1,0 +1,98 @@
+"""beltid show: what a result is, as a table and a figure; or write it as CSV or as a figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from beltid.errors import InputError
+from beltid.report.charts import NO_DATES, Picture, pictures_of, saved
+from beltid.report.summary import Summary, csv_bytes
+from beltid.report.view import shown_of
+from beltid.stages.belt_results import checked_sheet
+from beltid.stages.inputs import load_law
+from beltid.store.artifact import read_artifact
+from beltid.store.disk import write_bytes
+from beltid.store.place import anyone_s, check_place
+
+TABLE: Final = ".csv"
+FIGURES: Final = tuple(f".{kind}" for kind in NO_DATES)
+
+
+def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
+    """Show an artifact or a law file.
+
+    Parameters
+    ----------
+    path : Path
+        The artifact, or a law file (.json).
+    out : Path or None
+        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows the table in the terminal.
+    name : str or None
+        Name of the figure; None for the first.
+    force : bool
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    ArtifactError
+        If the artifact is missing or damaged, or the file cannot be written.
+    InputError
+        If there is no such figure, or `out` has another ending or already exists.
+    """
+    if path.suffix == ".json":
+        if out is not None or name is not None:
+            raise InputError(f"{path}: a law file; --out and --figure need an artifact (.parquet)")
+        return _law_file(path)
+    artifact = read_artifact(path)
+    if out is not None:
+        inputs = {"artifact that is shown": path}
+        check_place(out, (TABLE, *FIGURES), anyone_s, inputs=inputs, force=force)
+        if out.suffix.lower() == TABLE:
+            if name is not None:
+                raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
+            write_bytes(out, csv_bytes(artifact.columns, artifact.origin))
+            return Summary("show", "", out, origin=artifact.origin)
+    elif name is not None:
+        raise InputError(
+            f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
+        )
+    available = pictures_of(checked_sheet(artifact))
+    if out is None:
+        return shown_of(artifact, [(picture.key, picture.title) for picture in available])
+    write_bytes(out, saved(_chosen(available, name, path).figure, out.suffix[1:].lower()))
+    return Summary("show", "", out, origin=artifact.origin)
+
+
+def _chosen(available: list[Picture], name: str | None, path: Path) -> Picture:
+    if not available:
+        raise InputError(f"{path}: contains nothing to draw")
+    for picture in available:
+        if name in (None, picture.key):
+            return picture
+    names = ", ".join(picture.key for picture in available)
+    raise InputError(f"{path}: --figure = {name}, must be one of: {names}")
+
+
+def _law_file(path: Path) -> Summary:
+    """Summarise a law file: what it holds, where it is valid, what it was made from."""
+    law = load_law(path)
+    return Summary(
+        "show",
+        f"{path}: contact law of the belt {law.belt.name}",
+        facts={
+            "kind": law.format,
+            "version": law.version,
+            "belt": law.belt.type or law.belt.name,
+            "method": law.friction.method,
+            "written_by": law.provenance.software,
+            "config": law.provenance.config,
+            **{f"valid {name}": span for name, span in law.validity.model_dump().items() if span},
+        },
+        table=[
+            {"made from": name, "sha256": sha}
+            for name, sha in {**law.provenance.artifacts, **law.provenance.recordings}.items()
+        ],
+        notes=law.provenance.notes,
+        origin=law.origin,
+    )

@@ -1,0 +1,198 @@
+"""Simulate one run or a campaign of the friction rig from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltid.config import Config, load_config
+from beltid.errors import BeltidError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.rigsim.rig import RunResult
+from beltid.stage import Outcome
+from beltid.stages.campaign import (
+    bench_of,
+    recording_columns,
+    simulate,
+    simulated_results,
+    simulation_settings,
+)
+from beltid.stages.inputs import friction_columns
+from beltid.stages.planned_runs import (
+    KEYS,
+    Picked,
+    PlannedRun,
+    checked_run,
+    measured_settings,
+    planned_runs,
+)
+from beltid.stages.workers import available_cores
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedRun:
+    """One run of the simulated rig.
+
+    Attributes
+    ----------
+    tension_tight_N, tension_slack_N : float
+        Support forces while sliding [N].
+    mu : float
+        Friction coefficient by Eq. (6) from these tensions [-].
+    normal_force_N_m : float
+        Mean normal force per length by Eq. (8) [N/m].
+    settings : PlannedRun
+        Arc, initial tension, pulley speed.
+    result : RunResult
+        All results of the simulation as plain arrays.
+    config : Config
+        The config of the rig.
+    """
+
+    tension_tight_N: float
+    tension_slack_N: float
+    mu: float
+    normal_force_N_m: float
+    settings: PlannedRun
+    result: RunResult
+    config: Config
+
+    def __repr__(self) -> str:
+        names = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
+        lines = [f"  {name} = {getattr(self, name):.6g}" for name in names]
+        run = self.settings
+        return "\n".join(
+            [
+                f"run of the simulated rig: {run.arc_deg:g}°, {run.initial_tension_N:g} N, "
+                f"{run.pulley_speed_rad_s:g} rad/s",
+                *lines,
+                "  .recording over time, .profile along the arc",
+            ]
+        )
+
+    @property
+    def recording(self) -> pd.DataFrame | None:
+        """The run over time with the columns of rig.csv; None for the steady method."""
+        from beltid.bench.recording import as_frame
+
+        if self.result.recording is None:
+            return None
+        return as_frame(recording_columns([self.settings], [self.result], self.config))
+
+    @property
+    def profile(self) -> pd.DataFrame:
+        """The sliding state along the arc."""
+        import pandas as pd
+
+        return pd.DataFrame(self.result.profile)
+
+
+def simulate_rig(
+    config: Config | Mapping[str, Any] | str | Path | None,
+    surface: FrictionSurface | Outcome[Any] | float,
+    law: NormalLaw | Outcome[Any],
+    *,
+    arc_deg: float,
+    initial_tension_N: float,
+    pulley_speed_rad_s: float,
+    method: str | None = None,
+    elements: int | None = None,
+) -> SimulatedRun:
+    """Simulate one run of the friction rig.
+
+    Parameters
+    ----------
+    config : Config, dict, path or None
+        Belt, rig and contact; None is the built-in 5PK rig.
+    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
+        Friction coefficient; a number is a constant coefficient.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law.
+    arc_deg : float
+        Contact arc [°], in (0, 360); it need not be in the config.
+    initial_tension_N : float
+        Tension before the pulley turns [N].
+    pulley_speed_rad_s : float
+        Speed of the pulley [rad/s].
+    method : {"transient", "steady"}, optional
+        By default that of the config.
+    elements : int, optional
+        Beam elements of the belt; by default those of the config.
+
+    Returns
+    -------
+    SimulatedRun
+        ``tension_tight_N``, ``tension_slack_N``, ``mu``, ``normal_force_N_m``, ``recording``,
+        ``profile``.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of its range.
+    ConvergenceError
+        If the simulation does not converge.
+    """
+    model = load_config(config)
+    run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
+    settings = simulation_settings(model, method, elements)
+    ((_, result),) = simulated_results(bench_of(model, surface, law), [run], settings, 1)
+    if isinstance(result, BeltidError):
+        raise result
+    return SimulatedRun(
+        tension_tight_N=float(result.tension_tight_N),
+        tension_slack_N=float(result.tension_slack_N),
+        mu=float(result.mu),
+        normal_force_N_m=float(result.normal_force_N_m),
+        settings=run,
+        result=result,
+        config=model,
+    )
+
+
+def simulate_campaign(
+    config: Config | Mapping[str, Any] | str | Path | None,
+    surface: FrictionSurface | Outcome[Any] | float,
+    law: NormalLaw | Outcome[Any],
+    *,
+    method: str | None = None,
+    jobs: int | None = 1,
+    elements: int | None = None,
+    friction: Any = None,
+) -> pd.DataFrame:
+    """Simulate every run of a campaign.
+
+    Parameters
+    ----------
+    config, surface, law, method, elements
+        As for `simulate_rig`.
+    jobs : int or None
+        Number of parallel runs; None is one per core. The result does not depend on it.
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+        The reduced runs of the bench, which are simulated unless the config states the settings of
+        the rig; without them all combinations of the config are simulated.
+
+    Returns
+    -------
+    DataFrame
+        A row per run: run, arc_deg, initial_tension_N, pulley_speed_rad_s, tension_tight_N,
+        tension_slack_N, mu, normal_force_N_m, status ("ok", or why it failed).
+    """
+    import pandas as pd
+
+    model = load_config(config)
+    measured = None
+    if friction is not None:
+        measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
+    runs = planned_runs(model, Picked(), measured)
+    settings = simulation_settings(model, method, elements)
+    bench, threads = bench_of(model, surface, law), jobs or available_cores()
+    campaign = simulate(model, bench, runs, settings, threads)
+    return pd.DataFrame(campaign.rows()).astype(
+        {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
+    )

@@ -1,0 +1,746 @@
+"""The steps of the method, in the order of the work: what each reads, uses and makes.
+
+A step is the command of its name, the Python function, and the step of the chain; its docstring is
+the help of the command. The work of a step stands in the module that it imports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from beltid.errors import EXIT_NUMERICS
+from beltid.stage import Outcome, stage
+
+if TYPE_CHECKING:
+    from beltid.config import Config
+    from beltid.stages.plan import PlannedRuns
+
+ConfigLike = Any
+"""Config, dict, path of a YAML file, or None for the built-in 5PK rig."""
+OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
+"""Sections of the config that matter for every use of the simulated rig."""
+BENCH: Final = ("belt", "rig")
+
+
+@stage(
+    "fit-stiffness",
+    makes="stiffness",
+    reads={"frame": "press"},
+    uses=("press", "rig", "uncertainty"),
+)
+def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Identify the normal contact law, Eq. (3), from the recording of a compression press.
+
+    The normal force per metre of belt is k_linear * penetration + k_quadratic * penetration².
+    Contact point, machine compliance, load cycles and hysteresis are taken into account; a
+    statistical test shows whether temperature matters.
+
+    The config states the length of belt under the press (press.segment_length_cm, default 4) and
+    the compliance of the press (press.machine_compliance_mm_N, default 0): both scale the law, so
+    state your own.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of press.csv.
+    config : Config, dict, path or None
+        Segment length, machine compliance, choice of cycles; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per temperature and a pooled row; ``.result.pooled.law`` is the
+        `NormalLaw`.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used.
+    FitError
+        If no law with coefficients >= 0 fits.
+
+    Examples
+    --------
+    beltid fit-stiffness press.csv
+    """
+    from beltid.stages.stiffness import fitted
+
+    return fitted(frame, config)
+
+
+@stage("fit-slip", makes="slip", reads={"frame": "speedloss"}, uses=("rig", "drive"))
+def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Find the sliding speeds in service, Eq. (7), from the speed loss of a two-pulley drive.
+
+    They show at which pulley speeds to run the friction rig for this belt. The sliding speed is the
+    speed loss times the radius of the driver under drive: in the config, else
+    rig.pulley_radius_m, default 0.05.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of speedloss.csv.
+    config : Config, dict, path or None
+        Radius and speeds of the friction rig; None is the built-in 5PK rig.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per run; ``.facts["rig_speeds_proposed_rad_s"]`` the pulley speeds
+        that the friction rig has to cover.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used.
+
+    Examples
+    --------
+    beltid fit-slip speedloss.csv
+    """
+    from beltid.stages.slip import fitted
+
+    return fitted(frame, config)
+
+
+@stage(
+    "fit-friction",
+    makes="friction",
+    reads={"frame": lambda table: "points" if table else "rig"},
+    uses=("friction", "rig", "belt", "conditions", "uncertainty"),
+)
+def fit_friction(frame: Any, config: ConfigLike = None, *, table: bool = False) -> Outcome[Any]:
+    """Find the friction coefficient of every run of the friction rig, Eqs. (5) to (8).
+
+    Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
+    standard error, the sticking peak, the sliding speed and the normal force per length. Every
+    coefficient depends on the stated contact arc. A run that cannot be used is set aside, and the
+    reason is given.
+
+    Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
+    unless the config states rig.pulley_radius_m, for recordings of any bench.
+
+    rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
+    torque, torque_hub, or running for a belt that moves.
+
+    Parameters
+    ----------
+    frame : DataFrame, pyarrow Table or mapping
+        The columns of rig.csv, with the channels of the kind of the rig.
+    config : Config, dict, path or None
+        Kind of the rig, radius of the pulley, conditions; None is the built-in 5PK rig.
+    table : bool
+        The file has a row per plateau instead of samples over time: arc_deg, the forces or torque
+        of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
+        temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per run; ``status`` gives the reason if a run cannot be used.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be used, or none of its runs.
+
+    Examples
+    --------
+    beltid fit-friction rig.csv
+    """
+    from beltid.stages.friction import reduced
+
+    return reduced(frame, config)
+
+
+@stage(
+    "build-surface",
+    makes="surface",
+    reads={"friction": "friction"},
+    uses=("friction", "rig", "belt", "uncertainty"),
+    bench=BENCH,
+)
+def build_surface(
+    friction: Any,
+    config: ConfigLike = None,
+    *,
+    condition: str | None = None,
+    side: str | None = None,
+) -> Outcome[Any]:
+    """Build the friction surface: the coefficient over normal force and sliding speed.
+
+    One surface per contact arc and their average, as bicubic splines through the measured values;
+    outside the measured range the nearest measured value is used. Runs with different surface
+    conditions (dry, wet, dusty) or belt sides are never combined: select with --condition and
+    --side.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if
+        present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
+    config : Config, dict, path or None
+        Settings of the surface; None is the built-in 5PK rig.
+    condition : {"dry", "wet", "dusty"}, optional
+        Use only runs on this surface.
+    side : {"rib", "back"}, optional
+        Use only runs of this side of the belt.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per node; ``.result.surface`` is the averaged `FrictionSurface`.
+
+    Raises
+    ------
+    InputError
+        If no surface can be built from the runs.
+
+    Examples
+    --------
+    beltid build-surface friction.parquet
+    """
+    from beltid.stages.surface import published
+
+    return published(friction, config, {"condition": condition, "side": side})
+
+
+@stage(
+    "refine-surface",
+    makes="surface",
+    file="surface_refined.parquet",
+    reads={"friction": "friction", "law": "stiffness"},
+    uses=(*OF_RIG, "friction"),
+    bench=BENCH,
+)
+def refine_surface(
+    friction: Any,
+    law: Any,
+    config: ConfigLike = None,
+    *,
+    condition: str | None = None,
+    side: str | None = None,
+    workers: Any = None,
+) -> Outcome[Any]:
+    """Find the friction surface with which the simulated rig gives the measured tensions.
+
+    The published procedure assigns each coefficient to the mean force on the arc and neglects that
+    a stiff belt presses harder where it enters and leaves the pulley. Here the surface is the
+    solution of an inverse problem over all arcs; the data determine its smoothness. Prints the
+    remaining difference between simulated and measured coefficients and an uncertainty budget;
+    state the uncertainties of your benches under uncertainty: in the config.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        A row per reduced run.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; a result also provides its scatter.
+    config : Config, dict, path or None
+        Belt and rig; None is the built-in 5PK rig.
+    condition : {"dry", "wet", "dusty"}, optional
+        Use only runs on this surface.
+    side : {"rib", "back"}, optional
+        Use only runs of this side of the belt.
+    workers : Workers, optional
+        Run the heavy calls; the result does not depend on them.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per node; ``.result.surface`` is the refined `FrictionSurface`,
+        ``.result.misfit_table()`` the misfit before and after.
+
+    Raises
+    ------
+    InputError
+        If there are too few runs.
+    ConvergenceError
+        If a run cannot be simulated or the iteration does not converge.
+
+    Examples
+    --------
+    beltid refine-surface friction.parquet stiffness.parquet
+    """
+    from beltid.stages.refine import refined
+
+    return refined(friction, law, config, {"condition": condition, "side": side}, workers)
+
+
+def _campaign_file(**options: Any) -> str:
+    part = any(options[name] for name in ("arc", "tension", "speed"))
+    return "simulated_part.parquet" if part else "simulated.parquet"
+
+
+def _friction_beside(files: Mapping[str, Path]) -> dict[str, Path]:
+    from beltid.stages.rig import friction_beside
+
+    return friction_beside(dict(files))
+
+
+@stage(
+    "simulate-rig",
+    makes="simulated",
+    file=_campaign_file,
+    reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
+    uses=(*OF_RIG, "friction"),
+    bench=BENCH,
+    guests=("friction",),
+    finds=_friction_beside,
+    fails_with=EXIT_NUMERICS,
+)
+def simulate_recording(
+    surface: Any,
+    law: Any,
+    config: ConfigLike = None,
+    *,
+    friction: Any = None,
+    method: str | None = None,
+    arc: list[float] | None = None,
+    tension: list[float] | None = None,
+    speed: list[float] | None = None,
+    jobs: int | None = None,
+    workers: Any = None,
+) -> Outcome[Any]:
+    """Simulate the runs of the friction rig with the identified laws, Eqs. (9) to (12).
+
+    A flexible belt (ANCF beam elements) is laid on the pulley and tightened, and the pulley turns:
+    stick, slip and full sliding. All measured runs are simulated, each setting once, or the
+    selected ones; lists under rig: of the config take precedence over what was measured. The result
+    has the columns of a bench recording; runs selected by --arc, --tension or --speed go to
+    simulated_part.parquet and never replace the whole campaign.
+
+    Parameters
+    ----------
+    surface : Outcome of build_surface or refine_surface, FrictionSurface or float
+        Friction coefficient.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law.
+    config : Config, dict, path or None
+        Belt, rig and contact; None is the built-in 5PK rig.
+    friction : Outcome of fit_friction, optional
+        friction.parquet whose runs are repeated. Default: the one next to SURFACE that it was made
+        from, else all combinations of the settings under rig: of the config.
+    method : {"transient", "steady"}, optional
+        transient: stick, build-up and sliding over time. steady: the sliding limit only, faster.
+        Default: as the config says, else transient.
+    arc : list of float, optional
+        Only runs with this contact arc [deg], one of those measured; may be repeated.
+    tension : list of float, optional
+        Only runs with this initial tension [N], one of those measured; may be repeated.
+    speed : list of float, optional
+        Only runs with this pulley speed [rad/s], one of those measured; may be repeated.
+    jobs : int, optional
+        Runs simulated at the same time. Default: one per core.
+    workers : Workers, optional
+        Run the heavy calls; the result does not depend on them.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per sample.
+
+    Examples
+    --------
+    beltid simulate-rig surface.parquet stiffness.parquet --arc 82
+    """
+    from beltid.stages.planned_runs import Picked
+    from beltid.stages.rig import simulated
+
+    picked = Picked(tuple(arc or ()), tuple(tension or ()), tuple(speed or ()))
+    return simulated(surface, law, friction, config, picked, method, jobs, workers)
+
+
+@stage(
+    "compare",
+    makes="compare",
+    reads={"friction": "friction", "simulated": ("simulated", "rig")},
+    uses=("compare", "friction", "rig", "belt"),
+)
+def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Compare simulated and measured friction coefficients, run by run; exit 0 or 4.
+
+    The simulated recording goes through the same reduction as the measured one. Prints differences
+    per arc, averaged over arcs, and for low, middle and high normal force. Runs are matched by arc,
+    tension and speed. A recording in the place of simulated.parquet compares two benches, or a
+    bench and another program.
+
+    Default tolerances: RMS 6 %, mean magnitude 5 %, largest 20 %; change them under compare: in the
+    config. Exit 4 also if fewer than half of the usable measured runs have a simulated partner.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        The reduced runs of the bench.
+    simulated : Outcome, DataFrame, pyarrow Table or mapping
+        A simulated recording with the columns of rig.csv from perfect load cells; or reduced runs
+        like `friction` (for a second bench, reduce its recording with `fit_friction`); or the table
+        of `simulate_campaign`.
+    config : Config, dict, path or None
+        Tolerances, and for a recording the settings of its reduction.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per matched point; ``.result`` has ``passed`` and the statistics
+        per arc, averaged, and for low, middle and high force.
+
+    Raises
+    ------
+    InputError
+        If a table lacks columns, or no run of one has a partner in the other.
+
+    Examples
+    --------
+    beltid compare friction.parquet simulated.parquet
+    """
+    from beltid.stages.compare import compared
+
+    return compared(friction, simulated, config)
+
+
+@stage(
+    "cross-validate",
+    makes="crossvalidation",
+    reads={"friction": "friction", "law": "stiffness"},
+    uses=("compare", "cross_validate", *OF_RIG, "friction"),
+)
+def cross_validate(
+    friction: Any,
+    law: Any,
+    config: ConfigLike = None,
+    *,
+    by: str | None = None,
+    jobs: int | None = None,
+    workers: Any = None,
+) -> Outcome[Any]:
+    """Predict the runs of every arc or speed from the others, and compare; exit 0 or 4.
+
+    Each arc (or inner speed) is left out once, the surface is refined from the other runs, and the
+    runs left out are simulated with it. The tolerances are those of compare.
+
+    Parameters
+    ----------
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+        The reduced runs of the bench.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the belt; a result also provides its scatter.
+    config : Config, dict, path or None
+        Belt, rig and tolerances.
+    by : {"arc", "speed"}, optional
+        Setting that is left out in turn; the lowest and the highest speed never are. Default: as
+        the config says under cross_validate, else arc.
+    jobs : int, optional
+        Surfaces refined at the same time. Default: one per core.
+    workers : Workers, optional
+        Run the heavy calls; the result does not depend on them.
+
+    Returns
+    -------
+    Outcome
+        Like that of `compare`, with a row per predicted run.
+
+    Raises
+    ------
+    TooFewSettings
+        If too few settings or runs would be left.
+    ConvergenceError
+        If a surface does not converge, or a run cannot be simulated.
+
+    Examples
+    --------
+    beltid cross-validate friction.parquet stiffness.parquet --by speed
+    """
+    from beltid.stages.cross_validate import predicted_runs
+
+    return predicted_runs(friction, law, config, by, jobs, workers)
+
+
+@stage(
+    "simulate-drive",
+    makes="drive",
+    reads={"surface": "surface", "law": "stiffness", "slip": "slip"},
+    uses=("belt", "drive", "rig", "press", "uncertainty"),
+    bench=("belt",),
+)
+def predict_drive(
+    surface: Any, law: Any, config: ConfigLike = None, *, slip: Any = None
+) -> Outcome[Any]:
+    """Predict a belt drive: speed loss, belt tensions, hub forces, reserve against slip.
+
+    The section drive: of the config describes the drive; the contact is that of the identified
+    laws. The belt is an extensible string with mass on the elastic bed of its ribs, or a rod with
+    bending stiffness. Every speed loss is split into creep, seating and slip and has an
+    uncertainty. One row per operating point and pulley.
+
+    Parameters
+    ----------
+    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
+        Friction coefficient of the ribs; a number is a constant coefficient.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the ribs; a result also provides its scatter.
+    config : Config, dict, path or None
+        Belt, drive and its operating points; None is the built-in 5PK rig.
+    slip : Outcome of fit_slip, optional
+        slip.parquet of fit-slip: predict the operating points of that recording instead of those of
+        the config.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per point and pulley with the columns of drive.parquet.
+
+    Raises
+    ------
+    InputError
+        If the stated drive is impossible.
+    NumericsError
+        If no operating point has a steady state.
+
+    Examples
+    --------
+    beltid simulate-drive surface_refined.parquet stiffness.parquet --from slip.parquet
+    """
+    from beltid.stages.drive import predicted
+
+    return predicted(surface, law, slip, config)
+
+
+def simulate_drive(config: ConfigLike, surface: Any, law: Any) -> Outcome[Any]:
+    """Predict the operating points of a belt drive that a config states; see `predict_drive`.
+
+    Parameters
+    ----------
+    config : Config, dict, path or None
+        Belt, drive and its operating points; None is the built-in 5PK rig.
+    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
+        Friction coefficient of the ribs; a number is a constant coefficient.
+    law : NormalLaw or Outcome of fit_stiffness
+        Normal contact law of the ribs; a result also provides its scatter.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per point and pulley with the columns of drive.parquet.
+    """
+    return predict_drive(surface, law, config)
+
+
+@stage(
+    "compare-drive",
+    makes="compare_drive",
+    reads={"slip": "slip", "drive": "drive"},
+    uses=("compare_drive",),
+)
+def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Compare predicted and measured speed losses of a drive; exit 0 or 4.
+
+    Nothing is fitted to this recording: it is an independent test of the identified laws, and shows
+    which of creep, seating and slip it can resolve. Points below a fifth of the largest torque are
+    not judged. Default tolerance: RMS 10 %; change it under compare_drive: in the config.
+
+    Parameters
+    ----------
+    slip : Outcome of fit_slip
+        The measured losses.
+    drive : Outcome of predict_drive
+        The prediction of the same recording.
+    config : Config, dict, path or None
+        Tolerance.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per measured run.
+
+    Examples
+    --------
+    beltid compare-drive slip.parquet drive.parquet
+    """
+    from beltid.stages.compare_drive import compared
+
+    return compared(slip, drive, config)
+
+
+def _plan_bytes(outcome: Outcome[Any]) -> bytes:
+    from beltid.stages.plan import written
+
+    return written(outcome)
+
+
+def _whose_plan(path: Path) -> str:
+    from beltid.stages.plan import whose
+
+    return whose(path)
+
+
+@stage(
+    "plan",
+    makes="plan",
+    file="plan.csv",
+    reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
+    uses=(*OF_RIG, "friction", "plan"),
+    bench=BENCH,
+    guests=("friction",),
+    writes=_plan_bytes,
+    whose=_whose_plan,
+)
+def plan(
+    surface: Any = None,
+    law: Any = None,
+    config: ConfigLike = None,
+    *,
+    friction: Any = None,
+    runs: int = 12,
+    goal_u: float = 0.01,
+) -> Outcome[Any]:
+    """Plan the next runs of the friction rig, or report that no more are needed.
+
+    Selects, from the settings under plan: in the config, the runs that minimise the uncertainty of
+    the refined surface, averaged over all their forces and speeds. Errors that all runs share (load
+    cells, arcs, radius, bending stiffness) are taken from uncertainty: in the config. Prints the
+    uncertainty of each region before and after. Prints stop if the goal is reached or further runs
+    do not help; then it names the shared error whose reduction would help most. Without SURFACE and
+    STIFFNESS it starts from values typical of such a belt. One row per run in the order of the
+    session.
+
+    Parameters
+    ----------
+    surface : Outcome of refine_surface or build_surface, optional
+        The known surface.
+    law : NormalLaw or Outcome of fit_stiffness, optional
+        Normal contact law; by default that of the paper's 5PK belt.
+    config : Config, dict, path or None
+        Belt, rig, and under ``plan:`` the possible settings of the rig.
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+        friction.parquet of fit-friction: new runs are assumed as noisy as its runs.
+    runs : int
+        Runs to plan at most; fewer if they reach the goal, none if they do not help.
+    goal_u : float
+        Sufficient relative standard uncertainty of the friction coefficient.
+
+    Returns
+    -------
+    Outcome
+        ``.to_frame()`` has a row per run in the order of the session.
+
+    Examples
+    --------
+    beltid plan surface_refined.parquet stiffness.parquet --from friction.parquet
+    """
+    from beltid.stages.plan import planned
+
+    return planned(surface, law, config, friction, runs, goal_u)
+
+
+def plan_runs(
+    surface: Any = None,
+    law: Any = None,
+    config: ConfigLike = None,
+    *,
+    friction: Any = None,
+    runs: int = 12,
+    goal_u: float = 0.01,
+) -> PlannedRuns:
+    """Plan the next runs of the friction rig.
+
+    Parameters
+    ----------
+    surface : Outcome of refine_surface or build_surface, optional
+        The known surface; without it the plan starts from usual values for such a belt.
+    law : NormalLaw or Outcome of fit_stiffness, optional
+        Normal contact law; by default that of the paper's 5PK belt.
+    config : Config, dict, path or None
+        Belt, rig, and under ``plan:`` the possible settings of the rig.
+    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+        Reduced runs, whose noise the planned runs are assumed to have.
+    runs : int
+        Maximum number of runs to plan; fewer if they reach the goal, none if they do not help.
+    goal_u : float
+        Sufficient relative standard uncertainty of mu [-].
+
+    Returns
+    -------
+    PlannedRuns
+        ``.to_frame()`` has a row per run in the order of the session; ``.plan`` has their gain and
+        whether to stop.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the surface has no covariance.
+    """
+    outcome = plan(surface, law, config, friction=friction, runs=runs, goal_u=goal_u)
+    found: PlannedRuns = outcome.result
+    return found
+
+
+@stage(
+    "press-curves",
+    makes="press_curves",
+    reads={"frame": "press"},
+    uses=("press",),
+    is_command=False,
+)
+def press_curves(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Keep the branches of the press cycles that the report shows."""
+    from beltid.stages.curves import press_branches
+
+    return press_branches(frame, config)
+
+
+@stage(
+    "rig-curves",
+    makes="rig_curves",
+    reads={"frame": "rig", "friction": "friction"},
+    uses=("friction", "rig", "belt"),
+    is_command=False,
+)
+def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[Any]:
+    """Keep the runs over time that the report shows, thinned."""
+    from beltid.stages.curves import rig_runs
+
+    return rig_runs(frame, friction, config)
+
+
+def read_press(path: str | Path, config: Config | ConfigLike = None) -> Any:
+    """Read a recording of the press, in any format that ``beltid inspect`` knows.
+
+    Parameters
+    ----------
+    path : path
+        A file; or a folder, a pattern such as ``"press/*.csv"`` or a zip file with a file per test.
+    config : Config, dict, path or None
+        Names, units and dialect of the file, where they are not recognised automatically.
+
+    Returns
+    -------
+    DataFrame
+        The columns of press.csv, in their units; ``.attrs["notes"]`` says how it was read.
+
+    Raises
+    ------
+    InputError
+        With all problems, each with its line.
+    """
+    return _frame(path, "press", config)
+
+
+def read_rig(path: str | Path, config: ConfigLike = None) -> Any:
+    """Read a recording of the friction rig; see `read_press`. The columns are those of rig.csv."""
+    return _frame(path, "rig", config)
+
+
+def read_speedloss(path: str | Path, config: ConfigLike = None) -> Any:
+    """Read a recording of the speed-loss bench; see `read_press`. Columns of speedloss.csv."""
+    return _frame(path, "speedloss", config)
+
+
+def _frame(path: str | Path, kind: str, config: ConfigLike) -> Any:
+    from beltid.bench.recording import as_frame, read_recording
+    from beltid.config import load_config
+
+    recording = read_recording(path, kind, load_config(config))
+    return as_frame(recording.columns, recording.notes)

@@ -1,0 +1,219 @@
+"""From friction coefficients of the runs to mu(f_N, v), as published (section 2.2)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from beltid.config import Config
+from beltid.errors import BeltidError, InputError, counted
+from beltid.identify.surface.curves import SPEED_GAP
+from beltid.identify.surface.laws import fit_friction_laws
+from beltid.identify.surface.plateau_laws import fit_plateau_laws
+from beltid.identify.surface.surface import SurfaceResult, build_surface
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.stage import Outcome
+from beltid.stages.columns import at, in_percent, ok_rows, span
+from beltid.stages.inputs import friction_columns
+from beltid.stages.reduction import rig_kind
+from beltid.stages.stiffness import coefficients
+from beltid.stages.uncertainties import standard_uncertainties
+from beltid.uncertainty.budget import SurfaceUncertainty
+from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
+from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
+from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
+
+NO_ARC_DEG: Final = 90.0
+"""Arc assigned to coefficients that a table states without one: they form a single group and do not
+depend on the calibration of a rig."""
+NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+APART: Final = ("condition", "side")
+"""Columns that must have the same value in all runs of a friction surface."""
+
+
+def published(
+    friction: Any, config: Config, chosen: Mapping[str, str | None]
+) -> Outcome[SurfaceResult]:
+    """Build the surface of every arc and their average from the usable runs of one condition."""
+    columns = friction_columns(friction, NEEDED)
+    with at(friction):
+        good = np.flatnonzero(ok_rows(columns))
+        if good.size == 0:
+            n = len(columns["arc_deg"])
+            raise InputError(f"none of its {n} runs has the status ok, at least one is needed")
+        good = rows_of_one(columns, good, chosen)
+        direct = not np.isfinite(columns["arc_deg"][good]).any()
+        if direct:
+            columns = {**columns, "arc_deg": np.full(len(columns["arc_deg"]), NO_ARC_DEG)}
+        se = own_errors(columns)
+        arcs, force, speed, mu = (columns[name][good] for name in NEEDED)
+        result = build_surface(arcs, force, speed, mu, None if se is None else se[good])
+    surface, rig = result.surface, config.rig_params()
+    used = valid_rows(columns, good)
+    measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
+    uncertainty = _uncertainty(
+        measured, result, StandardUncertainties() if direct else standard_uncertainties(config)
+    )
+    formulas, notes = friction_formulas(surface, uncertainty.factor)
+    lines, warnings = ((), ()) if direct else _forces_of_plateaus(measured, config)
+    ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
+    facts, budget = said_of_surface(surface, columns, good, ranges, uncertainty)
+    table = result.to_columns()
+    arc_deg = table["arc_deg"]
+    return Outcome(
+        {**table, **uncertainty.columns(len(table["mu"]))},
+        result,
+        facts={
+            "points": result.n_points,
+            "arcs_deg": np.unique(arc_deg[np.isfinite(arc_deg)]).tolist(),
+            "arc_to_arc_spread_rms_percent": in_percent(result.rms_arc_spread),
+            "method": "published",
+            **facts,
+        },
+        tables={"budget": budget, "friction_formulas": formulas},
+        validity=surface.validity,
+        set_aside=[{"point": line} for line in result.set_aside],
+        notes=(*result.notes, *notes, *lines),
+        warnings=(*(f"set aside: {line}" for line in result.set_aside), *warnings),
+    )
+
+
+def said_of_surface(
+    surface: FrictionSurface,
+    columns: Mapping[str, np.ndarray],
+    rows: np.ndarray,
+    ranges: tuple[np.ndarray, np.ndarray],
+    uncertainty: SurfaceUncertainty,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the facts that a published and a refined surface share, and the budget.
+
+    `rows` are the runs that were used, `ranges` their mean forces [N/m] and speeds [m/s].
+    """
+    stated = {name: columns[name][rows[0]] for name in APART if name in columns}
+    stated = {name: str(word) for name, word in stated.items() if word is not None}
+    force, speed = (span(values) for values in ranges)
+    assert force is not None
+    extra = uncertainty.extra(force)
+    facts = {
+        "degree": surface.degree,
+        "force_nodes": surface.normal_force_N_m.size,
+        "speed_nodes": surface.slip_speed_m_s.size,
+        "valid_force_N_m": surface.validity["normal_force_N_m"],
+        "valid_speed_m_s": surface.validity["slip_speed_m_s"],
+        "measured_force_N_m": force,
+        "measured": {"normal_force_N_m": force, "slip_speed_m_s": speed},
+        "uncertainty": extra["uncertainty"],
+        **({"conditions": stated} if stated else {}),
+    }
+    return facts, extra["budget"]
+
+
+def rows_of_one(
+    columns: Mapping[str, np.ndarray], rows: np.ndarray, chosen: Mapping[str, str | None]
+) -> np.ndarray:
+    """Select the rows that were measured on the chosen surface and side of the belt.
+
+    Raises
+    ------
+    InputError
+        If there are several words and none is chosen, or no row has the chosen one; the message
+        lists the words of the table.
+    """
+    problems = []
+    for column in APART:
+        labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
+        counts = Counter("not stated" if label is None else str(label) for label in labels)
+        wanted = chosen.get(column)
+        if wanted is not None:
+            rows = rows[labels == wanted]
+        listing = ", ".join(
+            f"{label} ({counted(count, 'run')})" for label, count in sorted(counts.items())
+        )
+        if wanted is not None and not rows.size:
+            problems.append(f"no run has the {column} {wanted}; there are {listing}")
+            break
+        if wanted is None and len(counts) > 1:
+            problems.append(
+                f"runs of different {column} are never put into one surface: {listing}; "
+                f"choose one with --{column}, and build another surface for the other"
+            )
+    if problems:
+        raise InputError(problems)
+    return rows
+
+
+def _uncertainty(
+    measured: Measured, result: SurfaceResult, standard: StandardUncertainties
+) -> SurfaceUncertainty:
+    """Propagate the errors to the surface; the bias by bending is not included."""
+    bent = measured.kind.spans.EI > 0.0
+    of_rig = rig_sources(standard, int(measured.arc.max()) + 1, bent=bent)
+    sources = (*of_rig, *reduction_sources(measured.columns))
+    return SurfaceUncertainty(
+        surface=result.surface,
+        sources=sources,
+        changes=published_changes(measured, result.average, sources),
+        scatter=scatter_factor(published_curves(measured), result.average),
+        arcs_deg=measured.arcs_deg,
+    )
+
+
+def friction_formulas(
+    surface: FrictionSurface, factor: np.ndarray
+) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """Fit the parametric friction laws to the nodes of a surface; a failure becomes a note.
+
+    `factor` (nf, nv, r) is that of the covariance of ln mu at the nodes. Returns rows and notes.
+    """
+    force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    try:
+        laws = fit_friction_laws(
+            force.ravel(),
+            speed.ravel(),
+            surface.mu_nodes.ravel(),
+            factor.reshape(force.size, -1),
+        )
+    except BeltidError as error:
+        return [], (f"No friction formula for the surface: {error}",)
+    rows = [
+        {
+            "law": fit.law,
+            "parameters": coefficients(fit.parameters),
+            "rms_misfit_percent": in_percent(fit.rms_misfit),
+            "worst_misfit_percent": in_percent(fit.worst_misfit),
+            "criterion": fit.criterion,
+            "formula": fit.formula.text,
+        }
+        for fit in laws.fits
+    ]
+    best = [note for note in laws.fit(laws.best).notes if note]
+    return rows, (laws.verdict, *best, *laws.notes)
+
+
+def _forces_of_plateaus(
+    measured: Measured, config: Config
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Fit friction laws to the single readings of a dead-weight rig; return notes and warnings.
+
+    A recording over time shows its scatter, with which the surface is built. A stated resolution
+    means that there are single readings only. The laws apply to a single sliding speed.
+    """
+    rig, speed = config.rig, measured.slip_speed
+    one_speed = float(speed.max()) <= (1.0 + SPEED_GAP) * float(speed.min())
+    if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
+        return (), ()
+    try:
+        laws = fit_plateau_laws(
+            np.degrees(measured.beta),
+            measured.tight,
+            measured.slack,
+            measured.R,
+            weight_on=rig.weight_on,
+            resolution_N=rig.force_resolution_N,
+        )
+    except BeltidError as error:
+        return (f"No friction law through the forces: {error}",), ()
+    return (laws.verdict,), laws.warnings

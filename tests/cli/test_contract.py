@@ -1,0 +1,190 @@
+"""What every command that writes a result keeps to: one test of each promise for all of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltid.stage import STAGES
+from beltid.stages import steps  # noqa: F401  (registers the stages)
+
+CALLS = {
+    "fit-stiffness": ("press.csv",),
+    "fit-slip": ("speedloss.csv",),
+    "fit-friction": ("rig.csv",),
+    "build-surface": ("friction.parquet",),
+    "refine-surface": ("friction.parquet", "stiffness.parquet"),
+    "simulate-rig": ("surface.parquet", "stiffness.parquet", "--jobs", "1"),
+    "compare": ("friction.parquet", "simulated.parquet"),
+    "cross-validate": ("friction.parquet", "stiffness.parquet", "--jobs", "1"),
+    "simulate-drive": ("surface.parquet", "stiffness.parquet", "--from", "slip.parquet"),
+    "compare-drive": ("slip.parquet", "drive.parquet"),
+    "plan": ("surface.parquet", "stiffness.parquet", "--runs", "1"),
+}
+CHEAP = ("fit-slip", "build-surface", "compare", "compare-drive", "plan")
+"""Commands that take no second."""
+JUDGING = ("compare", "cross-validate", "compare-drive")
+FILES = {name: stage.file_name({"arc": 0, "tension": 0, "speed": 0}) for name, stage in
+         STAGES.items()}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def rough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits of a drive, most of its work, at one tension and roughly."""
+    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
+    monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
+
+
+def state(folder: Path) -> dict[str, bytes]:
+    return {str(p): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_every_step_is_a_command_with_a_contract() -> None:
+    assert set(CALLS) == {name for name, stage in STAGES.items() if stage.is_command}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_command_writes_its_file_and_says_what_it_wrote(
+    name: str, bench: Path, beltid: Any
+) -> None:
+    (bench / FILES[name]).unlink(missing_ok=True)
+    done = beltid(name, *CALLS[name], "--json")
+    assert done.exit_code in ((0, 4) if name in JUDGING else (0,)), done.stderr
+    said = json.loads(done.stdout)
+    assert said["command"] == name
+    assert Path(said["out"]).name == FILES[name]
+    assert said["exit_status"] == done.exit_code
+    assert (bench / FILES[name]).is_file()
+    assert said["facts"]
+    assert said["table"] or name == "plan"
+    assert (said["verdict"] or "").startswith(("PASS", "FAIL")) == (name in JUDGING)
+    if name == "plan":
+        return
+    before = (bench / FILES[name]).read_bytes()
+    again = beltid(name, *CALLS[name])
+    assert again.exit_code == done.exit_code
+    assert "up to date" in again.stderr
+    assert (bench / FILES[name]).read_bytes() == before
+    assert FILES[name] in again.stdout
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_help_says_what_goes_in_and_comes_out(name: str, beltid: Any) -> None:
+    done = beltid(name, "--help")
+    assert done.exit_code == 0
+    text = " ".join(done.stdout.split())
+    assert FILES[name] in text
+    assert f"Example: beltid {name}" in text
+    assert "beltid --help" in text
+    for option in STAGES[name].options:
+        assert f"--{option.name.replace('_', '-')}" in text
+    assert "{" not in text.partition("Arguments")[0].partition("Usage")[2].partition("  ")[0]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_nothing_is_replaced_that_must_stay(name: str, bench: Path, beltid: Any) -> None:
+    """An input at the output, a foreign file, a file of another ending, a folder: status 2."""
+    ending = Path(FILES[name]).suffix
+    (bench / f"mine{ending}").write_text("my own file")
+    (bench / f"folder{ending}").mkdir()
+    (bench / "mine.txt").write_text("my own file")
+    os.link(bench / CALLS[name][0], bench / f"linked{ending}")
+    before = state(bench)
+    places = [f"mine{ending}", "mine.txt", f"folder{ending}", "mine.txt/below" + ending]
+    for out in [*places, CALLS[name][0], f"linked{ending}"]:
+        force = ["--force"] if out in (CALLS[name][0], f"linked{ending}", "mine.txt") else []
+        done = beltid(name, *CALLS[name], "-o", out, *force)
+        assert done.exit_code == 2, (out, done.stdout, done.stderr)
+        assert Path(out).name.partition(".")[0] in done.stderr, (out, done.stderr)
+        assert len([x for x in done.stderr.splitlines() if x.startswith("error: ")]) == 1
+    assert state(bench) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.parametrize("name", CALLS)
+def test_a_place_that_may_not_be_written_is_told_before_the_work(
+    name: str, bench: Path, beltid: Any
+) -> None:
+    (bench / "locked").mkdir(mode=0o500)
+    done = beltid(name, *CALLS[name], "-o", f"locked/x{Path(FILES[name]).suffix}")
+    assert done.exit_code == 2
+    assert "no permission to write" in done.stderr
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_an_input_that_is_missing_or_of_another_kind_is_named(
+    name: str, bench: Path, beltid: Any
+) -> None:
+    first, *rest = CALLS[name]
+    done = beltid(name, "nothing.here", *rest, "-o", f"new{Path(FILES[name]).suffix}")
+    assert done.exit_code == 2
+    assert "nothing.here" in done.stderr
+    wrong = "compare_drive.parquet" if first.endswith(".parquet") else "beltid.yaml"
+    if first.endswith(".parquet"):
+        shutil.copy(bench / "compare.parquet", bench / wrong)
+    done = beltid(name, wrong, *rest, "-o", f"new{Path(FILES[name]).suffix}")
+    assert done.exit_code == 2
+    assert wrong in done.stderr
+    assert not (bench / f"new{Path(FILES[name]).suffix}").exists()
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_a_damaged_input_is_refused(name: str, bench: Path, beltid: Any) -> None:
+    first = bench / CALLS[name][0]
+    if first.suffix != ".parquet":
+        pytest.skip("a recording")
+    data = bytearray(first.read_bytes())
+    data[len(data) // 3] ^= 0x10
+    first.write_bytes(bytes(data))
+    done = beltid(name, *CALLS[name], "-o", f"new{Path(FILES[name]).suffix}")
+    assert done.exit_code == 2
+    assert first.name in done.stderr
+
+
+def test_an_input_that_changes_while_it_is_read_is_noticed(
+    bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = STAGES["fit-slip"]
+    compute = stage.compute
+
+    def meanwhile(**given: Any) -> Any:
+        with (bench / "speedloss.csv").open("a") as file:
+            file.write("\n")
+        return compute(**given)
+
+    (bench / "slip.parquet").unlink()
+    monkeypatch.setattr(stage, "compute", meanwhile)
+    done = beltid("fit-slip", "speedloss.csv")
+    assert done.exit_code == 2
+    assert "was changed while it was read" in done.stderr
+    assert not (bench / "slip.parquet").exists()
+
+
+def test_what_matters_makes_it_again_and_nothing_else(bench: Path, beltid: Any) -> None:
+    def kept(*more: str) -> bool:
+        done = beltid("fit-slip", "speedloss.csv", "--json", *more)
+        assert done.exit_code == 0, done.stderr
+        up_to_date: bool = json.loads(done.stdout)["up_to_date"]
+        return up_to_date
+
+    kept()
+    assert kept()
+    assert not kept("--force")
+    (bench / "other.yaml").write_text("compare: {max_relative_error: 0.3}\n")
+    kept("-c", "other.yaml")
+    (bench / "other.yaml").write_text("compare: {max_relative_error: 0.4}\n")
+    assert kept("-c", "other.yaml")  # of no matter here
+    (bench / "other.yaml").write_text("rig: {pulley_radius_m: 0.04}\n")
+    assert not kept("-c", "other.yaml")
+    shutil.copy(bench / "speedloss.csv", bench / "renamed.csv")
+    (bench / "speedloss.csv").unlink()
+    (bench / "renamed.csv").rename(bench / "speedloss.csv")
+    assert kept("-c", "other.yaml")  # the content counts
+    with (bench / "speedloss.csv").open("a") as file:
+        file.write("\n")
+    assert not kept("-c", "other.yaml")

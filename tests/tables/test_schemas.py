@@ -1,0 +1,68 @@
+"""Tables against their text, and what must hold for all of them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from beltid.config import Config
+from beltid.tables import schemas
+from beltid.tables.columns import Column, column_of
+from beltid.tables.units import CONVERSIONS
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "allowed"),
+    [
+        (
+            "a_N  > 0?  N  force",
+            Column("a_N", "float64", "N", "force", True, 0.0, math.inf, True),
+            "> 0",
+        ),
+        (
+            "b_deg?  (0, 3600]  deg  arc",
+            Column("b_deg", "float64", "deg", "arc", False, 0.0, 3600.0, True, required=False),
+            "in (0, 3600]",
+        ),
+        ("c  number?  1  x = y", Column("c", "float64", "1", "x = y", True), "finite"),
+        ("d  count  1  runs", Column("d", "int64", "1", "runs", low=0.0), ">= 0"),
+        ("e  flag  -  right", Column("e", "bool", "", "right"), "finite"),
+        ("f  list of 4?  1  rows", Column("f", "list", "1", "rows", True, length=4), "finite"),
+        (
+            "g  dry | wet | dusty?  -  state",
+            Column("g", "string", "", "state", True, choices=("dry", "wet", "dusty")),
+            "dry, wet or dusty",
+        ),
+    ],
+)
+def test_a_line_states_a_column(line: str, column: Column, allowed: str) -> None:
+    assert column_of(line) == column
+    assert column.allowed == allowed
+
+
+@pytest.mark.parametrize(
+    "line", ["a_N  positive  N  force", "a_N  > 0  N", "a_N  (0; 1)  N  force"]
+)
+def test_a_line_with_a_slip_is_refused(line: str) -> None:
+    with pytest.raises(ValueError, match=r"a_N|values to unpack"):
+        column_of(line)
+
+
+@pytest.mark.parametrize("table", schemas.TABLES.values(), ids=lambda table: table.kind)
+def test_columns_are_named_once_and_their_units_are_known(table: schemas.Table) -> None:
+    assert len(set(table.names)) == len(table.names)
+    assert table.label in ("", *table.names)
+    for column in table.columns:
+        assert column.low < column.high
+        assert (column.unit == "") == (column.dtype in ("string", "bool"))
+        if table.kind in schemas.RECORDINGS and column.dtype == "float64":
+            assert column.unit in CONVERSIONS, column.name
+
+
+def test_the_config_names_the_kinds_of_recordings() -> None:
+    config = Config()
+    for kinds in (config.columns, config.units, config.runs):
+        assert tuple(kinds) == schemas.RECORDINGS
+    known = {name for kind in schemas.RECORDINGS for name in schemas.table(kind).names}
+    assert set(schemas.SETTINGS) <= known
