@@ -401,8 +401,8 @@ class Stage:
         if recorded:
             found["data"] = {"origin": values["data"]["origin"]}
             found["dialect"] = values["dialect"]
-            if "points" in recorded:  # what is stated of a rig serves its plateaus
-                recorded.append("rig")
+            # what is stated of a rig serves its plateaus
+            recorded = ["rig" if kind == "points" else kind for kind in recorded]
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
         stated = {name: value for name, value in options.items() if name not in NO_MATTER}

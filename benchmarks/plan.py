@@ -59,8 +59,8 @@ from beltid.refine.evidence import (
     LinearModel,
     Smoothness,
 )
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw

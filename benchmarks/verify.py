@@ -1,6 +1,6 @@
 """Random rigs against an independent rod: ``python -m benchmarks.verify`` writes VERIFICATION.md.
 
-The rod (tests/rigsim/rod.py) is the same physics in strong form, solved by collocation: no
+The rod (tests/rig/rod.py) is the same physics in strong form, solved by collocation: no
 elements, no contact points, no assembly. The rigs are drawn with a fixed seed over far wider ranges
 than those of the bench data.
 """
@@ -21,12 +21,12 @@ from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from benchmarks.report import table
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "rigsim"))
+sys.path.insert(0, str(ROOT / "tests" / "rig"))
 from rod import Rod  # noqa: E402
 
 RESULTS = Path(__file__).with_name("VERIFICATION.md")
@@ -43,7 +43,7 @@ Written by `make verify`. {count} synthetic rigs, drawn with seed {seed}: arcs 1
 bending length below a third of arc and span), normal laws linear or quadratic with a penetration
 of 0.03 to 3 % of the radius, mu 0.2 to 1.2, half of them as a surface mu(f_N, v), supports pinned
 or clamped. Both tensions with the default mesh, by the steady method, against the elastic rod in
-strong form (`tests/rigsim/rod.py`, tolerance of the collocation 1e-5). Then the same rigs are run
+strong form (`tests/rig/rod.py`, tolerance of the collocation 1e-5). Then the same rigs are run
 in time, {steps} steps from rest, at a speed of 0.05 to 2 rad/s and with 1 to 1.5 times the friction
 at rest: the tensions at the end of the plateau against those of the steady method at that speed.
 

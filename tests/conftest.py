@@ -31,7 +31,7 @@ FIRST = (
     "report",
     "docs",
     "cli/test_commands.py",  # it makes what all of cli waits for
-    "rigsim",
+    "rig/",
     "drive",
     "chain",
     "cli",

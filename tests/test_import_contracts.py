@@ -13,7 +13,7 @@ SCIENCE = (
     "refine",
     "drive",
     "identify",
-    "rigsim",
+    "rig",
     "laws",
     "params",
     "errors",

@@ -1,4 +1,4 @@
-"""Outcome of the belts of a batch, and the summary table."""
+"""What became of the belts of a batch, and the table of all."""
 
 from __future__ import annotations
 
@@ -8,70 +8,93 @@ from pathlib import Path
 from typing import Any, Final
 
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, percent
-from beltid.report.results import LEFT_OUT
 from beltid.report.summary import Summary
 from beltid.store.artifact import combined_origin
 
 DONE: Final = "done"
 UP_TO_DATE: Final = "up to date"
+TO_BE_MADE: Final = "to be made"
 FAILED: Final = "failed"
+WRONG: Final = "cannot be made"
 NOT_RUN: Final = "not run"
 OUT_OF_TOLERANCE: Final = "out of tolerance"
-OVERRIDDEN_BY: Final = {"compare": "compare refined"}
-"""Comparison that may be out of tolerance -> comparison whose success overrides it."""
 SKIPPED: Final = "no recording"
 TOO_FEW_SETTINGS: Final = "too few settings"
-"""State of the hold-out comparison if the bench has a single arc: no other arc to predict from."""
+"""State of the cross-validation if the bench has a single arc: no other arc to predict from."""
 HELD_OUT: Final = "cross-validate"
+REPORT: Final = "report"
+OVERRIDDEN_BY: Final = {"compare": "compare refined"}
+"""Comparison that may be out of tolerance -> comparison whose success overrides it: the bias of the
+published surface is known, the refined surface is the result."""
+COLUMNS: Final = (
+    ("k_linear_N_m2", "fit-stiffness", "k_linear_N_m2"),
+    ("k_quadratic_N_m3", "fit-stiffness", "k_quadratic_N_m3"),
+    ("runs", "fit-friction", "runs"),
+    ("rms_percent", "compare", "rms_percent"),
+    ("largest_percent", "compare", "largest_percent"),
+    ("refined_rms_percent", "compare refined", "rms_percent"),
+    ("refined_largest_percent", "compare refined", "largest_percent"),
+    ("predicted_rms_percent", HELD_OUT, "rms_percent"),
+)
+"""Columns of the table: name, step, fact; those of a comparison are over all its runs."""
 
 
 @dataclass(slots=True)
-class BeltRun:
-    """Outcome of the chain of one belt.
+class Belt:
+    """What became of the chain of a belt.
 
     Attributes
     ----------
-    belt : str
+    name : str
         Name of the belt.
     states : dict
-        Name of a stage -> its state, in the order of the chain.
+        Name of a step -> its state, in the order of the chain.
     lacking : tuple of str
         Kinds of recordings that the chain can use but the config does not name.
-    summaries : dict
-        Name of a stage -> its summary, if it has run.
+    facts : dict
+        Name of a step that was run or is up to date -> its facts.
     troubles : dict
-        Name of a stage -> its exit status and problems, if any.
+        Name of a step -> its exit status and problems, if any.
+    origins : list
+        Origins of the results.
+    made : list of str
+        Names of the files that exist, recordings among them.
+    new : bool
+        Whether anything was computed.
     """
 
-    belt: str
-    states: dict[str, str]
+    name: str
+    states: dict[str, str] = field(default_factory=dict)
     lacking: tuple[str, ...] = ()
-    summaries: dict[str, Summary] = field(default_factory=dict)
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)
     troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-
-    @property
-    def exit_status(self) -> int:
-        """Exit status of the first stage of the chain that failed.
-
-        The refined surface is the result: if it is within tolerance, the published one, whose bias
-        is known, need not be.
-        """
-        failures = (n for n in self.states if n in self.troubles and not self._is_overridden(n))
-        return next((self.troubles[name][0] for name in failures), EXIT_DONE)
-
-    def _is_overridden(self, name: str) -> bool:
-        return self.states[name] == OUT_OF_TOLERANCE and self.states.get(
-            OVERRIDDEN_BY.get(name, "")
-        ) in (DONE, UP_TO_DATE)
+    origins: list[str | None] = field(default_factory=list)
+    made: list[str] = field(default_factory=list)
+    new: bool = False
 
     def failed(self, name: str, error: BeltidError) -> None:
-        """Record that a stage failed."""
+        """Record that a step failed."""
         self.states[name] = FAILED
         self.troubles[name] = (error.exit_status, error.problems)
 
+    def few_settings(self, name: str) -> None:
+        """Record that a step cannot be run with so few settings of the bench."""
+        self.states[name] = TOO_FEW_SETTINGS
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the first step that failed, unless another one overrides it."""
+        for name, state in self.states.items():
+            by = self.states.get(OVERRIDDEN_BY.get(name, ""))
+            if state == OUT_OF_TOLERANCE and by in (DONE, UP_TO_DATE):
+                continue
+            if name in self.troubles:
+                return self.troubles[name][0]
+        return EXIT_DONE
+
     @property
     def failures(self) -> tuple[str, ...]:
-        """The stages that failed, each with its exit status and its first problem."""
+        """The steps that failed, each with its exit status and its first problem."""
         return tuple(
             f"{name} failed (exit status {self.troubles[name][0]}): {self.troubles[name][1][0]}"
             for name, state in self.states.items()
@@ -79,132 +102,85 @@ class BeltRun:
         )
 
     @property
-    def problems(self) -> list[str]:
-        """Problems of all stages, in the order of the chain."""
-        return [
-            f"{name}: {line}"
-            for name in self.states
-            if name in self.troubles
-            for line in self.troubles[name][1]
-        ]
-
-    @property
     def origin(self) -> str | None:
         """Origin of the data: "synthetic" if any are, "measured" if all are."""
-        return combined_origin([summary.origin for summary in self.summaries.values()])
+        return combined_origin(self.origins)
 
     @property
-    def up_to_date(self) -> bool:
-        """True if nothing had to be done."""
-        idle = (UP_TO_DATE, SKIPPED, TOO_FEW_SETTINGS)
-        return all(state in idle for state in self._final_states())
+    def status(self) -> str:
+        """What became of it in a few words."""
+        if not self.new and FAILED not in self.states.values():
+            return UP_TO_DATE
+        wrong = (FAILED, OUT_OF_TOLERANCE)
+        words = [f"{name} {state}" for name, state in self.states.items() if state in wrong]
+        if self.exit_status == EXIT_DONE:
+            missing = " or ".join(self.lacking)
+            words.insert(0, f"{DONE}, without {missing}" if missing else DONE)
+        return ", ".join(words)
 
-    def _final_states(self) -> list[str]:
-        return [
-            UP_TO_DATE if name in self.summaries and self.summaries[name].up_to_date else state
-            for name, state in self.states.items()
-        ]
+    def short_row(self) -> dict[str, Any]:
+        """Return the law, friction, agreement and status in one row."""
+        row: dict[str, Any] = {"belt": self.name}
+        for column, step, fact in COLUMNS:
+            facts = self.facts.get(step, {})
+            row[column] = (facts["groups"][0] if "groups" in facts else facts).get(fact)
+        return {**row, "status": self.status}
+
+    def row(self) -> dict[str, Any]:
+        """Return everything that is known of the belt."""
+        return {
+            **self.short_row(),
+            "origin": self.origin,
+            "exit_status": self.exit_status,
+            "stages": dict(self.states),
+            "problems": [
+                f"{name}: {line}"
+                for name in self.states
+                for line in self.troubles.get(name, (0, ()))[1]
+            ],
+            **{
+                name.replace("-", "_").replace(" ", "_"): facts
+                for name, facts in self.facts.items()
+            },
+        }
+
+    def prediction(self) -> list[str]:
+        """State in a sentence how well left-out runs were predicted, if they were."""
+        facts = self.facts.get(HELD_OUT)
+        if facts is None:
+            return []
+        rms, over_u = facts["groups"][0]["rms_percent"], facts["rms_over_u_validation"]
+        units = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
+        left_out = (
+            f"runs of {'an arc' if facts['hold_out'] == 'arc' else 'a speed'} that was left out"
+        )
+        return [f"{self.name}: {left_out} are predicted to {percent(rms)} RMS{units}"]
 
 
-def batch_summary(belts: Sequence[BeltRun], folder: Path) -> Summary:
+def batch_summary(belts: Sequence[Belt], folder: Path) -> Summary:
     """Summarize a batch: one line per belt, and the verdict."""
     failed = [belt for belt in belts if belt.exit_status != EXIT_DONE]
-    status = EXIT_DONE
-    if failed:
-        status = failed[0].exit_status if len(belts) == 1 else EXIT_BATCH_FAILED
+    status = EXIT_BATCH_FAILED if failed else EXIT_DONE
+    if failed and len(belts) == 1:
+        status = failed[0].exit_status
     origins = {belt.origin for belt in belts}
-    mixed = len(origins) > 1
-    predicted = [line for belt in belts if (line := prediction(belt))]
-    nothing_done = all(belt.up_to_date for belt in belts)
+    up_to_date = all(belt.status == UP_TO_DATE for belt in belts)
+    verdict = "everything is up to date, nothing was done" if up_to_date else "all belts done"
     if failed:
-        names = ", ".join(belt.belt for belt in failed)
+        names = ", ".join(belt.name for belt in failed)
         verdict = f"{len(failed)} of {len(belts)} belts failed: {names}"
-    else:
-        verdict = "everything is up to date, nothing was done" if nothing_done else "all belts done"
+    rows = [belt.short_row() for belt in belts]
+    # a column that is empty for all belts appears only for programs
+    shown = [name for name in rows[0] if any(row[name] is not None for row in rows)]
     return Summary(
         stage="run",
         title="from the recordings to the comparison",
         out=folder,
         facts={"belts": len(belts), "belts_failed": len(failed)},
-        table=[_row(belt) for belt in belts],
-        shown=_shown_columns(belts, mixed),
-        verdict="\n".join([*predicted, verdict]),
+        table=[belt.row() for belt in belts],
+        shown=(*shown, *(["origin"] if len(origins) > 1 else [])),
+        verdict="\n".join([*(line for belt in belts for line in belt.prediction()), verdict]),
         exit_status=status,
-        up_to_date=nothing_done,
-        origin=None if mixed else next(iter(origins), None),
+        up_to_date=up_to_date,
+        origin=origins.pop() if len(origins) == 1 else None,
     )
-
-
-def prediction(belt: BeltRun) -> str:
-    """State in a sentence how well left-out runs were predicted; "" if none were."""
-    summary = belt.summaries.get(HELD_OUT)
-    if summary is None:
-        return ""
-    facts = summary.facts
-    rms, over_u = facts["groups"][0]["rms_percent"], facts["rms_over_u_validation"]
-    units = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
-    return (
-        f"{belt.belt}: runs of {LEFT_OUT[facts['hold_out']]} that was left out are predicted to "
-        f"{percent(rms)} RMS{units}"
-    )
-
-
-def _shown_columns(belts: Sequence[BeltRun], mixed: bool) -> tuple[str, ...]:
-    """Select the columns to display: belt, results, status.
-
-    Columns that are empty for all belts appear only in the JSON output.
-    """
-    rows = [_short_row(belt) for belt in belts]
-    first, *rest = dict.fromkeys(name for row in rows for name in row) if rows else ("belt",)
-    rest = [name for name in rest if any(row[name] is not None for row in rows)]
-    return (first, *rest, *(["origin"] if mixed else []))
-
-
-def _row(belt: BeltRun) -> dict[str, Any]:
-    return {
-        **_short_row(belt),
-        "origin": belt.origin,
-        "exit_status": belt.exit_status,
-        "stages": dict(belt.states),
-        "problems": list(belt.problems),
-        **{
-            stage.replace("-", "_").replace(" ", "_"): summary.as_json()["facts"]
-            for stage in belt.states
-            if (summary := belt.summaries.get(stage))
-        },
-    }
-
-
-def _short_row(belt: BeltRun) -> dict[str, Any]:
-    """Summarize a belt in one line: law, friction, agreement, status."""
-    stiffness = belt.summaries.get("fit-stiffness")
-    friction = belt.summaries.get("fit-friction")
-    compared, refined, predicted = (
-        summary.facts["groups"][0] if (summary := belt.summaries.get(name)) else {}
-        for name in ("compare", "compare refined", HELD_OUT)
-    )
-    return {
-        "belt": belt.belt,
-        "k_linear_N_m2": stiffness.facts["k_linear_N_m2"] if stiffness else None,
-        "k_quadratic_N_m3": stiffness.facts["k_quadratic_N_m3"] if stiffness else None,
-        "runs": friction.facts["runs"] if friction else None,
-        "rms_percent": compared.get("rms_percent"),
-        "largest_percent": compared.get("largest_percent"),
-        "refined_rms_percent": refined.get("rms_percent"),
-        "refined_largest_percent": refined.get("largest_percent"),
-        "predicted_rms_percent": predicted.get("rms_percent"),
-        "status": UP_TO_DATE if belt.up_to_date else _outcome(belt),
-    }
-
-
-def _outcome(belt: BeltRun) -> str:
-    """Describe the outcome: done, or what went wrong."""
-    outcome = [
-        f"{name} {state}"
-        for name, state in belt.states.items()
-        if state in (FAILED, OUT_OF_TOLERANCE)
-    ]
-    if belt.exit_status == EXIT_DONE:
-        missing = " or ".join(belt.lacking)
-        outcome.insert(0, f"{DONE}, without {missing}" if missing else DONE)
-    return ", ".join(outcome)

@@ -1,23 +1,73 @@
-"""The chain of a belt: steps and their inputs; batches of chains, and their report pages."""
+"""The chain of a belt: the method as a table of steps, each with its inputs."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from beltid.batch.belts import DONE, FAILED, HELD_OUT, UP_TO_DATE, batch_summary
-from beltid.batch.folders import alone_in, refuse_links_out
-from beltid.batch.schedule import Chain, run_chains
-from beltid.batch.steps import Step
-from beltid.config import ConfigSource
-from beltid.errors import BeltidError
-from beltid.notes import Kept, heard_by, log, prefixed
-from beltid.report.results import BeltResults
-from beltid.report.summary import Summary
+import beltid.stages.steps  # noqa: F401  makes the stages known
+from beltid.batch.belts import (
+    DONE,
+    FAILED,
+    HELD_OUT,
+    NOT_RUN,
+    OUT_OF_TOLERANCE,
+    REPORT,
+    SKIPPED,
+    TO_BE_MADE,
+    UP_TO_DATE,
+    WRONG,
+    Belt,
+)
+from beltid.config import Config, ConfigSource
+from beltid.errors import EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
+from beltid.notes import Prefix, log, prefixed
+from beltid.report.view import summary_of
+from beltid.stage import STAGES, Stage
+from beltid.stages.named_recordings import WITHOUT, lacking
+from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
 from beltid.stages.workers import Workers
 from beltid.store.disk import remove_stale
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the chain.
+
+    Attributes
+    ----------
+    name : str
+        Name of its stage, with a suffix if the chain has it twice.
+    makes : str
+        Name of its file.
+    needs : dict
+        Parameter of the stage -> recording or file of an earlier step.
+    section : str
+        Section of the config that must be stated for the step; "" for none.
+    """
+
+    name: str
+    makes: str
+    needs: Mapping[str, str]
+    section: str = ""
+
+    @property
+    def stage(self) -> Stage:
+        """The stage."""
+        return STAGES[self.name.partition(" ")[0]]
+
+    def ready(self, files: Collection[str]) -> bool:
+        """Return whether all inputs exist."""
+        return all(name in files for name in self.needs.values())
+
+    def inputs(self, files: Mapping[str, Path]) -> dict[str, Path]:
+        """Return its inputs by parameter."""
+        return {role: files[name] for role, name in self.needs.items()}
+
 
 PRESS, STIFFNESS, FRICTION = {"frame": "press"}, {"law": "stiffness"}, {"friction": "friction"}
 PUBLISHED, REFINED = {"surface": "surface"}, {"surface": "surface_refined"}
@@ -27,160 +77,161 @@ CHAIN: Final = (
     Step("fit-friction", "friction", {"frame": "rig"}),
     Step("build-surface", "surface", FRICTION),
     Step("refine-surface", "surface_refined", FRICTION | STIFFNESS),
-    Step("simulate-rig", "simulated", PUBLISHED | STIFFNESS | FRICTION, spreads=True),
+    Step("simulate-rig", "simulated", PUBLISHED | STIFFNESS | FRICTION),
     Step("compare", "compare", FRICTION | {"simulated": "simulated"}),
-    Step("simulate-rig refined", "simulated_refined", REFINED | STIFFNESS | FRICTION, spreads=True),
+    Step("simulate-rig refined", "simulated_refined", REFINED | STIFFNESS | FRICTION),
     Step("compare refined", "compare_refined", FRICTION | {"simulated": "simulated_refined"}),
-    Step(HELD_OUT, "crossvalidation", FRICTION | STIFFNESS, spreads=True),
-    Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, section="drive"),
-    Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, section="drive"),
+    Step(HELD_OUT, "crossvalidation", FRICTION | STIFFNESS),
+    Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, "drive"),
+    Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, "drive"),
 )
-"""Steps of the chain: the published procedure and the surface refined by the inverse solution, both
-compared with the bench; prediction of left-out runs by a surface refined from the others; and the
-drive of the speed-loss recording, if the config states one."""
+"""The published procedure and the surface refined by the inverse solution, both compared with the
+bench; prediction of left-out runs by a surface refined from the others; and the drive of the
+speed-loss recording, if the config states one."""
 
 OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-surface")
 """Steps that need no simulated rig; a running belt has none."""
-REPORT: Final = "report"
 
 
-def chain_of(source: ConfigSource) -> tuple[Step, ...]:
+def chain_of(config: Config) -> list[Step]:
     """Return the steps of a chain."""
-    if source.config.rig.kind == "running":
-        return tuple(step for step in CHAIN if step.name in OF_RUNNING_BELT)
-    stated = source.config.model_fields_set
-    chain = tuple(step for step in CHAIN if not step.section or step.section in stated)
-    if source.config.cross_validate.by == "none":
-        chain = tuple(step for step in chain if step.name != HELD_OUT)
-    return chain
+    if config.rig.kind == "running":
+        return [step for step in CHAIN if step.name in OF_RUNNING_BELT]
+    chain = [s for s in CHAIN if not s.section or s.section in config.model_fields_set]
+    return [s for s in chain if s.name != HELD_OUT or config.cross_validate.by != "none"]
 
 
-def run_batch(
-    sources: Sequence[ConfigSource],
-    folder: Path,
-    workers: Workers,
-    *,
-    force: bool = False,
-    report: bool = True,
-) -> Summary:
-    """Run the chain of every belt and summarize the batch.
+def states_at_first(chain: Sequence[Step], recordings: Collection[str]) -> dict[str, str]:
+    """Return the state of every step before the first: some lack a recording."""
+    available, states = set(recordings), {}
+    for step in chain:
+        states[step.name] = NOT_RUN if step.ready(available) else SKIPPED
+        available |= {step.makes} if step.ready(available) else set()
+    return states
+
+
+def look_at_belt(
+    source: ConfigSource, folder: Path, *, force: bool = False
+) -> Iterator[tuple[str, Path, str, BeltidError | None]]:
+    """Yield each step's name, file, state and error, if the chain began now; compute nothing."""
+    chain, files = chain_of(source.config), dict(source.config.data.files)
+    states, stale = states_at_first(chain, files), set[str]()
+    for step in chain:
+        out, state, error = folder / f"{step.makes}.parquet", states[step.name], None
+        if step.ready(files):
+            state = TO_BE_MADE
+            if not force and stale.isdisjoint(step.needs.values()):
+                try:
+                    _, existing = step.stage.look(source, step.inputs(files), out)
+                    state = TO_BE_MADE if existing is None else UP_TO_DATE
+                except BeltidError as found:
+                    state, error = WRONG, found
+            if state != WRONG:
+                files[step.makes] = out
+            if state == TO_BE_MADE:
+                stale.add(step.makes)
+        yield step.name, out, state, error
+
+
+def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: bool = False) -> Belt:
+    """Run the chain of a belt; a step that fails does not stop those that do not need it.
 
     Parameters
     ----------
-    sources : sequence of ConfigSource
-        One config per belt.
+    source : ConfigSource
+        The config.
     folder : Path
-        Results folder; each belt has a folder in it.
+        Results folder of the belt.
     workers : Workers
-        Workers that compute.
-    force, report : bool
-        Whether to compute results again that are up to date, and to write the reports at the end.
-
-    Raises
-    ------
-    InputError
-        If a link leads out of the results folder.
+        Run the heavy calls.
+    force : bool
+        Whether to compute again what is up to date.
     """
-    refuse_links_out(folder, [source.name for source in sources])
-    chains = [Chain(source, folder / source.name, chain_of(source)) for source in sources]
-    folders = [chain.folder for chain in chains]
-    with alone_in(folders):
-        try:
-            run_chains(chains, workers, force=force)
-            runs = [chain.run for chain in chains]
-            if report:
-                write_reports(chains, folder, workers, force=force)
-        except BaseException:
-            workers.stop()
-            for belt_folder in folders:  # temporary files of killed workers
-                remove_stale(belt_folder)
-            raise
-        finally:
-            workers.close()
-    return batch_summary(runs, folder)
+    chain, files = chain_of(source.config), dict(source.config.data.files)
+    belt = Belt(source.name, states_at_first(chain, files), tuple(lacking(source.config)))
+    remove_stale(folder)
+    with prefixed(Prefix(f"{source.name}: ")):
+        _announce(belt, source, folder)
+        for step in chain:
+            if step.ready(files):
+                out = folder / f"{step.makes}.parquet"
+                try:
+                    _run_step(belt, step, source, step.inputs(files), out, workers, force=force)
+                    files[step.makes] = out
+                except TooFewSettings as error:
+                    belt.few_settings(step.name)
+                    _say(logging.WARNING, step.name, error.problems)
+                except BeltidError as error:
+                    belt.failed(step.name, error)
+                    _say(logging.ERROR, step.name, error.problems)
+    belt.made = sorted(files)
+    return belt
 
 
-def write_reports(
-    chains: Sequence[Chain], folder: Path, workers: Workers, *, force: bool = False
-) -> None:
-    """Write the reports of belts that have results, and the page that compares them."""
-    from beltid.stages import report_belt
-    from beltid.stages.belt_results import config_of, gather
-
-    wanted = [chain for chain in chains if chain.run.summaries]
-    # a single page is drawn here: a worker would first have to import the plotting libraries
-    here = len(wanted) == 1 or not workers.share_files
-    calls = [(c.source, sorted(c.files), c.folder, c.run.failures, force) for c in wanted]
-    pages = _drawn_here(wanted, calls) if here else workers.as_ended(page_in_worker, calls)
-    reported = []
-    for index, (state, error, lines) in pages:
-        chain = wanted[index]
-        chain.run.states[REPORT] = state
-        with prefixed(chain.prefix):
-            for level, text in lines:
-                log.log(level, "%s", text)
-            if error is not None:
-                chain.run.failed(REPORT, error)
-                for line in error.problems:
-                    log.error("%s: %s", REPORT, line)
-                continue
-            log.info("%s: %s, %s", REPORT, state, chain.folder / report_belt.NAME)
-        reported.append(chain)
-    if not reported:
+def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = False) -> None:
+    """Write the report of a belt that has results; not to be called from several threads."""
+    if not belt.facts:
         return
-    belts: dict[Path, BeltResults] = {}
-    in_batch = {chain.folder for chain in chains}
-    for path in report_belt.reported_in(folder):
-        if path not in in_batch:
-            try:
-                belts[path] = gather(path, config_of(path))
-            except BeltidError as error:
-                log.warning("%s: not compared: %s", path, error.problems[0])
-    if len(belts) + len(reported) > 1:
-        page = folder / report_belt.NAME
+    shown, out = OnPage(folder, source.config, belt.made, belt.failures), folder / NAME
+    with prefixed(Prefix(f"{source.name}: ")):
+        keep_curves(source, folder, force=force)
         try:
-            for chain in reported:
-                config = config_of(chain.folder)
-                belts[chain.folder] = gather(chain.folder, config, chain.files, chain.run.failures)
-            report_belt.of_belts(dict(sorted(belts.items())), page, force=force)
+            state = UP_TO_DATE
+            if not up_to_date(out, made_from(shown), force=force):
+                from beltid.stages.report_belt import of_belt
+
+                page, state, belt.new = of_belt(shown, out, force=force), DONE, True
+                _say(logging.WARNING, REPORT, page.warnings)
+                _say(logging.INFO, REPORT, [page.verdict] if page.verdict else [])
         except BeltidError as error:
-            for line in error.problems:
-                log.error("%s: %s", REPORT, line)
-            reported[-1].run.failed(REPORT, error)
+            belt.failed(REPORT, error)
+            _say(logging.ERROR, REPORT, error.problems)
             return
-        log.info("%s: comparison of the belts: %s", REPORT, page)
+        belt.states[REPORT] = state
+        log.info("%s: %s, %s", REPORT, state, out)
 
 
-Lines = list[tuple[int, str]]
-Page = tuple[str, BeltidError | None, Lines]
-"""State of a page, its error if any, its messages."""
+def _announce(belt: Belt, source: ConfigSource, folder: Path) -> None:
+    synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
+    log.info("config %s%s, results in %s", source.origin, synthetic, folder)
+    if source.config.rig.kind == "running":
+        from beltid.stages.planned_runs import NOT_SIMULATED
+
+        log.info(NOT_SIMULATED)
+    for kind in belt.lacking:
+        log.warning(WITHOUT[kind])
 
 
-def _drawn_here(chains: Sequence[Chain], calls: Sequence[Any]) -> Iterator[tuple[int, Page]]:
-    for index, (chain, call) in enumerate(zip(chains, calls, strict=True)):
-        with prefixed(chain.prefix):
-            page = _page(*call)
-        yield index, page
+def _run_step(
+    belt: Belt,
+    step: Step,
+    source: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    workers: Workers,
+    *,
+    force: bool,
+) -> None:
+    start = time.monotonic()
+    built = step.stage.run(source, inputs, out, force=force, workers=workers)
+    summary = summary_of(
+        built.artifact, up_to_date=built.up_to_date, fails_with=step.stage.fails_with
+    )
+    state = UP_TO_DATE if built.up_to_date else DONE
+    if summary.exit_status:
+        state = OUT_OF_TOLERANCE if summary.exit_status == EXIT_OUT_OF_TOLERANCE else FAILED
+        belt.troubles[step.name] = (summary.exit_status, (summary.verdict, *summary.warnings))
+    belt.states[step.name] = state
+    belt.facts[step.name] = summary.facts
+    belt.origins.append(summary.origin)
+    belt.new |= not built.up_to_date
+    spent = "" if built.up_to_date else f", {time.monotonic() - start:.1f} s"
+    log.info("%s: %s%s", step.name, state, spent)
+    _say(logging.DEBUG, step.name, summary.notes)
+    _say(logging.WARNING, step.name, summary.warnings)
+    _say(logging.INFO, step.name, [summary.verdict] if summary.verdict else [])
 
 
-def page_in_worker(*call: Any) -> Page:
-    """Write the page of a belt in a worker, and keep the messages."""
-    kept = Kept()
-    with heard_by(kept):
-        state, error, lines = _page(*call)
-    return state, error, [*kept.lines, *lines]
-
-
-def _page(
-    source: ConfigSource, made: list[str], folder: Path, failures: tuple[str, ...], force: bool
-) -> Page:
-    from beltid.stages import report_belt  # plotting is slow to import
-
-    try:
-        summary = report_belt.of_chain(source, made, folder, failures, force=force)
-    except BeltidError as error:
-        return FAILED, error, []
-    lines = [(logging.WARNING, f"{REPORT}: {line}") for line in summary.warnings]
-    if summary.verdict:
-        lines.append((logging.INFO, f"{REPORT}: {summary.verdict}"))
-    return UP_TO_DATE if summary.up_to_date else DONE, None, lines
+def _say(level: int, name: str, lines: Sequence[str]) -> None:
+    for line in lines:
+        log.log(level, "%s: %s", name, line)

@@ -13,200 +13,128 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from beltid.errors import PlaceOf, Problems
 
 DAY_S: Final = 86400.0
-_DATE: Final = (
-    r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})(?P<mark2>[-./])(?P<c>\d{4}|\d{1,2})"
+_DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})[-./](?P<c>\d{4}|\d{1,2})"
+_AFTER_DATE: Final = r"(?:T|,?\s+)"
+_IS_DATE: Final = re.compile(rf"{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?", re.ASCII)
+_IS_CLOCK: Final = re.compile(
+    rf"(?:{_DATE}{_AFTER_DATE})?\d{{1,2}}:\d\d:\d\d(?:[.,]\d{{1,30}}|:\d{{3}}|:\d{{6}})?"
+    r"(?P<half>\s*[AaPp]\.?\s?[Mm]\.?)?(?P<zone>\s*(?:Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?",
+    re.ASCII,
 )
-_TIME: Final = (
-    r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,](?P<f>\d{1,30})|:(?P<ms>\d{3}|\d{6}))?"
-)
-_REST: Final = (
-    r"(?:\s*(?P<half>[AaPp])\.?\s?[Mm]\.?)?"
-    r"(?:\s*(?P<zone>Z|UTC|GMT|(?P<sign>[-+])(?P<zh>\d\d):?(?P<zm>\d\d)?))?"
-)
-_CLOCK: Final = rf"\s*(?:{_DATE}(?:T|,?\s+))?{_TIME}{_REST}\s*"
-_IS_CLOCK: Final = re.compile(_CLOCK, re.ASCII)
-_CUT: Final = re.compile(r"\s*\d{1,3}:\d\d(?:[.,]\d+)?\s*", re.ASCII)
+_CUT: Final = re.compile(r"\d{1,3}:\d\d(?:[.,]\d+)?", re.ASCII)
 """A clock time cut by a spreadsheet: minutes and seconds, or hours and minutes."""
-_IS_DATE: Final = re.compile(rf"\s*{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?\s*", re.ASCII)
-NOT_READ: Final = "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00"
-UNLIKE: Final = "must be like the first time: with or without a date, with or without a zone"
+_IN_ONE_WAY: Final = (
+    ("", r" (\d:\d\d:)", r" 0\1"),
+    ("", r"(:\d\d:\d\d)[.,:](\d{1,9})\d*", r"\1.\2"),
+    ("", r"(:\d\d:\d\d)($|[^.\d])", r"\1.0\2"),
+    ("%p", r" ?([AaPp])\.? ?[Mm]\.?", r"\1m"),
+    ("%z", r" ?(?:Z|UTC|GMT)$", "+00:00"),
+    ("%z", r"(\.\d+m?) ?([-+]\d\d)$", r"\1\2:00"),
+    ("%z", r" ?([-+]\d\d):?(\d\d)$", r"\1:\2"),
+)
+"""Part of the form, pattern, and what replaces it, until all times are written in one way."""
+NOT_READ: Final = (
+    "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the first time "
+    "with or without a date or a zone"
+)
 DAY_OR_MONTH: Final = "may be day/month or month/day: write dates as 2026-11-20"
 
 
 def is_date(cell: str) -> bool:
     """Return whether a cell is a date without a time; spreadsheets may append midnight."""
-    return len(cell) <= 80 and bool(_IS_DATE.fullmatch(cell))
+    return len(cell) <= 80 and bool(_IS_DATE.fullmatch(cell.strip()))
 
 
 def is_clock(cell: str) -> bool:
     """Return whether a cell is a time of day, with or without a date and a zone."""
-    return len(cell) <= 80 and bool(_IS_CLOCK.fullmatch(cell))
+    return len(cell) <= 80 and bool(_IS_CLOCK.fullmatch(cell.strip()))
 
 
 def written_as(cells: Sequence[str]) -> str:
     """Classify the first filled cells of a column: "date", "clock", or "" for anything else."""
     if cells and all(map(is_date, cells)):
         return "date"
-    return "clock" if cells and (is_clock(cells[0]) or _CUT.fullmatch(cells[0])) else ""
+    return "clock" if cells and (is_clock(cells[0]) or _CUT.fullmatch(cells[0].strip())) else ""
 
 
 @dataclass(slots=True)
 class Clock:
-    """Reader of the clock times of a recording; the first time sets the form and the day.
+    """Reader of the clock times of a recording; the first time sets the form and the day."""
 
-    Attributes
-    ----------
-    name, first : str
-        Name of the channel, and the first time as written.
-    dated, zoned : bool
-        Whether the first time has a date, and a zone.
-    first_day : int
-        Day of the first time, from 1970-01-01; seconds are counted from its midnight.
-    midnights : int
-        Number of times that a time of day has passed midnight.
-    """
-
-    name: str = ""
-    first: str = ""
-    dated: bool = False
-    zoned: bool = False
-    first_day: int = 0
-    midnights: int = 0
+    name: str = ""  # of the channel
+    first: str = ""  # the first time as written
+    form: str = ""  # of it, for `pandas.to_datetime`
+    dated: bool = False  # whether it has a date
+    midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
+    midnights: int = 0  # passed by times of day
 
     def read(
         self, times: pd.Series, dates: pd.Series | None, place: PlaceOf, problems: Problems
     ) -> np.ndarray:
-        """Convert clock times to seconds from the midnight before the first; nan if there is none.
-
-        Parameters
-        ----------
-        times, dates : Series
-            Texts, and the texts of dates beside them, shape (n,).
-        place : callable
-            Index of a row -> its location as text, and its line.
-        problems : Problems
-            Collects times that cannot be read, with their lines.
-        """
+        """Convert clock times to seconds from the midnight before the first; nan for none."""
         self.name = self.name or str(times.name)
-        if dates is not None and not re.match(r"\s*\d+[-./]", next(iter(times.dropna()), "")):
-            day = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True)
-            times = (day + " " + times.astype("str")).rename(str(times.name))
-        texts = pa.array(times, pa.string(), from_pandas=True)
-        parts = pc.extract_regex(texts, rf"\A{_CLOCK}\z")
-        filled = ~np.asarray(texts.is_null())
-        wrong = {NOT_READ: filled & np.asarray(parts.is_null())}
-        rows = np.flatnonzero(filled & ~wrong[NOT_READ])
-        seconds = np.full(len(times), np.nan)
-        if rows.size:
-            kept = parts.take(pa.array(rows))
-            columns = {f.name: kept.field(i) for i, f in enumerate(kept.type)}
-            values, reasons = self._seconds(columns, str(times.iloc[rows[0]]).strip())
-            seconds[rows] = values
-            for why, mask in reasons.items():
-                wrong.setdefault(why, np.zeros(len(times), dtype=bool))[rows] |= mask
-        for why, mask in wrong.items():
-            at = np.flatnonzero(mask)
-            seconds[at] = np.nan
+        text = times.astype("str").str.strip()
+        if dates is not None and not re.match(r"\d+[-./]", next(iter(text.dropna()), "")):
+            text = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True) + " " + text
+        if not self.first:
+            self._begin(next(iter(text.dropna()), ""))
+        plain, unclear = "1970-01-01 " + text, np.zeros(len(text), dtype=bool)
+        if self.dated:
+            day = text.str.replace(rf"{_AFTER_DATE}\d{{1,2}}:.*$", "", regex=True)
+            codes, days = pd.factorize(day)
+            iso, is_unclear = _iso_days([str(d) for d in days])
+            unclear = np.array([*is_unclear, False])[codes]
+            clock = text.str.replace(rf"^[-./\d]+{_AFTER_DATE}", "", regex=True)
+            plain = pd.Series(np.array([*iso, None], dtype=object)[codes], dtype="str") + " "
+            plain += clock.reset_index(drop=True)
+        for part, pattern, replacement in _IN_ONE_WAY:
+            if part in self.form:
+                plain = plain.str.replace(pattern, replacement, regex=True)
+        utc = "%z" in self.form
+        moments = pd.to_datetime(plain, format=self.form, errors="coerce", utc=utc)
+        counts = moments.to_numpy("datetime64[ns]").view(np.int64)
+        wrong = moments.isna().to_numpy()
+        if self.midnight_ns is None and not wrong.all():
+            self.midnight_ns = int(counts[~wrong][0] // int(DAY_S * 1e9) * int(DAY_S * 1e9))
+        for why, rows in ((NOT_READ, wrong & text.notna() & ~unclear), (DAY_OR_MONTH, unclear)):
+            at = np.flatnonzero(rows)
             problems.add_alike(
                 at,
-                lambda i, why=why: f'{self.name} = "{str(times.iloc[i])[:40]}", {why}',  # type: ignore[misc]
+                lambda i, why=why: f'{self.name} = "{str(text.iloc[i])[:40]}", {why}',  # type: ignore[misc]
                 place,
             )
             problems.unread.update(place(int(row))[0] for row in at)
-        return seconds
+        return np.where(wrong | unclear, np.nan, (counts - (self.midnight_ns or 0)) * 1e-9)
 
-    def _seconds(
-        self, parts: dict[str, pa.Array], first: str
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the seconds of times in parts, and masks of those that are wrong, by reason."""
-
-        def numbers(name: str) -> np.ndarray:
-            filled = pc.if_else(pc.equal(parts[name], ""), "0", parts[name])
-            return np.asarray(filled.cast(pa.int64()))
-
-        def has(name: str) -> np.ndarray:
-            return np.asarray(pc.not_equal(parts[name], ""))
-
-        hour, minute, second = (numbers(part) for part in "hms")
-        bad = (hour > 23) | (minute > 59) | (second > 59)
-        if has("half").any():
-            half = has("half")
-            bad |= half & ((hour < 1) | (hour > 12))
-            late = np.asarray(pc.equal(pc.utf8_lower(parts["half"]), "p"))
-            hour = np.where(half, hour % 12 + 12 * late, hour)
-        fraction = pc.binary_join_element_wise(
-            "0.", pc.utf8_slice_codeunits(parts["f"], 0, 9), parts["ms"], "0", ""
-        )
-        seconds = (hour * 3600 + minute * 60 + second) + np.asarray(fraction.cast(pa.float64()))
-        ahead = numbers("zh") * 3600 + numbers("zm") * 60
-        seconds -= np.where(np.asarray(pc.equal(parts["sign"], "-")), -ahead, ahead)
-        dated, zoned = has("a"), has("zone")
-        is_first = not self.first
-        if is_first:
-            self.first, self.dated, self.zoned = first, bool(dated[0]), bool(zoned[0])
-        wrong = {NOT_READ: bad, UNLIKE: (dated != self.dated) | (zoned != self.zoned)}
-        if not self.dated:
-            return seconds, wrong
-        a, b, c = (numbers(part) for part in "abc")
-        is_iso = np.asarray(pc.equal(pc.utf8_length(parts["a"]), 4))
-        with_points = np.asarray(pc.equal(parts["mark"], "."))
-        # 20/11 shows the order for all dates of the column; 03/04 alone does not
-        month_first = bool((~is_iso & ~with_points & (b > 12)).any())
-        shown = month_first or bool(((a > 12) & ~is_iso).any() or (with_points | is_iso).all())
-        year = np.where(is_iso, a, np.where(c < 100, c + 2000, c))
-        month = np.where(is_iso, b, a if month_first else b)
-        day = np.where(is_iso, c, b if month_first else a)
-        months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-        days = months.astype("datetime64[D]") + (day - 1)
-        no_date = (month < 1) | (month > 12) | (days.astype("datetime64[M]") != months)
-        no_date |= np.asarray(pc.not_equal(parts["mark"], parts["mark2"]))
-        number = days.astype(np.int64)
-        if is_first:
-            self.first_day = int(number[0])
-        if not shown:  # on the first day itself the order does not matter
-            wrong[DAY_OR_MONTH] = ~is_iso & (number != self.first_day)
-            no_date &= ~wrong[DAY_OR_MONTH]
-        wrong[NOT_READ] = bad | (no_date & ~wrong[UNLIKE])
-        return seconds + (number - self.first_day) * DAY_S, wrong
+    def _begin(self, first: str) -> None:
+        """Take the form of the first time."""
+        found = _IS_CLOCK.fullmatch(first)
+        half, zone = (found is not None and found[name] for name in ("half", "zone"))
+        self.first, self.dated = first, bool(found and found["a"])
+        self.form = "%Y-%m-%d " + ("%I:%M:%S.%f%p" if half else "%H:%M:%S.%f")
+        self.form += "%z" if zone else ""
 
     def elapsed(
         self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf, problems: Problems
     ) -> np.ndarray:
-        """Return the times from the first sample of each run [s], continued past midnight.
-
-        Parameters
-        ----------
-        seconds : ndarray
-            Seconds from `read`, shape (n,).
-        runs : ndarray of int
-            Number of the run of every sample, shape (n,).
-        place : callable
-            Index of a sample -> its location as text, and its line.
-        problems : Problems
-            Collects times that go back, and times that are too coarse for the samples.
-        """
+        """Return the times from the first sample of each run [s], continued past midnight."""
         time = seconds.copy()
         order = np.argsort(runs, kind="stable")
         order = order[np.isfinite(time[order])]
         for rows in np.split(order, np.flatnonzero(np.diff(runs[order])) + 1):
-            if not rows.size:
-                continue
             steps = np.diff(time[rows])
             night = (steps < -0.5 * DAY_S) & (not self.dated)
             back = np.flatnonzero((steps < 0) & ~night)
             if back.size:
                 before, after = rows[back[0]], rows[back[0] + 1]
                 where, line = place(int(after))
-                more = f"; it goes back {back.size - 1} more times" if back.size > 1 else ""
                 problems.add(
                     f"{where}: {self.name} goes back from {_shown(time[before])} to "
-                    f"{_shown(time[after])} without passing midnight, must not go backwards{more}",
+                    f"{_shown(time[after])} without passing midnight, must not go backwards",
                     line,
                 )
                 time[rows] = np.maximum.accumulate(time[rows])  # reported once
@@ -219,7 +147,7 @@ class Clock:
                 )
             time[rows[1:]] += np.cumsum(night) * DAY_S
             self.midnights += int(night.sum())
-            time[rows] -= time[rows[0]]
+            time[rows] -= time[rows[:1]]
         return np.round(time, 9)  # finer digits are rounding errors
 
     def notes(self) -> list[str]:
@@ -232,6 +160,30 @@ class Clock:
             times = "once" if self.midnights == 1 else f"{self.midnights} times"
             notes.append(f"{self.name} passes midnight {times}: the seconds continue")
         return notes
+
+
+def _iso_days(days: Sequence[str]) -> tuple[list[str | None], list[bool]]:
+    """Return dates as 2026-11-20, and which of them can be month/day as well as day/month."""
+    dates = [_IS_DATE.fullmatch(day) for day in days]
+    ours = [d for d in dates if d is not None and len(d["a"]) < 4]
+    # 20/11 shows the order for all dates of the column; 03/04 alone does not
+    month_first = any(d["mark"] != "." and int(d["b"]) > 12 for d in ours)
+    shown = (
+        month_first or all(d["mark"] == "." for d in ours) or any(int(d["a"]) > 12 for d in ours)
+    )
+    iso: list[str | None] = []
+    for date in dates:
+        year, month, day = (date["a"], date["b"], date["c"]) if date is not None else ("", "", "")
+        if date in ours:
+            month, day = (year, month) if month_first else (month, year)
+            year = date["c"] if len(date["c"]) == 4 else f"20{date['c']}"
+        iso.append(f"{year}-{month:0>2}-{day:0>2}" if date is not None else None)
+    # on the first day itself the order does not matter
+    unclear = [
+        date in ours and not shown and text != days[0]
+        for date, text in zip(dates, days, strict=True)
+    ]
+    return iso, unclear
 
 
 def _shown(seconds: float) -> str:

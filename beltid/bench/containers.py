@@ -4,72 +4,15 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from beltid.bench.raw import (
-    UNITS,
-    Field,
-    Raw,
-    column_of,
-    even_times,
-    in_seconds,
-    unapplied_scaling,
-)
+from beltid.bench.raw import UNITS, Field, Rasters, Raw, even_times, in_seconds, unapplied_scaling
 from beltid.errors import InputError
-
-
-class Rasters:
-    """Channels of a group: those with the same times are one table.
-
-    Parameters
-    ----------
-    place, name, form : str
-        File and group, and the format in words.
-    fields : tuple of Field
-        Entries of the header.
-    """
-
-    def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
-        self.place, self.name, self.form, self.fields = place, name, form, fields
-        self.notes: list[str] = []
-        self.parts: dict[Any, tuple[dict[str, Any], dict[str, str], dict[str, str], Any]] = {}
-
-    def add(
-        self, name: str, values: Any, unit: str = "", times: Any = None, scaling: str = ""
-    ) -> None:
-        """Add a channel; one that is no list of numbers or texts is left out and noted."""
-        values = np.asarray(values)
-        if values.ndim != 1 or values.dtype.kind not in "biufOSU":
-            self.notes.append(f"channel {name} left out: no plain numbers")
-            return
-        if not values.size:
-            return
-        key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-        columns, units, scalings, _ = self.parts.setdefault(key, ({}, {}, {}, times))
-        number = 2
-        while name in columns:
-            name, number = f"{name.partition(' #')[0]} #{number}", number + 1
-        columns[name], units[name], scalings[name] = column_of(values), unit, scaling
-
-    def tables(self) -> Iterator[Raw]:
-        """Yield a table per raster."""
-        for columns, units, scalings, times in self.parts.values():
-            yield Raw(
-                self.place,
-                pd.DataFrame(columns),
-                self.name,
-                self.form,
-                {n: u for n, u in units.items() if u},
-                self.fields,
-                times,
-                {n: s for n, s in scalings.items() if s},
-                notes=tuple(self.notes),
-            )
 
 
 def read_tdms(path: Path, place: str) -> Iterator[Raw]:
@@ -84,14 +27,16 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
     starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
     origin = np.datetime64(min(starts)) if starts else None
     for group in file.groups():
-        properties = {**file.properties, **group.properties}
-        rasters = Rasters(place, group.name, "NI TDMS", _fields(properties))
+        about = {**file.properties, **group.properties}.items()
+        fields = (Field(str(k), str(v)) for k, v in about if not k.startswith(("wf_", "NI_")))
+        rasters = Rasters(place, group.name, "NI TDMS", tuple(fields))
         for channel in group.channels():
-            values, unit = channel[:], _unit(channel.properties)
+            values, properties = channel[:], channel.properties
+            unit = next((str(properties[p]) for p in UNITS if p in properties), "")
             if values.dtype.kind == "M":
                 values, unit = np.datetime_as_string(values, unit="us"), ""
-            times = _waveform(channel.properties, len(values), origin, place)
-            scaling = unapplied_scaling(values, channel.properties)
+            times = _waveform(properties, len(values), origin, place)
+            scaling = unapplied_scaling(values, properties)
             rasters.add(channel.name, values, unit, times, scaling)
         yield from rasters.tables()
 
@@ -112,15 +57,6 @@ def _waveform(
     return even_times(offset, step, n)
 
 
-def _unit(properties: Mapping[str, Any]) -> str:
-    return next((str(properties[p]) for p in UNITS if p in properties), "")
-
-
-def _fields(properties: Mapping[str, Any]) -> tuple[Field, ...]:
-    shown = {k: v for k, v in properties.items() if not k.startswith(("wf_", "NI_"))}
-    return tuple(Field(str(name), str(value)) for name, value in shown.items())
-
-
 def read_mdf(path: Path, place: str) -> Iterator[Raw]:
     """Read ASAM MDF 3 or 4: a table per channel group."""
     from asammdf import MDF
@@ -137,10 +73,9 @@ def read_mdf(path: Path, place: str) -> Iterator[Raw]:
                 if number != master:
                     signal = file.get(group=index, index=number)
                     times = np.asarray(signal.timestamps, float)
-                    if len(times) != len(signal.samples) or not len(times):
-                        continue
-                    seconds = in_seconds(times, unit, place)
-                    rasters.add(channel.name, signal.samples, str(signal.unit or ""), seconds)
+                    if len(times) == len(signal.samples) and len(times):
+                        seconds = in_seconds(times, unit, place)
+                        rasters.add(channel.name, signal.samples, str(signal.unit or ""), seconds)
             yield from rasters.tables()
 
 
@@ -162,25 +97,19 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
 
     _refuse_uff(path.read_bytes(), place)
     file = pyuff.UFF(str(path))
-    kinds = np.atleast_1d(file.get_set_types()).astype(int)
-    rasters = Rasters(place, "", "universal file (UFF 58)")
-    left_out: dict[str, int] = {}
+    rasters, left_out = Rasters(place, "", "universal file (UFF 58)"), Counter[str]()
     fields: dict[str, Field] = {}
-    for number, kind in enumerate(kinds):
+    for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         if kind != 58:
-            reason = f"dataset {kind}"
+            left_out[f"dataset {kind}"] += 1
         elif record["abscissa_spec_data_type"] != 17:
-            reason = "a function that is not of time"
+            left_out["a function that is not of time"] += 1
         elif np.iscomplexobj(record["data"]):
-            reason = "a function with complex values"
+            left_out["a function with complex values"] += 1
         else:
             _add_record(record, rasters, fields, place)
-            continue
-        left_out[reason] = left_out.get(reason, 0) + 1
-    notes = [
-        f"{what} left out" + (f" ({n} times)" if n > 1 else "") for what, n in left_out.items()
-    ]
+    notes = [f"{what} left out ({n} times)" for what, n in left_out.items()]
     if not rasters.parts:
         held = "; ".join(notes) or "nothing"
         raise InputError(f"{place}: holds no time record of real numbers in a dataset 58: {held}")
@@ -203,24 +132,23 @@ def _add_record(
     record: Mapping[str, Any], rasters: Rasters, fields: dict[str, Field], place: str
 ) -> None:
     """Add the time record of a dataset 58."""
-
-    def said(key: str) -> str:
-        text = str(record.get(key, "")).strip()
-        return "" if text.upper() == "NONE" else text
-
+    said = {
+        k: "" if v.strip().upper() == "NONE" else v.strip()
+        for k, v in record.items()
+        if isinstance(v, str)
+    }
     n, stated = len(record["data"]), int(record["num_pts"])
     if n != stated:
         raise InputError(
             f"{place}: damaged: {n} samples found, the header states {stated}; if they are binary "
             "and spaced unevenly, export them as text"
         )
+    times = np.asarray(record["x"], dtype=float)
     if record["abscissa_spacing"]:
         times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
-    else:
-        times = np.asarray(record["x"], dtype=float)
-    name = said("id1") or said("ordinate_axis_lab") or f"response {record['rsp_node']}"
-    seconds = in_seconds(times, said("abscissa_axis_units_lab"), place)
-    rasters.add(name, record["data"], said("ordinate_axis_units_lab"), seconds)
-    for i in range(2, 6):
-        if text := said(f"id{i}"):
-            fields[f"ID line {i}"] = Field(f"ID line {i}", text)
+    names = (said.get("id1"), said.get("ordinate_axis_lab"), f"response {record['rsp_node']}")
+    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
+    unit = said.get("ordinate_axis_units_lab", "")
+    rasters.add(next(filter(None, names)), record["data"], unit, seconds)
+    lines = {f"ID line {i}": said.get(f"id{i}") for i in range(2, 6)}
+    fields |= {name: Field(name, text) for name, text in lines.items() if text}

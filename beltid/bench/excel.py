@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.header import SEARCHED, distinct_names, find_head, unit_in_name
-from beltid.bench.raw import Raw
+from beltid.bench.numbers import NumberSigns
+from beltid.bench.raw import Raw, first_texts
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES
 
@@ -70,15 +71,15 @@ def _refuse_formulas(path: Path, place: str) -> None:
 
 
 def _trimmed(row: tuple[Any, ...], place: str) -> list[Any]:
-    cells = list(row[: MAX_COLUMNS + 1])
-    while cells and (cells[-1] is None or cells[-1] == ""):
-        cells.pop()
-    if len(cells) > MAX_COLUMNS:
-        raise InputError(f"{place}: more than {MAX_COLUMNS} columns")
-    return cells
+    """Return a row without the empty cells at its end."""
+    length = max((i + 1 for i, cell in enumerate(row) if cell not in (None, "")), default=0)
+    if length > MAX_COLUMNS:
+        raise InputError(f"{place}: {length} columns, must be at most {MAX_COLUMNS}")
+    return [*row[:length]]
 
 
 def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
+    """Return the table of a sheet; None if it holds none."""
     head = find_head([[_shown(cell) for cell in row] for row in rows[:SEARCHED]])
     if head is None:
         return None
@@ -86,11 +87,9 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
     written = (*head.units, *[""] * len(head.names))
     for i, (name, unit) in enumerate(zip(distinct_names(head.names), written, strict=False)):
         if name:
-            cells = [row[i] if i < len(row) else None for row in body]
-            columns[name], in_cells = _column(cells)
+            columns[name], in_cells = _column([row[i] if i < len(row) else None for row in body])
             units[name] = in_cells or unit or unit_in_name(name)
-    if not columns or not body:
-        return None
+    texts = [text for cells in columns.values() for text in first_texts(pd.Series(cells))]
     return Raw(
         place,
         pd.DataFrame(columns),
@@ -101,6 +100,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
         lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
         header_line=head.row + 1,
         units_line=head.units_row + 1,
+        signs=NumberSigns.of(texts),
     )
 
 
@@ -114,12 +114,9 @@ def _shown(cell: Any) -> str:
 
 def _column(cells: list[Any]) -> tuple[Any, str]:
     """Return the cells of a column as numbers or texts, and the unit that they imply."""
-    filled = [cell for cell in cells if cell is not None and cell != ""]
-    if filled and all(isinstance(cell, datetime.timedelta) for cell in filled):  # [h]:mm:ss
-        seconds = [
-            c.total_seconds() if isinstance(c, datetime.timedelta) else np.nan for c in cells
-        ]
-        return np.array(seconds, dtype=float), "s"
-    if filled and all(isinstance(c, (int, float)) and not isinstance(c, bool) for c in filled):
+    kinds = {type(cell) for cell in cells if cell is not None and cell != ""}
+    if kinds == {datetime.timedelta}:  # [h]:mm:ss
+        return np.array([c.total_seconds() if c else np.nan for c in cells], dtype=float), "s"
+    if kinds and kinds <= {int, float}:
         return np.array([np.nan if c is None or c == "" else float(c) for c in cells]), ""
     return pd.array([_shown(cell) or None for cell in cells], dtype="str"), ""

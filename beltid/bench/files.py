@@ -6,6 +6,7 @@ import contextlib
 import glob
 import hashlib
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
@@ -22,68 +23,32 @@ _OF_WINDOWS: Final = frozenset({"thumbs.db", "desktop.ini"})
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One file of a recording.
+    """One file of a recording."""
 
-    Attributes
-    ----------
-    name : str
-        Name for messages.
-    path : Path
-        The file, or the zip file that holds it.
-    inside : PurePath
-        Path within the folder or zip file; for a single file its name.
-    member : str
-        Its name in the zip file, "" if it is in none.
-    """
-
-    name: str
-    path: Path
-    inside: PurePath
-    member: str = ""
+    name: str  # for messages
+    path: Path  # the file, or the zip file that holds it
+    inside: PurePath  # path within the folder or zip file; for a single file its name
+    member: str = ""  # its name in the zip file, "" if it is in none
 
     @contextlib.contextmanager
     def plain(self) -> Iterator[tuple[Path, str]]:
-        """Give the file and its format; a packed one is unpacked to a temporary file.
-
-        Raises
-        ------
-        InputError
-            If it cannot be read, is damaged, too large or packed twice.
-        """
-        form = "" if self.member else format_of(self.path, self.inside.name)
-        if not self.member and form != "gzip":
-            _check_size(self.path, self.name)
-            yield self.path, form
-            return
-        with _temporary(self.name) as folder:
-            out = folder / "recording"
-            unpack(self.path, out, self.name, self.member)
-            form = format_of(out, self.inside.name.removesuffix(".gz"))
-            if form == "gzip" and self.member:
-                packed, out = out, folder / "unpacked"
-                unpack(packed, out, self.name)
-                form = format_of(out, self.inside.name.removesuffix(".gz"))
+        """Give the file and its format; a packed one is unpacked to a temporary file."""
+        path, member = self.path, self.member
+        with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
+            form = "zip" if member else format_of(path, self.inside.name)
+            for name in ("recording", "unpacked"):  # a zip file may hold gzip files
+                if form == "gzip" or member:
+                    out = Path(folder) / name
+                    unpack(path, out, self.name, member)
+                    path, member = out, ""
+                    form = format_of(path, self.inside.name.removesuffix(".gz"))
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
-            yield out, form
-
-
-@contextlib.contextmanager
-def _temporary(name: str) -> Iterator[Path]:
-    try:
-        folder = tempfile.TemporaryDirectory(prefix="beltid-")
-    except OSError as error:
-        raise InputError(f"{name}: no temporary folder to unpack it: {error}; set TMPDIR") from None
-    with folder:
-        yield Path(folder.name)
-
-
-def _check_size(path: Path, name: str) -> None:
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        raise InputError(f"{name}: larger than {MAX_BYTES >> 20} MB, split the recording")
-    if not size:
-        raise InputError(f"{name}: the file is empty")
+            if path.stat().st_size > MAX_BYTES:
+                raise InputError(f"{self.name}: larger than {MAX_BYTES >> 20} MB, split it")
+            if not path.stat().st_size:
+                raise InputError(f"{self.name}: the file is empty")
+            yield path, form
 
 
 def is_many(path: Path) -> bool:
@@ -114,18 +79,13 @@ def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
     if is_many(path):
         root = path if path.is_dir() else folder_of(path)
         files = _files(path, {b.absolute() for b in besides})
-        if sum(f.stat().st_size for f in files if f.exists()) > MAX_BYTES:
-            raise InputError(f"{path}: larger than {MAX_BYTES >> 20} MB, split the recording")
-        inside = [PurePath(_shown(file.relative_to(root))) for file in files]
-        return [Source(_shown(file), file, name) for file, name in zip(files, inside, strict=True)]
+        return [Source(_shown(f), f, PurePath(_shown(f.relative_to(root)))) for f in files]
     name = _shown(path)
     if format_of(path) != "zip":
         return [Source(name, path, PurePath(path.name))]
     packed = members(path, name)
-    return [
-        Source(f"{name}/{m}" if len(packed) > 1 else name, path, PurePosixPath(m), m)
-        for m in packed
-    ]
+    shown = [f"{name}/{member}" if len(packed) > 1 else name for member in packed]
+    return [Source(s, path, PurePosixPath(m), m) for s, m in zip(shown, packed, strict=True)]
 
 
 def _shown(path: PurePath) -> str:
@@ -196,22 +156,15 @@ def signature_of(path: Path) -> Signature:
 
 def folder_of(path: Path) -> Path:
     """Return the folder that contains the path; for a pattern, the part before its wildcards."""
-    if path.exists() or not glob.has_magic(str(path)):
+    if path.exists():
         return path.parent
-    parts = []
-    for part in path.parts:
-        if glob.has_magic(part):
-            break
-        parts.append(part)
-    return Path(*parts) if parts else Path()
+    return next((p for p in path.parents if not glob.has_magic(str(p))), Path())
 
 
 def _files(path: Path, excluded: set[Path]) -> list[Path]:
     """List the files of a folder or pattern in natural order; all must be of one kind."""
     from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
-    if path.parts.count("**") > 1 and not path.is_dir():
-        raise InputError(f"{path}: contains ** more than once, which matches the same files again")
     try:
         candidates = _candidates(path)
     except PermissionError:
@@ -230,10 +183,10 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
 
 def _candidates(path: Path) -> list[Path]:
     """List the files of a folder or pattern that may be recordings."""
-    paths = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path), recursive=True))
+    found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path), recursive=True))
     return [
         f
-        for f in paths
+        for f in dict.fromkeys(found)
         if (f.is_file() or (f.is_symlink() and not f.is_dir()))  # the reader reports a dead link
         and not f.name.startswith((".", "~$"))
         and f.suffix.lower() not in _COMPANIONS
@@ -242,13 +195,12 @@ def _candidates(path: Path) -> list[Path]:
 
 
 def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
-    kinds: dict[str, int] = {}
-    for file in files:
-        ending = "".join(file.suffixes[-2:] if file.suffix == ".gz" else file.suffixes[-1:]).lower()
-        kinds[ending] = kinds.get(ending, 0) + 1
+    kinds = Counter(
+        "".join(f.suffixes[-2:] if f.suffix == ".gz" else [f.suffix]).lower() for f in files
+    )
     if len(kinds) > 1:
         shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
-        most = max(kinds, key=lambda ending: kinds[ending])
+        most = kinds.most_common(1)[0][0]
         raise InputError(
             f"{path}: holds files of several kinds ({shown}); "
             f"name only the runs, such as {path / f'*{most}'}"

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
 from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
-
-LONGEST_TEXT: Final = 1000
 
 
 def read(path: Path, place: str) -> Iterator[Raw]:
@@ -28,8 +25,6 @@ def read(path: Path, place: str) -> Iterator[Raw]:
         table.validate(full=True)
     except Exception as error:  # a damaged file can raise nearly anything
         raise InputError(f"{place}: {damaged(error)}") from None
-    if not table.num_rows:
-        raise InputError(f"{place}: is empty: it holds no samples")
     yield table_of(table, place)
 
 
@@ -37,59 +32,30 @@ def table_of(table: pa.Table, place: str) -> Raw:
     """Return an Arrow table as written; a column that is neither numbers nor texts is left out."""
     columns, units, left_out = {}, {}, []
     for field, values in zip(table.schema, table.columns, strict=True):
-        if table.schema.names.count(field.name) > 1:
+        kind = values.type
+        if field.name in columns:
             raise InputError(f"{place}: column {field.name} occurs several times, must be once")
         units[field.name] = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        place_of_column = f"{place}: column {field.name}"
-        if types.is_dictionary(values.type):
-            for chunk in values.chunks:  # a long text in every row takes the memory of one
-                _refuse_long(chunk.dictionary, place_of_column)
-            values = values.cast(values.type.value_type)
-        if types.is_duration(values.type):
+        if types.is_duration(kind):
             nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
             columns[field.name], units[field.name] = nanoseconds / 1e9, "s"
-        elif _is_number(values.type):
+        elif (
+            types.is_null(kind)
+            or types.is_decimal(kind)
+            or (types.is_primitive(kind) and (types.is_integer(kind) or types.is_floating(kind)))
+        ):
             columns[field.name] = values.cast(pa.float64(), safe=False).to_numpy()
-        elif (texts := _texts(values, place_of_column)) is not None:
-            columns[field.name] = texts
-        else:
-            left_out.append(f"column {field.name} holds {field.type}, left out")
+        elif types.is_nested(kind) or types.is_binary(kind):
+            left_out.append(f"column {field.name} holds {kind}, left out")
+        else:  # texts; times and true or false as texts
+            columns[field.name] = pd.array(values.cast(pa.large_string()), dtype="str")
     return Raw(
         place,
         pd.DataFrame(columns, copy=False),
         format="Parquet",
         units={n: u for n, u in units.items() if u},
         notes=tuple(left_out),
-        row_word="row",
     )
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_decimal(kind)
-        or types.is_null(kind)
-    )
-
-
-def _texts(values: pa.ChunkedArray, place: str) -> Any:
-    """Return texts, or times as texts; None for anything else."""
-    kind = values.type
-    if types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType):
-        return None
-    try:
-        texts = values.cast(pa.large_string())
-    except (pa.ArrowException, ValueError):
-        return None
-    _refuse_long(texts, place)
-    return pd.array(texts, dtype="str")
-
-
-def _refuse_long(texts: Any, place: str) -> None:
-    is_text = types.is_string(texts.type) or types.is_large_string(texts.type)
-    if is_text and (pc.max(pc.binary_length(texts)).as_py() or 0) > LONGEST_TEXT:
-        raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
 
 
 def frame_of(frame: Any, place: str, needed: Collection[str]) -> Raw:
@@ -109,11 +75,8 @@ def frame_of(frame: Any, place: str, needed: Collection[str]) -> Raw:
     InputError
         If the frame is not a table, holds no samples, or a needed column is not such a list.
     """
-    names = getattr(frame, "column_names", None)
-    names = getattr(frame, "columns", frame) if names is None else names
-    if not (
-        isinstance(frame, Mapping) or hasattr(frame, "column_names") or hasattr(frame, "columns")
-    ):
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
         raise InputError(
             f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
             "of columns"
@@ -139,6 +102,7 @@ def frame_of(frame: Any, place: str, needed: Collection[str]) -> Raw:
 
 
 def _arrow(values: Any) -> Any:
+    """Return a list as an Arrow array, of texts if its values are of several types."""
     if isinstance(values, (pa.Array, pa.ChunkedArray)):
         return values
     if isinstance(values, np.ma.MaskedArray):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -31,35 +32,19 @@ _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Header lines above the numbers of a table.
-
-    Attributes
-    ----------
-    names, units : tuple of str
-        Cells of the header, and of the row of units; empty if there is none.
-    row, units_row, first_row : int
-        Index of the header, of the units (-1 if there is none) and of the first row below.
-    fields : tuple of Field
-        Title lines of the form name and value.
-    """
+    """Header lines above the numbers of a table, by their index."""
 
     names: tuple[str, ...]
-    units: tuple[str, ...]
-    row: int
-    units_row: int
-    first_row: int
-    fields: tuple[Field, ...] = ()
+    units: tuple[str, ...]  # empty if there is no row of units
+    row: int  # of the names
+    units_row: int  # -1 if there is none
+    first_row: int  # below the header
+    fields: tuple[Field, ...] = ()  # title lines of the form name and value
 
 
 def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
-    """Find the header above the first block of numbers; None if there is none.
-
-    Parameters
-    ----------
-    rows : sequence of sequence of str
-        Cells of the first rows of a file or sheet, blank rows included.
-    """
-    filled = [i for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
+    """Find the header above the first block of numbers in the first rows of a file or sheet."""
+    filled = [i for i, row in enumerate(rows) if any(row)]
     for at, index in enumerate(filled[1:], start=1):
         block = [rows[i] for i in filled[at : at + BLOCK]]
         if not _is_numbers(block) or is_units_row(block[0]):
@@ -67,52 +52,42 @@ def find_head(rows: Sequence[Sequence[str]]) -> Head | None:
         above = [i for i in filled[:at] if any(cell.strip(" -=_*") for cell in rows[i])]
         if not above:
             return None
-        units: tuple[str, ...] = ()
-        units_row = -1
-        if len(above) > 1 and is_units_row(rows[above[-1]]):
-            units_row = above.pop()
-            units = tuple(cell.strip() for cell in rows[units_row])
+        units_row = above.pop() if len(above) > 1 and is_units_row(rows[above[-1]]) else -1
         notes = []
-        while len(above) > 1 and sum(1 for cell in rows[above[-1]] if cell.strip()) < 2:
+        while len(above) > 1 and sum(map(bool, rows[above[-1]])) < 2:
             notes.append(rows[above.pop()])  # a start or a rate between names and units
         names = _names_of(rows, above)
         if sum(1 for name in names if name and not is_number(name)) < 2:
             return None
         fields = fields_of([*(rows[i] for i in above[:-1]), *notes])
+        units = tuple(rows[units_row]) if units_row >= 0 else ()
         return Head(names, units, above[-1], units_row, index, fields)
     return None
 
 
 def head_at(rows: Sequence[Sequence[str]], row: int) -> Head:
     """Return the head whose names are in a row; a row of units may follow."""
-    names = [cell.strip() for cell in rows[row]]
-    while names and not names[-1]:  # a separator at the end of the line
-        names.pop()
     below = next((i for i in range(row + 1, len(rows)) if any(rows[i])), row + 1)
     fields = fields_of([r for r in rows[:row] if r and r[0].startswith("#")])
     if below < len(rows) and is_units_row(rows[below]):
-        units = tuple(cell.strip() for cell in rows[below])
-        return Head(tuple(names), units, row, below, below + 1, fields)
-    return Head(tuple(names), (), row, -1, below, fields)
+        return Head(tuple(rows[row]), tuple(rows[below]), row, below, below + 1, fields)
+    return Head(tuple(rows[row]), (), row, -1, below, fields)
 
 
 def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str, ...]:
     """Return the column names; a blank one is taken from the row above (merged cells)."""
-    names = [cell.strip() for cell in rows[above[-1]]]
+    names = rows[above[-1]]
     upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
-    if sum(1 for cell in upper if cell.strip()) > 1:  # a title is one cell
-        pairs = itertools.zip_longest(names, upper, fillvalue="")
-        names = [name or over.strip() for name, over in pairs]
+    if sum(map(bool, upper)) > 1:  # a title is one cell
+        names = [name or over for name, over in itertools.zip_longest(names, upper, fillvalue="")]
     while names and not names[-1]:
-        names.pop()
+        names = names[:-1]
     return tuple(names)
 
 
 def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
     """Return whether two columns, and half of those in use, hold only numbers."""
-    columns = [
-        [cell.strip() for cell in column] for column in itertools.zip_longest(*block, fillvalue="")
-    ]
+    columns = [*itertools.zip_longest(*block, fillvalue="")]
     numeric = [
         any(map(_is_value, column)) and all(_is_value(c) or c in MISSING for c in column)
         for column in columns
@@ -128,20 +103,17 @@ def is_sample(cells: Sequence[str], below: Sequence[str], known: Collection[str]
     """Return whether a row is like the one below it and at least half numbers: no names."""
     if any(a in known and a != b and not _is_value(a) for a, b in zip(cells, below, strict=False)):
         return False
-    are_values = [_is_value(cell.strip()) for cell in cells]
-    alike = are_values == [_is_value(cell.strip()) for cell in below]
+    are_values = [*map(_is_value, cells)]
+    alike = are_values == [*map(_is_value, below)]
     return alike and sum(are_values) >= 2 and 2 * sum(are_values) >= len(cells)
 
 
 def is_units_row(cells: Sequence[str]) -> bool:
     """Return whether a row holds units: no number, and at least half of its cells are units."""
-    filled = [cell.strip() for cell in cells if cell.strip()]
-    own = [c for c in filled if is_known_unit(c) or canonical_unit(c) in ("V", "mV")]
-    return (
-        bool(own)
-        and 2 * sum(map(is_unit, filled)) >= len(filled)
-        and not any(is_number(c) and c != "1" for c in filled)
-    )
+    filled = [cell for cell in cells if cell]
+    own = any(is_known_unit(c) or canonical_unit(c) in ("V", "mV") for c in filled)
+    half = 2 * sum(map(is_unit, filled)) >= len(filled)
+    return own and half and not any(is_number(c) and c != "1" for c in filled)
 
 
 def is_unit(text: str) -> bool:
@@ -166,14 +138,13 @@ def without_unit(name: str) -> str:
 
 def distinct_names(names: Sequence[str]) -> list[str]:
     """Number the channel names that occur several times: ``Kraft #2 [N]``."""
-    positions: dict[str, int] = {}
+    counts, positions = Counter(names), Counter[str]()
     distinct = []
     for name in names:
-        positions[name] = positions.get(name, 0) + 1
-        if name and names.count(name) > 1:
-            bare = without_unit(name)
-            name = f"{bare} #{positions[name]}{name[len(bare) :]}"
-        distinct.append(name)
+        positions[name] += 1
+        bare = without_unit(name) if name and counts[name] > 1 else name
+        mark = f" #{positions[name]}" if name and counts[name] > 1 else ""
+        distinct.append(f"{bare}{mark}{name[len(bare) :]}")
     return distinct
 
 
@@ -202,16 +173,15 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
     """Read header fields from title lines: ``name, value[, unit]`` or one cell ``name: value``."""
     fields = []
     for row in rows:
-        cells = [cell.strip().strip('"').strip() for cell in row]
+        cells = [cell.strip('" ') for cell in row]
         while cells and not cells[-1]:
             cells.pop()
         if not cells:
             continue
         cells[0] = cells[0].lstrip("#%").strip()
         if len(cells) == 1:
-            mark = next((m for m in ("=", ":") if m in cells[0]), "\0")
-            name, found, text = cells[0].partition(mark)
-            if found and name.strip():
+            name, mark, text = re.match(r"([^=:]*)([=:]?)(.*)", cells[0], re.DOTALL).groups()  # type: ignore[union-attr]
+            if mark and name.strip():
                 fields.append(read_field(name.strip(), text.strip()))
         elif len(cells) <= 3 and cells[0]:
             unit = cells[2] if len(cells) > 2 else ""

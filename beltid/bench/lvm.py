@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -11,11 +12,10 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.clock import DAY_S, Clock
-from beltid.bench.containers import Rasters
+from beltid.bench.clock import Clock
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.packed import as_utf8
-from beltid.bench.raw import Field, Raw, even_times, in_seconds
+from beltid.bench.raw import Field, Rasters, Raw, even_times, in_seconds
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -25,37 +25,35 @@ _TECHNICAL: Final = re.compile(
     r"Time_Pref|Channels|Samples|X0|Delta_X|[XY]_Dimension|[XY]_Unit_Label|\*\*\*.*|Date|Time"
 )
 """Header keys that describe the format, not the measurement."""
+_START: Final = "\0start"
+"""Name of the field with the absolute start of a segment [s from 1970-01-01]."""
 Header = dict[str, list[str]]
 
 
 def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
-    """Read a LabVIEW measurement; segments without a gap between them are one table.
-
-    Raises
-    ------
-    InputError
-        With every line that cannot be read, or if there are no samples.
-    """
+    """Read a LabVIEW measurement; segments without a gap between them are one table."""
     data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)
-    separator = found[1] if found else "\t"
-    lines = text.split("\n")
-    starts = [i for i, line in enumerate(lines) if line.startswith("X_Value")]
-    problems, parts = Problems(), list[list[Raw]]()
-    head = _header(lines[: starts[0] if starts else 0], separator)
-    end, count = 0, 0
-    for at, last in zip(starts, [*starts[1:], len(lines)], strict=True):
-        if problems.count > SHOWN:
-            break
-        own = {**head, **_header(lines[end:at], separator)}
-        end = next((i for i in range(at + 1, last) if _ends(lines[i], separator)), last)
-        rasters = _segment(lines, (at, end), own, separator, place, problems)
+    lines = [
+        [cell.strip() for cell in line.split(found[1] if found else "\t")]
+        for line in text.split("\n")
+    ]
+    starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
+    problems, parts, count, end = Problems(), list[list[Raw]](), 0, 0
+    head = _header(lines[: starts[0] if starts else 0])
+    for at, last in itertools.pairwise([*starts, len(lines)]):
+        own = head | _header(lines[end:at])
+        ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
+        end = next(ends, last)
+        rasters = _segment(lines, (at, end), own, place, problems)
         count += bool(rasters)
         if len(rasters) == 1 and parts and _continues(parts[-1][-1], rasters[0]):
             parts[-1] += rasters
         else:
             parts += [[raster] for raster in rasters]
+        if problems.count > SHOWN:
+            break
     problems.raise_if_any()
     if not parts:
         raise InputError(f"{place}: holds no samples, only a header")
@@ -66,36 +64,28 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
         yield replace(_concatenated(part), name=name, encoding=encoding, notes=tuple(notes))
 
 
-def _ends(line: str, separator: str) -> bool:
-    return not line.strip() or line.startswith(f"Channels{separator}")
-
-
-def _header(lines: Sequence[str], separator: str) -> Header:
+def _header(lines: Sequence[Sequence[str]]) -> Header:
     """Return the keys of a header and their cells, one per channel."""
-    rows = [[cell.strip() for cell in line.split(separator)] for line in lines]
-    return {row[0]: row[1:] for row in rows if row[0]}
+    return {cells[0]: [*cells[1:]] for cells in lines if cells[0]}
 
 
 def _cell(header: Header, key: str, k: int = 0) -> str:
-    cells = header.get(key, [])
-    return cells[k] if k < len(cells) else ""
+    return next(iter(header.get(key, [])[k : k + 1]), "")
 
 
 def _segment(
-    lines: Sequence[str],
+    lines: Sequence[Sequence[str]],
     span: tuple[int, int],
     header: Header,
-    separator: str,
     place: str,
     problems: Problems,
 ) -> list[Raw]:
     """Read the rows of one segment, a table per raster of times."""
     at, end = span
-    names = [cell.strip() for cell in lines[at].split(separator)]
-    names = names[: names.index("Comment")] if "Comment" in names else names
-    while names and not names[-1]:
-        names.pop()
-    rows = [[cell.strip() for cell in line.split(separator)] for line in lines[at + 1 : end]]
+    names, rows = (
+        [*itertools.takewhile(lambda name: name not in ("", "Comment"), lines[at])],
+        lines[at + 1 : end],
+    )
     if rows and len(rows[-1]) < len(names) and end >= len(lines) - 1:
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
@@ -113,13 +103,10 @@ def _segment(
     pairs = [(0, i) for i in range(1, len(names))]
     if kind == "multi":
         pairs = [(i, i + 1) for i in range(0, len(names) - 1, 2)]
-    fields = [(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)]
-    rasters = Rasters(
-        place,
-        "",
-        "LabVIEW measurement (.lvm)",
-        (*(Field(*f) for f in fields), *_start(header)),
-    )
+    fields = [
+        Field(k, v[0]) for k, v in header.items() if v and v[0] and not _TECHNICAL.fullmatch(k)
+    ]
+    rasters = Rasters(place, "", "LabVIEW measurement (.lvm)", (*fields, *_start(header)))
     for k, (x, y) in enumerate(pairs):
         stated = _cell(header, "Samples", k)
         if stated.isdecimal() and int(stated) > len(rows):
@@ -146,23 +133,19 @@ def _time(
     if _cell(header, "X_Dimension", k).lower() not in ("", "time", "zeit"):
         return None
     if written is None or np.isnan(written).all():
-        try:
-            start = float(_cell(header, "X0", k).replace(",", ".") or "0")
-            step = float(_cell(header, "Delta_X", k).replace(",", "."))
-        except ValueError:
-            return None
+        cells = (_cell(header, key, k).replace(",", ".") for key in ("X0", "Delta_X"))
+        start, step = pd.to_numeric(pd.Series([*cells]), errors="coerce").fillna(0.0)
         written = even_times(start, step, n) if step > 0 else None
     return None if written is None else in_seconds(written, _cell(header, "X_Unit_Label", k), place)
 
 
 def _start(header: Header) -> list[Field]:
     """Return the absolute start of a segment, in seconds from 1970-01-01."""
-    if "Date" not in header:
-        return []
     clock = Clock()
     text = pd.Series([f"{_cell(header, 'Date')} {_cell(header, 'Time')}"])
     seconds = clock.read(text, None, lambda i: ("", i), Problems())
-    return [Field("\0start", repr(float(seconds[0]) + clock.first_day * DAY_S))] * clock.dated
+    start = float(seconds[0]) + 1e-9 * (clock.midnight_ns or 0)
+    return [Field(_START, repr(start))] if clock.dated else []
 
 
 def _continues(before: Raw, after: Raw) -> bool:
@@ -173,7 +156,7 @@ def _continues(before: Raw, after: Raw) -> bool:
     step = (a[-1] - a[0]) / (len(a) - 1)
     if abs(b[0] - a[-1] - step) <= 0.5 * step:
         return True
-    starts = [float(f.text) for raw in (before, after) for f in raw.fields if f.name == "\0start"]
+    starts = [float(f.text) for raw in (before, after) for f in raw.fields if f.name == _START]
     if len(starts) < 2 or starts[0] == starts[1]:
         return False
     return bool(abs((starts[1] + b[0]) - (starts[0] + a[-1]) - step) <= 1.5 * step)
@@ -181,12 +164,12 @@ def _continues(before: Raw, after: Raw) -> bool:
 
 def _concatenated(part: Sequence[Raw]) -> Raw:
     """Join segments; where the time restarts in a segment, it is shifted behind the last one."""
-    fields = tuple(f for f in part[0].fields if f.name != "\0start")
+    fields = tuple(f for f in part[0].fields if f.name != _START)
     if len(part) == 1:
         return replace(part[0], fields=fields)
     times: list[np.ndarray] = []
-    for time in (raw.times for raw in part):
-        assert time is not None
+    for raw in part:
+        time = np.asarray(raw.times)
         if times:
             step = (times[-1][-1] - times[-1][0]) / max(len(times[-1]) - 1, 1)
             if abs(time[0] - times[-1][-1] - step) > 0.5 * step:

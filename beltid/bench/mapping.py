@@ -12,11 +12,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
+import pandas as pd
+
 from beltid.bench.clock import written_as
-from beltid.bench.header import IN_NAME, unit_in_name, without_position, without_unit
-from beltid.bench.numbers import is_number
+from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_position, without_unit
+from beltid.bench.numbers import NumberSigns, is_number
 from beltid.bench.options import ReadOptions
-from beltid.bench.raw import Raw, first_texts
+from beltid.bench.raw import Field, Raw, first_texts
 from beltid.bench.vocabulary import means_date, roles_meant, simplified
 from beltid.errors import Problems
 from beltid.tables import schemas
@@ -34,13 +36,15 @@ from beltid.tables.units import (
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
 """Units of raw signals, which need a calibration."""
 NO_UNIT: Final = ("", "-", "1")
+FORCES: Final[tuple[str, ...]] = (
+    *("tension_tight_N", "tension_slack_N", "weight_N", "torque_N_m", "hub_force_N"),
+)
+"""Channels of a friction rig; any two of them give the forces of both spans."""
 _IN_RPM: Final = re.compile(
     r"drehzahl|(?<!\d)(?<!\d )rpm|\b(?:upm|(?:u|1|r|tr|rev|tours)/min|min(?:\^?-|⁻)[1¹])(?!\w)",
     re.IGNORECASE,
 )
 """Names of speeds in turns per minute."""
-EITHER: Final = frozenset(("tension_tight_N", "tension_slack_N", "weight_N"))
-"""Of these, one is enough beside a torque."""
 _TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
 
 
@@ -66,6 +70,7 @@ class Channel:
     raw: Raw
     name: str
     group: str = ""
+    word: str = "column"
 
     @cached_property
     def cells(self) -> list[str]:
@@ -114,38 +119,22 @@ class Channel:
         """Unit as written in the file, in a cell or in the name; "" if there is none."""
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
-        return self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        unknown = IN_NAME.search(self.name)
+        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        return by_name or (unknown[1].strip() if unknown else "")
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A channel that is one of our columns.
+    """A channel that is one of our columns."""
 
-    Attributes
-    ----------
-    role : str
-        Our column.
-    channel : Channel
-        The channel.
-    how : {"config", "own name", "recognised"}
-        How it was identified.
-    by : Conversion
-        Conversion of the numbers in the file, including the sign.
-    stated : bool
-        Whether file or config states the unit.
-    negated : bool
-        Whether the config reverses the sign.
-    date : Channel or None
-        Channel with the dates of its clock times.
-    """
-
-    role: str
+    role: str  # our column
     channel: Channel
-    how: str
-    by: Conversion = field(default_factory=lambda: Conversion(1.0))
-    stated: bool = False
-    negated: bool = False
-    date: Channel | None = None
+    how: str  # "config", "own name" or "recognised"
+    by: Conversion = field(default_factory=lambda: Conversion(1.0))  # with the sign
+    stated: bool = False  # whether file or config states the unit
+    negated: bool = False  # whether the config reverses the sign
+    date: Channel | None = None  # with the dates of its clock times
 
     @property
     def is_clock(self) -> bool:
@@ -156,7 +145,7 @@ class Found:
     def shown(self) -> str:
         """Name of the column in messages."""
         name = self.channel.name
-        return self.role if name == self.role else f'{self.role} (column "{name}")'
+        return self.role if name == self.role else f'{self.role} ({self.channel.word} "{name}")'
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,13 +158,32 @@ class Needs:
 
     def line(self, section: str, role: str) -> str:
         """Return the beginning of a line for the config."""
-        return f"{section}: {{{self.table.kind}: {{{role}: "
+        kind = "rig" if self.table.kind == "points" else self.table.kind
+        return f"{section}: {{{kind}: {{{role}: "
 
 
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
     """Return the channels of the tables of a file."""
     several = len(raws) > 1
-    return [Channel(r, name, r.name if several else "") for r in raws for name in r.names if name]
+    group = {id(raw): raw.name if several else "" for raw in raws}
+    return [Channel(r, str(name), group[id(r)]) for r in raws for name in r.frame if name]
+
+
+def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, object]) -> list[Channel]:
+    """Return the fields of a header as channels: a field is a column of one row."""
+    plain = [read_field(f.name, f.text, f.unit) for f in dict.fromkeys(fields)]
+    stated = dialect["decimal"], dialect["thousands"]
+    channels = []
+    for entry in plain:
+        signs = NumberSigns.of([entry.text], *stated)  # type: ignore[arg-type]
+        if isinstance(signs.number(entry.text), str):  # others may show the decimal sign
+            signs = NumberSigns.of([f.text for f in plain], *stated)  # type: ignore[arg-type]
+        frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
+        units = {entry.name: entry.unit} if entry.unit else {}
+        channels.append(
+            Channel(Raw("", frame, units=units, signs=signs), entry.name, "", "header field")
+        )
+    return channels
 
 
 def sensors_of(table: Table) -> list[str]:
@@ -185,6 +193,14 @@ def sensors_of(table: Table) -> list[str]:
         for c in table.columns
         if c.required and c.dtype != "string" and c.name not in (*schemas.SETTINGS, "time_s")
     ]
+
+
+def lacking(table: Table, has: Collection[str]) -> list[str]:
+    """Return the sensors that a run lacks; a friction rig needs two of its forces."""
+    missing: list[str] = [name for name in sensors_of(table) if name not in has]
+    if table.kind == "rig" and not missing and len({*FORCES} & {*has}) < 2:
+        missing = [name for name in FORCES if name in table.names and name not in has][:1]
+    return missing
 
 
 def meant(
@@ -256,40 +272,22 @@ def can_be(channel: Channel, column: Column) -> bool:
 
 
 def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
-    """Return whether the channels include all sensors that a run needs."""
-    found = meant(channels, needs)
-    return all(len(found.get(role, ())) == 1 for role in sensors_of(needs.table))
+    """Return whether the channels include all sensors that a run needs, each once."""
+    return not lacking(needs.table, [r for r, f in meant(channels, needs).items() if len(f) == 1])
 
 
 def mapped(
     channels: Sequence[Channel], needs: Needs, place: str, roles: Collection[str] | None = None
 ) -> dict[str, Found]:
-    """Find the channel of each of our columns; report what is ambiguous or has no clear unit.
-
-    Parameters
-    ----------
-    channels : sequence of Channel
-        Channels of a recording.
-    needs : Needs
-        Columns needed; collects the problems.
-    place : str
-        Place of the units, for messages.
-    roles : collection of str, optional
-        Search for these of our columns only.
-    """
+    """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
     found: dict[str, Found] = {}
-    problems = needs.problems
     fitting = meant(channels, needs, roles, numbered=True)
-    for role, matches in fitting.items():
-        if len(matches) > 1:
-            problems.add(f"{place}: {_ambiguous([m.channel for m in matches], role, needs)}")
-            continue
-        match = matches[0]
-        column = needs.table.column(role)
-        if column.dtype == "string":
-            found[role] = match
+    taken = {id(match.channel) for matches in fitting.values() for match in matches}
+    for role, (match, *others) in fitting.items():
+        if others:
+            problem = _ambiguous([match.channel, *(m.channel for m in others)], role, needs)
+            needs.problems.add(f"{place}: {problem}")
         elif match.is_clock:
-            taken = {id(m.channel) for all_ in fitting.values() for m in all_}
             dates = [
                 c
                 for c in channels
@@ -298,16 +296,26 @@ def mapped(
             ]
             if len(dates) > 1:
                 names = ", ".join(c.name for c in dates)
-                problems.add(f"{place}: {names} can be the date of {match.channel.name}: keep one")
+                needs.problems.add(
+                    f"{place}: {names} can be the date of {match.channel.name}: keep one"
+                )
             found[role] = replace(match, stated=True, date=dates[0] if dates else None)
         else:
-            by = _conversion(column, match, needs)
-            if isinstance(by, str):
-                problems.add(f"{place}: {by}")
-            known = by if isinstance(by, Conversion) else Conversion(1.0)
-            signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
-            found[role] = replace(match, by=signed, stated=isinstance(by, Conversion))
+            found[role] = with_unit(match, needs, place)
     return found
+
+
+def with_unit(match: Found, needs: Needs, place: str) -> Found:
+    """Return a channel with the conversion to our unit; report what is unclear."""
+    column = needs.table.column(match.role)
+    if column.dtype == "string":
+        return match
+    by = _conversion(column, match, needs)
+    if isinstance(by, str):
+        needs.problems.add(f"{place}: {by}" if place else by)
+    known = by if isinstance(by, Conversion) else Conversion(1.0)
+    signed = Conversion(-known.factor if match.negated else known.factor, known.shift)
+    return replace(match, by=signed, stated=isinstance(by, Conversion))
 
 
 def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
@@ -327,45 +335,22 @@ def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
 
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str | None:
     """Return the conversion of a channel; a text says what is unclear; None: no unit is stated."""
-    channel, line = found.channel, needs.line("units", column.name)
+    channel, shown, unit = found.channel, found.shown, found.channel.unit
+    ours, plain, line = column.unit, canonical_unit(unit), needs.line("units", column.name)
     stated = needs.options.units.get(column.name)
     cell = channel.cells[0][:40] if channel.cells else "0"
-    if found.how == "recognised" and not channel.unit and not is_number(cell):
+    recognised = found.how == "recognised" and channel.name != column.name
+    if recognised and plain in NO_UNIT and not is_number(cell):
         what = "a clock time such as 13:45:02.125" if column.name == "time_s" else "a number"
         return f'{channel.name}, read as {column.name}, holds "{cell}", must be {what}'
-    if isinstance(stated, str) and canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
-        return (
-            f"{found.shown} is in rpm by its name, not in rad/s: state {line}rpm}}}}, or "
-            f"{line}{{factor: 1, offset: 0}}}}}} if its numbers are in rad/s in spite of its name"
-        )
-    if stated is None:
-        both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, column.unit)]
-        if len({conversion(unit, column.unit) for unit in both}) > 1:
-            name, cell = map(canonical_unit, both)
-            return (
-                f"{found.shown} is in {name} by its name and in {cell} by its unit: "
-                f"say which, {line}{name}}}}} or {line}{cell}}}}}"
-            )
-        if scaling := channel.raw.scaling.get(channel.name):
-            return (
-                f"{found.shown} holds whole numbers, but the file states {scaling}, which was not "
-                f"applied: state {line}{{factor: ..., offset: ...}}}}}} if they are counts, or "
-                f"{line}{column.unit}}}}} if they are not"
-            )
-    return to_unit(column, channel.name, channel.unit, needs, recognised=found.how == "recognised")
-
-
-def to_unit(
-    column: Column, name: str, unit: str, needs: Needs, *, recognised: bool
-) -> Conversion | str | None:
-    """Return the conversion of a written unit; a text says what is wrong; None: none is stated."""
-    shown = column.name if name == column.name else f'{column.name} (column "{name}")'
-    line, plain = needs.line("units", column.name), canonical_unit(unit)
-    stated = needs.options.units.get(column.name)
-    setting: Calibration | Conversion | None = None
     if isinstance(stated, str):
-        setting = calibration(stated, column.unit) or conversion(stated, column.unit)
-    elif stated is not None:
+        if canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
+            return (
+                f"{shown} is in rpm by its name, not in rad/s: state {line}rpm}}}}, or {line}"
+                "{factor: 1, offset: 0}}} if its numbers are in rad/s in spite of its name"
+            )
+        setting = calibration(stated, ours) or conversion(stated, ours)
+    else:
         setting = stated
     if isinstance(setting, Calibration):
         return setting.conversion(unit) or (
@@ -373,113 +358,107 @@ def to_unit(
         )
     if setting is not None:
         return setting
-    if plain in ("", "-") and not recognised:
-        base, _, ending = name.rpartition("_")
-        other = conversion(ending, column.unit) if base and name != column.name else None
+    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
+    if len({conversion(u, ours) for u in both}) > 1:
+        first, second = map(canonical_unit, both)
+        return (
+            f"{shown} is in {first} by its name and in {second} by its unit: "
+            f"say which, {line}{first}}}}} or {line}{second}}}}}"
+        )
+    if scaling := channel.raw.scaling.get(channel.name):
+        return (
+            f"{shown} holds whole numbers, but the file states {scaling}, which was not applied: "
+            f"state {line}{{factor: ..., offset: ...}}}}}} if they are counts, or {line}{ours}}}}} "
+            "if they are not"
+        )
+    if plain in ("", "-") and recognised:
+        or_rpm = f" or {line}rpm}}}}" if ours == "rad/s" else ""
+        return (
+            f"the unit of {channel.name}, read as {column.name}, is missing; "
+            f"state it: {line}{ours}}}}}{or_rpm}"
+        )
+    if plain in ("", "-"):
+        base, _, ending = channel.name.rpartition("_")
+        other = conversion(ending, ours) if base and channel.name != column.name else None
         if other in (None, Conversion(1.0)):
             return None
-        return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{column.unit}}}}}"
-    if plain in ("", "-"):
-        bracket = IN_NAME.search(name)
-        what = f'is "{bracket[1]}", which is not known' if bracket else "is missing"
-        or_rpm = f" or {line}rpm}}}}" if column.unit == "rad/s" else ""
-        return (
-            f"the unit of {name}, read as {column.name}, {what}; "
-            f"state it: {line}{column.unit}}}}}{or_rpm}"
-        )
+        return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{ours}}}}}"
     if plain in RAW:
         per = "mV" if plain == "mV" else "V"
         return (
             f"{shown} is in {unit}, its calibration is missing; state it: "
-            f"{line}250 {column.unit}/{per}}}}}, or {{factor: 250, offset: 0}}"
+            f"{line}250 {ours}/{per}}}}}, or {{factor: 250, offset: 0}}"
         )
-    if column.unit == "rad/s" and plain == "rev/s" and _may_be_radians(unit, name):
+    is_per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
+    is_turn = any(word in simplified(channel.name) for word in _TURNS)
+    if ours == "rad/s" and is_per_second and not is_turn:
         return f"{shown} is in {unit}: turns or radians? say {line}rev/s}}}} or {line}rad/s}}}}"
-    if column.unit == "rad/s" and plain in ("m/s", "mm/s"):
+    if ours == "rad/s" and plain in ("m/s", "mm/s"):
         return (
             f"{shown} is in {unit}; divide by the radius R of the pulley: "
             f"{line}{{factor: 1/R, offset: 0}}}}}}, 1/R as a number in 1/m"
         )
-    by = conversion(unit, column.unit)
+    by = conversion(unit, ours)
     if by is None and plain == "1":
         return None
-    return by or f"{shown} is in {unit}, must be one of " + ", ".join(allowed_units(column.unit))
-
-
-def _may_be_radians(unit: str, name: str) -> bool:
-    """Return whether 1/s may mean radians as well as turns."""
-    per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
-    return per_second and not any(word in simplified(name) for word in _TURNS)
+    return by or (
+        f"{shown} is in {unit}, must be one of {', '.join(allowed_units(ours))}, or state "
+        f"{line}{{factor: ..., offset: 0}}}}}}"
+    )
 
 
 def refuse_missing(
     channels: Sequence[Channel],
-    found: Mapping[str, Found],
+    found: Collection[str],
     needs: Needs,
     place: str,
     elsewhere: Collection[str],
 ) -> None:
-    """Report required columns that are missing, sensors first, with the names that may be meant.
+    """Report the required columns that are missing, sensors first, in one message.
 
     `elsewhere` lists our columns that are stated elsewhere. If only settings are missing, nothing
     is reported here: they may still come from outside the file.
     """
-    table, names, problems = needs.table, needs.options.names, needs.problems
-    header = [c.name for c in channels]
-    used = {match.channel.name for match in found.values()}
-    free = [name for name in header if name not in used]
-    missing: list[tuple[str, list[str]]] = []
-    messages: list[str] = []
-    columns = sorted(table.columns, key=lambda c: c.name in schemas.SETTINGS or c.name == "time_s")
-    for column in columns:
-        theirs = names.get(column.name, column.name)
-        if column.name in {*found, *elsewhere} or not (column.required or theirs != column.name):
-            continue
-        close = difflib.get_close_matches(theirs, free, n=1, cutoff=0.6)
-        advice = f", did you mean {close[0]}?" if close else _unknown_unit(column, free, table)
-        if column.name in schemas.NOMINAL and not close and theirs == column.name:
-            advice = how_to_state(column.name, table.kind)
-        else:
-            missing.append((column.name, close))
-        config = f" (which the config names for {column.name})" if theirs != column.name else ""
-        messages.append(f"{place}: column {theirs}{config} is missing{advice}")
-    if not found and not any(column.required for column in table.columns):
-        missing.append((next(c.name for c in table.columns if c.dtype == "float64"), []))
-        messages.append(f"{place}: holds no column of {table.command}")
-    if not missing:
+    table, names = needs.table, needs.options.names
+    has = {*found, *elsewhere}
+    free = [c.name for c in channels if c.name not in found]
+    required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
+    missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
+    close = {
+        role: match[0]
+        for role in missing
+        if (match := difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6))
+    }
+    missing = [r for r in missing if r not in schemas.NOMINAL or r in close or r in names]
+    if not missing and (found or any(c.required for c in table.columns)):
         return
-    kind, rig = bench_of(channels, table)
-    if kind not in ("", table.kind):
-        problems.add(
+    kind = bench_of(channels, table)
+    if kind and kind != table.kind:
+        needs.problems.add(
             f"{place}: these are the columns of a recording of {schemas.table(kind).command}, "
             f"not of {table.command}; in a config its key is data.{kind}"
         )
         return
-    for text in messages:
-        problems.add(text)
-    if rig:
-        problems.add(f"{place}: these are the channels of {rig}")
+    if table.kind == "rig" and (keys := rig_of(_possible(channels, "rig"), needs)):
+        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
+        needs.problems.add(
+            f"{place}: column {missing[0]} is missing; these are the channels of rig: {{{stated}}}"
+        )
         return
-    role, close = missing[0]
-    shown = ", ".join(header[:20]) + (", ..." if len(header) > 20 else "")
-    problems.add(
-        f"{place}: the columns found are {shown}; if they have other names, state them in the "
-        f'config, {needs.line("columns", role)}"{(close or ["its name in the file"])[0]}"}}}}'
+    shown = [
+        names.get(role, role)
+        + (f" (which the config names for {role})" if names.get(role, role) != role else "")
+        + (f" (is it {close[role]}?)" if role in close else "")
+        for role in missing
+    ] or [f"of {table.command}"]
+    first = next((r for r in missing if r in close), next(iter(missing), "mu"))
+    held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "")
+    verb = "is missing" if len(shown) == 1 else "are missing"
+    needs.problems.add(
+        f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}; not yet read: "
+        f"{held or 'none'}; if it has another name, state it: {needs.line('columns', first)}"
+        f'"{close.get(first, "its name in the file")}"}}}}'
     )
-
-
-def _unknown_unit(column: Column, names: Sequence[str], table: Table) -> str:
-    """Return advice on a channel that could be our column but for its unit; "" if there is none."""
-    for name in names:
-        bare = IN_NAME.sub("", name).strip()
-        if bare != name and not unit_in_name(bare) and column.name in roles_meant(bare, table.kind):
-            units = ", ".join(allowed_units(column.unit))
-            return (
-                f': the unit of "{name}" must be one of {units}, or '
-                f'state columns: {{{table.kind}: {{{column.name}: "{name}"}}}} and units: '
-                f"{{{table.kind}: {{{column.name}: {{factor: ..., offset: 0}}}}}}"
-            )
-    return ""
 
 
 def how_to_state(setting: str, kind: str) -> str:
@@ -492,34 +471,34 @@ def how_to_state(setting: str, kind: str) -> str:
     )
 
 
-def bench_of(channels: Sequence[Channel], table: Table) -> tuple[str, str]:
-    """Return the only kind of recording, and the other kind of rig, whose sensors are all there."""
-    names = [c.name for c in channels]
-    kinds, rig = set(), ""
-    for other, entry in kinds_of_benches():
-        has = {role for name in names for role in (name, *roles_meant(name, other.kind))}
-        sensors = {*sensors_of(other), *({"weight_N"} & {*_required(other)})}
-        if not sensors <= has:
-            continue
-        kinds.add(other.kind)
-        enough = "torque}" not in entry or bool(EITHER & has)
-        if other.kind == table.kind and other != table and enough:
-            rig = rig or entry
-    return (kinds.pop() if len(kinds) == 1 else ""), rig
+def _possible(channels: Sequence[Channel], kind: str) -> set[str]:
+    """Return our columns of a kind that the names of the channels can mean."""
+    return {role for c in channels for role in (c.name, *roles_meant(c.name, kind))}
 
 
-def _required(table: Table) -> list[str]:
-    return [c.name for c in table.columns if c.required]
+def bench_of(channels: Sequence[Channel], table: Table) -> str:
+    """Return the only kind of recording whose sensors are all there; "" if none or several."""
+    kinds = []
+    for kind in ("press", "speedloss", "rig"):
+        has = _possible(channels, kind)
+        forces = "pulley_speed_rad_s" in has and len(has & {*FORCES}) > 1
+        if forces if kind == "rig" else not lacking(schemas.table(kind), has):
+            kinds.append(kind)
+    return kinds[0] if len(kinds) == 1 else ""
 
 
-def kinds_of_benches() -> list[tuple[Table, str]]:
-    """Return the tables of all kinds of benches, with the config entry of those of a rig."""
-    rigs = []
-    for measures, weight_on in schemas.RIG_KINDS:
-        on = f", weight_on: {weight_on}" if measures == "dead_weight" else ""
-        entry = "" if measures == "two_cells" else f"rig: {{kind: {measures}{on}}}"
-        rigs.append((schemas.rig_table(measures, weight_on), entry))
-    return [(schemas.table("press"), ""), (schemas.table("speedloss"), ""), *rigs]
+def rig_of(has: Collection[str], needs: Needs) -> dict[str, str]:
+    """Return the `rig` keys of the forces that a file has, if they are not those of the config."""
+    tight, slack, weight, torque, hub = (name in has for name in FORCES)
+    if (tight and slack) or not lacking(needs.table, has):
+        return {}
+    if weight and (tight or slack):
+        return {"kind": "dead_weight", "weight_on": "slack" if tight else "tight"}
+    return (
+        {"kind": "torque_hub" if hub else "torque"}
+        if torque and (tight or slack or hub or weight)
+        else {}
+    )
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:

@@ -2,8 +2,8 @@
 
 A number is read only if it has a single meaning. ``1,000.12`` and ``1.000,85`` have both signs,
 ``1,234,567`` has two groups, and an apostrophe or a blank is never a decimal sign. ``1,250`` alone
-may be 1.25 or 1250: it is 1.25 if the decimal sign of the file is the comma, and 1250 only if the
-config or another number of the file shows that the comma separates thousands.
+is 1.25 if the decimal sign of the file is the comma, and 1250 only if the config or another number
+of the file shows that the comma separates thousands.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ import numpy as np
 import pandas as pd
 
 from beltid.errors import PlaceOf, Problems
+from beltid.tables.values import is_missing
 
-NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
-_WORDS: Final = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA>"
-_ERRORS: Final = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL!"
-_OF_C: Final = ("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND")
-MISSING: Final = frozenset(("", *_WORDS.split(), *_ERRORS.split(), *_OF_C))
+_WORDS: Final = "- -- --- – — nan NaN NAN -nan -NaN nan(ind) -nan(ind) NA N/A n/a n.a. <NA> 1.#IND"
+_ERRORS: Final = "null NULL None #N/A #NA #NV #DIV/0! #VALUE! #WERT! #NUM! #ZAHL! 1.#QNAN -1.#IND"
+MISSING: Final = frozenset(("", "-1.#QNAN", *_WORDS.split(), *_ERRORS.split()))
 """Texts that people, spreadsheets and compilers write for a missing number."""
 NO_NUMBER: Final = "must be a number"
+_PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
+"""Typographic apostrophes, blanks and minus signs -> those of a keyboard."""
 _FORTRAN: Final = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)", re.ASCII)
-_INFINITE: Final = re.compile(r"[-+]?(inf|infinity)", re.IGNORECASE)
-_DECIMAL: Final = re.compile(r"[-+]?\d*(?P<point>[.,])\d+([eE][-+]?\d+)?", re.ASCII)
+_SINGLE: Final = re.compile(
+    r"[-+]?(?:\d+(?:(?P<point>[.,])\d*)?|(?P<first>[.,])\d+)(?:[eE][-+]?\d+)?|[-+]?inf(?:inity)?",
+    re.ASCII | re.IGNORECASE,
+)
 _GROUPED: Final = re.compile(
     r"[-+]?[1-9]\d{0,2}(?P<sign>[.,' ])\d{3}(?P<more>(?:(?P=sign)\d{3})*)"
     r"(?:(?!(?P=sign))(?P<point>[.,])\d*)?(?:[eE][-+]?\d+)?",
     re.ASCII,
 )
-_PLAIN: Final = str.maketrans("’\u00a0\u2007\u2009\u202f−–", "'    --")
-"""Typographic apostrophes, blanks and minus signs -> those of a keyboard."""
 _OTHER: Final = {",": ".", ".": ","}
 
 
-def is_number(text: str) -> bool:
+def is_number(cell: str) -> bool:
     """Return whether a cell is a number, with either decimal sign, with or without groups."""
-    plain = text.translate(_PLAIN)
-    return bool(
-        _GROUPED.fullmatch(plain) or NUMBER.fullmatch(_FORTRAN.sub("E", plain.replace(",", ".")))
-    )
+    plain = _FORTRAN.sub("E", cell.translate(_PLAIN))
+    is_one = _SINGLE.fullmatch(plain) and plain[-1] not in "fyFY"
+    return bool(is_one or _GROUPED.fullmatch(plain))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +60,14 @@ class NumberSigns:
         """Detect the signs in some cells; stated signs take precedence."""
         decimals, groups = set(), set()
         for cell in cells:
-            plain = cell.translate(_PLAIN)
+            plain = _FORTRAN.sub("E", cell.translate(_PLAIN))
             match = _GROUPED.fullmatch(plain)
             if match is None:
-                point = _DECIMAL.fullmatch(_FORTRAN.sub("E", plain))
-                decimals |= {point["point"]} if point else set()
+                point = _SINGLE.fullmatch(plain)
+                decimals |= {point["point"] or point["first"]} - {None} if point else set()
             elif match["point"] or match["more"] or match["sign"] in "' ":
                 groups.add(match["sign"])
-                decimals |= {match["point"] or _OTHER.get(match["sign"], "")} - {""}
+                decimals |= {match["point"] or _OTHER.get(match["sign"])} - {None}
         if decimal is None:
             decimal = _OTHER.get(thousands or "", "," if decimals == {","} else ".")
         if thousands is None:
@@ -76,12 +76,10 @@ class NumberSigns:
 
     def number(self, cell: str) -> float | str:
         """Convert a cell to a number, or say why it is not one."""
-        text = cell.translate(_PLAIN)
-        plain = _FORTRAN.sub("E", text)
-        if self.decimal == ",":
-            plain = plain.translate(str.maketrans(",.", ".?"))
-        if NUMBER.fullmatch(plain) or _INFINITE.fullmatch(plain):
-            return float(plain)
+        text = _FORTRAN.sub("E", cell.translate(_PLAIN))
+        match = _SINGLE.fullmatch(text)
+        if match and (match["point"] or match["first"]) in (None, self.decimal):
+            return float(text.replace(",", "."))
         match = _GROUPED.fullmatch(text)
         if match is None:
             return NO_NUMBER
@@ -102,32 +100,17 @@ class NumberSigns:
 def numbers_of(
     texts: pd.Series, signs: NumberSigns, shown: str, place: PlaceOf, problems: Problems
 ) -> np.ndarray:
-    """Convert a column of texts to numbers; nan where one is missing or cannot be read.
-
-    Parameters
-    ----------
-    texts : Series
-        The cells, shape (n,).
-    signs : NumberSigns
-        Decimal sign and thousands separator.
-    shown : str
-        Name of the column in messages.
-    place : callable
-        Index of a cell -> its location as text, and its line.
-    problems : Problems
-        Collects cells that are not numbers or are ambiguous.
-    """
+    """Convert texts to numbers, nan for a missing one; report what is none or ambiguous."""
     codes, cells = pd.factorize(texts)
     values = np.full(len(cells) + 1, np.nan)
-    wrong: dict[str, dict[int, str]] = {}
+    wrong: dict[bool, dict[int, str]] = {}
     for code, cell in enumerate(cells):
         text = str(cell).strip()
         value = np.nan if text in MISSING else signs.number(text)
         if isinstance(value, str):
-            kind = value if value.startswith(NO_NUMBER) else ""
-            wrong.setdefault(kind, {})[code] = (
-                f'{shown} = "{text if len(text) <= 40 else text[:37] + "..."}", {value}'
-            )
+            short = text if len(text) <= 40 else text[:37] + "..."
+            kind = value.startswith(NO_NUMBER)
+            wrong.setdefault(kind, {})[code] = f'{shown} = "{short}", {value}'
         else:
             values[code] = value
     for why in wrong.values():
@@ -154,20 +137,15 @@ def contradiction(cells: Sequence[str], signs: NumberSigns) -> tuple[str, str] |
 
 def word_of(value: Any) -> str | None:
     """Return a label as text: whole numbers without a decimal point, None if it is missing."""
-    if value is None or value is pd.NA or value is pd.NaT:
+    if is_missing(value):
         return None
-    if isinstance(value, (float, np.floating)):
-        if np.isnan(value):
-            return None
-        value = int(value) if float(value).is_integer() else value
+    if isinstance(value, (float, np.floating)) and float(value).is_integer():
+        value = int(value)
     return str(value).strip() or None
 
 
 def words_of(values: pd.Series) -> np.ndarray:
     """Return a column of labels as an object array of str, None where one is missing."""
     codes, labels = pd.factorize(values)
-    words = np.empty(len(labels) + 1, dtype=object)
-    for code, label in enumerate(labels):
-        word = word_of(label)
-        words[code] = None if word in MISSING else word
-    return words[codes]
+    words = [word_of(label) for label in labels]
+    return np.array([None if w in MISSING else w for w in words] + [None], dtype=object)[codes]

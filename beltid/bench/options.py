@@ -14,12 +14,8 @@ from beltid.tables.columns import Table
 from beltid.tables.units import Calibration
 
 DIALECT: Final[Mapping[str, Any]] = {
-    "separator": None,
-    "decimal": None,
-    "thousands": None,
-    "encoding": None,
+    **dict.fromkeys(("separator", "decimal", "thousands", "encoding", "names")),
     "skip_lines": 0,
-    "names": None,
 }
 """What is None is detected from the file."""
 TWO_CELLS: Final = ("two_cells", "tight", False)
@@ -27,33 +23,15 @@ TWO_CELLS: Final = ("two_cells", "tight", False)
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Differences between the files of a bench and ours; none by default.
+    """Differences between the files of a bench and ours; none by default."""
 
-    Attributes
-    ----------
-    names : mapping
-        Our column -> its name in the file, or that of a field of its head.
-    units : mapping
-        Our column -> its unit in the file, or the calibration of its sensor.
-    pattern : str or None
-        Pattern of the file names with label and settings.
-    run_table : Path or None
-        Table with a row per file.
-    values : mapping
-        Settings of all runs.
-    dialect : mapping
-        Separators and encoding of texts; see `DIALECT`.
-    rig : str, str, bool
-        What the friction rig measures, on which span a weight is, whether its belt runs.
-    """
-
-    names: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)  # our column -> channel or head field
     units: Mapping[str, str | Calibration] = field(default_factory=dict)
-    pattern: str | None = None
-    run_table: Path | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)
+    pattern: str | None = None  # of the file names, with label and settings
+    run_table: Path | None = None  # with a row per file
+    values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
-    rig: tuple[str, str, bool] = TWO_CELLS
+    rig: tuple[str, str, bool] = TWO_CELLS  # measures, weight on, running
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
@@ -66,20 +44,15 @@ class ReadOptions:
                 f'config: dialect.decimal and dialect.thousands are both "{dialect["decimal"]}", '
                 "must differ"
             )
-        also = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
-        runs, rig = config.runs[kind], config.rig if kind in ("rig", "points") else None
-        return cls(
-            config.columns[also] | config.columns[kind],
-            {
-                n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
-                for n, u in (config.units[also] | config.units[kind]).items()
-            },
-            runs["pattern"],
-            runs["table"],
-            runs["values"],
-            dialect,
-            (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS,
-        )
+        kind = "rig" if kind == "points" else kind  # what is stated of a rig serves its plateaus
+        runs, rig = config.runs[kind], config.rig if kind == "rig" else None
+        units = {
+            n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
+            for n, u in config.units[kind].items()
+        }
+        stated = runs["pattern"], runs["table"], runs["values"]
+        measures = (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS
+        return cls(config.columns[kind], units, *stated, dialect, measures)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

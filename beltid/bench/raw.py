@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -34,58 +34,23 @@ class Field:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """A table of a file: all of it, or a group, sheet, struct, raster or segment.
+    """A table of a file: all of it, or a group, sheet, struct, raster or segment."""
 
-    Attributes
-    ----------
-    place : str
-        File, and group in it, for messages.
-    frame : DataFrame
-        Columns by their written names: float64 with nan where a number is missing, or texts.
-    name : str
-        Name of the group or sheet; "" if it is the whole file.
-    format : str
-        The format in words, such as ``"NI TDMS"``.
-    units : mapping of str to str
-        Written name -> written unit, where the file states one.
-    fields : tuple of Field
-        Entries of the header.
-    times : ndarray or None
-        Time of every row [s], where the format has it besides the columns.
-    scaling : mapping of str to str
-        Written name -> scaling of whole numbers that the file states and nobody applied.
-    lines : sequence of int
-        Line of every row in the file, from 1; empty if the format has none.
-    header_line, units_line : int
-        Line of the names and of the units; 0 if there is none.
-    signs : NumberSigns
-        How numbers among the texts are written.
-    encoding : str
-        Encoding of a text file.
-    notes : tuple of str
-        What was detected or left out.
-    problems : Problems
-        Rows that could not be read.
-    row_word : str
-        Word for a row in messages, if the file has no lines.
-    """
-
-    place: str
-    frame: pd.DataFrame
-    name: str = ""
-    format: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
-    fields: tuple[Field, ...] = ()
-    times: np.ndarray | None = None
-    scaling: Mapping[str, str] = field(default_factory=dict)
-    lines: Sequence[int] | np.ndarray = ()
-    header_line: int = 0
-    units_line: int = 0
-    signs: NumberSigns = field(default_factory=NumberSigns)
+    place: str  # file, and group in it, for messages
+    frame: pd.DataFrame  # by written names: float64 with nan where one is missing, or texts
+    name: str = ""  # of the group or sheet; "" if it is the whole file
+    format: str = ""  # in words
+    units: Mapping[str, str] = field(default_factory=dict)  # written name -> unit, if stated
+    fields: tuple[Field, ...] = ()  # entries of the header
+    times: np.ndarray | None = None  # of every row [s], if the format has it besides the columns
+    scaling: Mapping[str, str] = field(default_factory=dict)  # stated, but not applied
+    lines: Sequence[int] | np.ndarray = ()  # of the rows in the file, from 1; empty: none
+    header_line: int = 0  # of the names; 0 if there is none
+    units_line: int = 0  # of the units; 0 if there is none
+    signs: NumberSigns = field(default_factory=NumberSigns)  # of numbers among the texts
     encoding: str = ""
-    notes: tuple[str, ...] = ()
-    problems: Problems = field(default_factory=Problems)
-    row_word: str = "sample"
+    notes: tuple[str, ...] = ()  # what was detected or left out
+    problems: Problems = field(default_factory=Problems)  # rows that could not be read
 
     def bare(self) -> Raw:
         """Return the table with its first rows only."""
@@ -95,12 +60,8 @@ class Raw:
         """Return the place of a row for messages, and its line to sort them."""
         if len(self.lines):
             return f"{self.place}:{self.lines[row]}", int(self.lines[row])
-        return f"{self.place}, {self.row_word} {row + 1}", row + 1
-
-    @property
-    def names(self) -> list[str]:
-        """Written names of the columns."""
-        return [str(name) for name in self.frame]
+        word = "row" if self.format == "Parquet" else "sample"
+        return f"{self.place}, {word} {row + 1}", row + 1
 
     @property
     def head(self) -> str:
@@ -113,16 +74,56 @@ class Raw:
         return f"{self.place}:{self.units_line}" if self.units_line else self.head
 
 
-def column_of(values: Any) -> Any:
+class Rasters:
+    """Channels of a group: those with the same times are one table."""
+
+    def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
+        self.place, self.name, self.form, self.fields = place, name, form, fields
+        self.notes: list[str] = []
+        self.parts: dict[Any, tuple[dict[str, Any], dict[str, str], dict[str, str], Any]] = {}
+
+    def add(
+        self, name: str, values: Any, unit: str = "", times: Any = None, scaling: str = ""
+    ) -> None:
+        """Add a channel; one that is no list of numbers or texts is left out and noted."""
+        values = np.asarray(values)
+        if values.ndim != 1 or values.dtype.kind not in "biufOSU":
+            self.notes.append(f"channel {name} left out: no plain numbers")
+            return
+        if not values.size:
+            return
+        key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
+        columns, units, scalings, _ = self.parts.setdefault(key, ({}, {}, {}, times))
+        number = 2
+        while name in columns:
+            name, number = f"{name.partition(' #')[0]} #{number}", number + 1
+        columns[name], units[name], scalings[name] = column_of(values), unit, scaling
+
+    def tables(self) -> Iterator[Raw]:
+        """Yield a table per raster."""
+        for columns, units, scalings, times in self.parts.values():
+            yield Raw(
+                self.place,
+                pd.DataFrame(columns),
+                self.name,
+                self.form,
+                {n: u for n, u in units.items() if u},
+                self.fields,
+                times,
+                {n: s for n, s in scalings.items() if s},
+                notes=tuple(self.notes),
+            )
+
+
+def column_of(values: np.ndarray) -> Any:
     """Return values as a column of a `Raw`: numbers as float64, all else as texts or None."""
-    array = np.asarray(values)
-    if array.dtype.kind in "iuf":
-        return array.astype(float)
-    if array.dtype.kind == "b":
-        return pd.array(np.where(array, "true", "false").tolist(), dtype="str")
+    if values.dtype.kind in "iuf":
+        return values.astype(float)
+    if values.dtype.kind == "b":
+        return pd.array(np.where(values, "true", "false").tolist(), dtype="str")
     texts = [
         (v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v)).strip("\0 ") or None
-        for v in array.tolist()
+        for v in values.tolist()
     ]
     return pd.array(texts, dtype="str")
 
@@ -141,12 +142,11 @@ def unapplied_scaling(values: np.ndarray, properties: Mapping[str, Any]) -> str:
     """List the properties that scale whole numbers, such as ``slope = 0.02``; else ""."""
     found = []
     for name, value in properties.items() if values.dtype.kind in "iu" else ():
-        try:
-            number = float(np.ravel(value)[0])
-        except (TypeError, ValueError, IndexError):
-            continue
-        if number != SCALING.get(str(name).lower(), number):
-            found.append(f"{name} = {number:g}")
+        neutral = SCALING.get(str(name).lower())
+        if neutral is not None and np.size(value) == 1:
+            number = pd.to_numeric(pd.Series(np.ravel(value)), errors="coerce").iloc[0]
+            if number == number and number != neutral:
+                found.append(f"{name} = {number:g}")
     return ", ".join(found)
 
 
@@ -156,13 +156,7 @@ def even_times(start_s: float, step_s: float, n: int) -> np.ndarray:
 
 
 def in_seconds(times: T, unit: str, place: str) -> T:
-    """Convert times to seconds; times without a unit are taken as seconds.
-
-    Raises
-    ------
-    InputError
-        If the unit is not a unit of time.
-    """
+    """Convert times to seconds, also without a unit; InputError for a unit of no time."""
     by = conversion(unit, "s") or conversion(unit.lower(), "s")
     if by is None and unit.strip():
         allowed = ", ".join(allowed_units("s"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
@@ -16,11 +17,11 @@ from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, folders_left_out, is_many, sources_of
-from beltid.bench.mapping import Found, Needs
+from beltid.bench.mapping import Found, Needs, channels_of, meant
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
-from beltid.bench.runs import Settings, joined, tables_of_runs
+from beltid.bench.runs import Settings, is_timed, joined, tables_of_runs
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -46,7 +47,7 @@ class Recording:
     Attributes
     ----------
     kind : str
-        "press", "rig", "speedloss" or "points".
+        "press", "rig" or "speedloss"; "points" for a table with a row per plateau of the rig.
     columns : dict of str to ndarray
         The columns of the schema in its order and units: float64 with nan for missing numbers,
         object arrays of str for labels. An optional column that the file lacks is all nan.
@@ -82,7 +83,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
         A file of any format that benches write, plain, in a zip file or packed with gzip; or a
         folder or a pattern such as ``runs/*.lvm`` with a file per run.
     kind : {"press", "rig", "speedloss", "points"}
-        Kind of recording.
+        Kind of recording; a file of the rig without a time is a table of plateaus, "points".
     config : Config, optional
         Names, units and dialect of the bench's files, and where to find settings of the runs.
 
@@ -95,14 +96,34 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     sources = sources_of(path, [options.run_table] if options.run_table else [])
     if len(sources) == 1 and (simulated := _simulated(path, kind)) is not None:
         return simulated
-    needs = Needs(options.table(kind), options)
-    settings, parts = Settings(needs), list[Part]()
+    needs, parts = Needs(options.table(kind), options), list[Part]()
+    settings: Settings | None = None
     for source in sources:  # one file after the other, so that only one is in memory as written
-        parts += parts_of(source.inside, source.name, tables_in(source, needs), settings)
+        raws = tables_in(source, needs)
+        if settings is None:
+            needs = needs if kind != "rig" else of_plateaus(raws, needs)
+            settings = Settings(needs)
+        parts += parts_of(source.inside, source.name, raws, settings)
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
-    recording = recording_of(parts, path, kind, settings)
+    assert settings is not None
+    recording = recording_of(parts, path, settings)
     return replace(recording, notes=(*recording.notes, *folders_left_out(path, sources)))
+
+
+def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
+    """Return what a table with a row per plateau needs, if the tables of a rig are such tables.
+
+    It has a speed, an arc or a coefficient, no time, and does not repeat its labels.
+    """
+    plateaus = Needs(needs.options.table("points"), needs.options, needs.problems)
+    found = meant(channels_of(raws), plateaus)
+    has_speed = bool({"pulley_speed_rad_s", "slip_speed_m_s"} & {*found})
+    timed = any(is_timed(raw, "rig") for raw in raws) or "time_s" in meant(channels_of(raws), needs)
+    if timed or not has_speed or not ({"arc_deg", "mu"} & {*found}):
+        return needs
+    labels = [f.channel.raw.frame[f.channel.name] for f in found.get("run", ())]
+    return needs if any(2 * column.nunique() < len(column) for column in labels) else plateaus
 
 
 def tables_in(source: Source, needs: Needs) -> list[Raw]:
@@ -157,14 +178,8 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     return parts
 
 
-def recording_of(parts: Sequence[Part], path: Path, kind: str, settings: Settings) -> Recording:
-    """Join the parts of a recording and check it.
-
-    Raises
-    ------
-    InputError
-        With all errors, each with its line.
-    """
+def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recording:
+    """Join the parts of a recording and check it; InputError with all errors."""
     needs = settings.needs
     if not parts:
         needs.problems.raise_if_any()
@@ -173,16 +188,15 @@ def recording_of(parts: Sequence[Part], path: Path, kind: str, settings: Setting
     notes += checker.run({*needs.options.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    return Recording(kind, columns, path, tuple(notes), found)
+    return Recording(needs.table.kind, columns, path, tuple(notes), found)
 
 
 def _distinct(parts: Sequence[Part]) -> list[Part]:
     """Put the file before the label of a run where groups of several files are named alike."""
-    labels = [part.label for part in parts]
-    alike = {label for label in labels if labels.count(label) > 1}
+    labels = Counter(part.label for part in parts)
     return [
         replace(part, label=f"{part.names[-1]}/{part.label}")
-        if part.label in alike and part.label != part.names[-1]
+        if labels[part.label] > 1 and part.label != part.names[-1]
         else part
         for part in parts
     ]
@@ -198,7 +212,7 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
     table, problems = schemas.rig_table(), Problems()
-    part = Part(str(path), Raw(str(path), pd.DataFrame(), row_word="row"), artifact.columns, {})
+    part = Part(str(path), Raw(str(path), pd.DataFrame(), format="Parquet"), artifact.columns, {})
     columns = {name: artifact.columns[name] for name in table.names if name in artifact.columns}
     notes = Checker(str(path), columns, table, part.at, problems).run(table.names)
     problems.raise_if_any()
@@ -245,7 +259,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     parts = parts_of(PurePath("frame"), "frame", [raw], settings)
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index
-    return recording_of(parts, Path("frame"), kind, settings).columns
+    return recording_of(parts, Path("frame"), settings).columns
 
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
@@ -269,14 +283,12 @@ def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     raw = frames.frame_of(frame, name, simple)
     columns, problems = {}, []
     for column, is_word in simple.items():
-        if column not in raw.frame:
-            continue
-        values = raw.frame[column]
-        if is_word:
+        values = raw.frame.get(column)
+        if values is not None and is_word:
             columns[column] = np.array([word_of(v) for v in values], dtype=object)
-        elif pd.api.types.is_numeric_dtype(values):
+        elif values is not None and pd.api.types.is_numeric_dtype(values):
             columns[column] = values.to_numpy()
-        else:
+        elif values is not None:
             problems.append(f"{name}: column {column} holds texts, must hold numbers")
     if problems:
         raise InputError(problems)

@@ -13,14 +13,22 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import text
-from beltid.bench.columns import Part, read_part, settings_in_head
-from beltid.bench.header import read_field, side_by_side, without_position
-from beltid.bench.mapping import Needs, channels_of, how_to_state, is_whole, to_unit
-from beltid.bench.numbers import NumberSigns
+from beltid.bench.columns import Part, read_part, values_of
+from beltid.bench.header import side_by_side, without_position
+from beltid.bench.mapping import (
+    Found,
+    Needs,
+    channels_of,
+    channels_of_head,
+    how_to_state,
+    is_whole,
+    meant,
+    with_unit,
+)
 from beltid.bench.options import DIALECT, ReadOptions
 from beltid.bench.raw import Field, Raw
 from beltid.bench.vocabulary import roles_meant
-from beltid.config.name_pattern import NameParts, name_pattern, number
+from beltid.config.name_pattern import name_pattern, number
 from beltid.errors import PlaceOf, Problems
 from beltid.tables.columns import Column, Table
 from beltid.tables.schemas import NOMINAL, RUN_TEXTS, SETTINGS
@@ -44,34 +52,35 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
         return [raws], []
     runs = [raw for raw in raws if is_whole(channels_of([raw]), needs)]
     if not runs:
-        alike = Counter(tuple(raw.names) for raw in raws)
+        alike = Counter(tuple(raw.frame) for raw in raws)
         names, count = alike.most_common(1)[0]
-        runs = [raw for raw in raws if tuple(raw.names) == names]
+        runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
             return [raws], []
-    if len(runs) == 1 and all(_is_timed(raw, needs) for raw in raws):
+    if len(runs) == 1 and all(is_timed(raw, needs.table.kind) for raw in raws):
         return [raws], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
     return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
 
 
-def _is_timed(raw: Raw, needs: Needs) -> bool:
-    names = [name for name in raw.names if "time_s" in (name, *roles_meant(name, needs.table.kind))]
-    return raw.times is not None or bool(names)
+def is_timed(raw: Raw, kind: str) -> bool:
+    """Return whether a table has a time: of its format, or in a column."""
+    names = [str(name) for name in raw.frame]
+    return raw.times is not None or any("time_s" in (n, *roles_meant(n, kind)) for n in names)
 
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     """Split a table into the recordings that are side by side in it, if any."""
     parts = []
     stem = raw.name or PurePath(raw.place).stem
-    for number_, names in enumerate(side_by_side(raw.names), start=1):
+    for count, names in enumerate(side_by_side([*raw.frame]), start=1):
         frame = raw.frame[names]
         filled = np.flatnonzero(frame.notna().any(axis=1).to_numpy())
         frame = frame.iloc[: int(filled[-1]) + 1 if filled.size else 0]
         bare = {name: without_position(name) for name in names}
         units = {bare[n]: u for n, u in raw.units.items() if n in bare}
-        name = f"{stem}-{number_}"
-        parts.append(replace(raw, frame=frame.rename(columns=bare), units=units, name=name))
+        frame = frame.rename(columns=bare)
+        parts.append(replace(raw, frame=frame, units=units, name=f"{stem}-{count}"))
     once = [c for c in channels_of([raw]) if c.name == c.base]
     are_whole = all(is_whole(channels_of([part]), needs) for part in parts)
     return parts if parts and are_whole and not is_whole(once, needs) else [raw]
@@ -87,21 +96,22 @@ class Settings:
     def __init__(self, needs: Needs) -> None:
         options = self.options = needs.options
         self.needs, self.table = needs, needs.table
-        self.pattern: NameParts | None = name_pattern(options.pattern) if options.pattern else None
+        self.pattern = name_pattern(options.pattern) if options.pattern else None
+        self.in_name = self.pattern.names if self.pattern else ()
         self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
         self.used: set[str] = set()
 
     def elsewhere(self, raws: Sequence[Raw]) -> set[str]:
         """Return our columns that the tables of a file need not contain."""
         fields = [field for raw in raws for field in raw.fields]
-        roles = {self.table.label, *self.options.values, *settings_in_head(fields, self.needs)}
-        roles |= set(self.pattern.names) if self.pattern else set()
+        roles = {self.table.label, *self.options.values, *self.in_name}
+        roles |= {*settings_in_head(fields, self.needs)}
         return roles | (set(SETTINGS) if self.options.run_table else set())
 
     def of(self, part: Part) -> dict[str, Any]:
         """Return label and settings of a run from outside its columns."""
-        found = self._from_head(part) | dict(self.options.values)
-        found |= self._named_fields(part) | self._from_name(part)
+        recognised, named = self._from_head(part)
+        found = recognised | dict(self.options.values) | named | self._from_name(part)
         if self.options.run_table is not None:
             name = next((n for n in part.names if n in self.rows), None)
             if name is not None:
@@ -121,79 +131,36 @@ class Settings:
 
     def _is_complete(self, part: Part) -> bool:
         """Return whether the recording itself holds label and settings."""
-        required = [r for r in SETTINGS if r in self.table.names and self._column(r).required]
+        required = [c.name for c in self.table.columns if c.required and c.name in SETTINGS]
         return all(role in part.found for role in (self.table.label, *required))
 
-    def _column(self, role: str) -> Any:
-        return self.table.column(role)
-
-    def _from_head(self, part: Part) -> dict[str, Any]:
-        """Take settings from header fields whose names are known words."""
-        found: dict[str, Any] = {}
-        stated = {*self.options.values, *self.options.names, *(self.pattern or _NO_PATTERN).names}
-        for role in SETTINGS:
-            if role not in self.table.names or role in part.found:
+    def _from_head(self, part: Part) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Take settings from the head: from fields of known names, and from those of the config."""
+        found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
+        stated = {*self.options.values, *self.in_name}
+        for role, matches in settings_in_head(part.fields, self.needs).items():
+            if role in part.found:
                 continue
-            if self._column(role).dtype == "string":
-                continue
-            values = {}
-            for field in part.fields:
-                if role not in roles_meant(field.name, self.table.kind):
-                    continue
-                value = self._value(role, field, part.fields, recognised=True)
-                if not isinstance(value, str):
-                    values[field.name] = value
-                elif self._column(role).required and role not in stated:
-                    self.needs.problems.add(f"{part.place}: {value}")
-                    found[role] = np.nan  # the problem is reported only once
-            if len(set(values.values())) > 1 and role not in stated:
-                shown = ", ".join(f"{n} = {v:g}" for n, v in values.items())
-                self.needs.problems.add(
-                    f"{part.place}: header fields {shown} can be {role}, say which: "
+            silent, named = Needs(self.table, self.options), matches[0].how == "config"
+            values: dict[str, Any] = {}
+            for match in matches:
+                value = values_of(with_unit(match, silent, ""), silent)[0]
+                values[match.channel.name] = value
+            wrong = [problem for _, problem in silent.problems.found]
+            shown = ", ".join(f"{n} = {shown_value(v)}" for n, v in values.items())
+            if len(set(values.values())) > 1:
+                wrong.append(
+                    f"header fields {shown} can be {role}, say which: "
                     f'{self.needs.line("columns", role)}"{next(iter(values))}"}}}}'
                 )
-            elif values:
-                found[role] = next(iter(values.values()))
-                if role not in values:
+            if not wrong:
+                found[named][role] = next(iter(values.values()))
+                if matches[0].how == "recognised":
                     part.notes.append(f"read header field {next(iter(values))} as {role}")
+            elif named or (self.table.column(role).required and role not in stated):
+                found[named][role] = np.nan  # the problem is reported only once
+                self.needs.problems.add(f"{part.place}: {wrong[0].removeprefix(', sample 1: ')}")
         return found
-
-    def _named_fields(self, part: Part) -> dict[str, Any]:
-        """Take label and settings from header fields that the config names."""
-        found: dict[str, Any] = {}
-        for role in (self.table.label, *SETTINGS):
-            name = self.options.names.get(role)
-            field = next((f for f in part.fields if f.name == name), None)
-            if field is None or role in part.found or role not in self.table.names:
-                continue
-            if self._column(role).dtype == "string":
-                found[role] = field.text
-                continue
-            value = self._value(role, field, part.fields, recognised=False)
-            if isinstance(value, str):
-                self.needs.problems.add(f"{part.place}: {value}")
-            else:
-                found[role] = value
-        return found
-
-    def _value(
-        self, role: str, field: Field, fields: Sequence[Field], *, recognised: bool
-    ) -> float | str:
-        """Return the value of a header field in our unit, or what is wrong with it."""
-        plain = read_field(field.name, field.text, field.unit)
-        cell, dialect = plain.text.strip(), self.options.dialect
-        stated = dialect["decimal"], dialect["thousands"]
-        value = NumberSigns.of([cell], *stated).number(cell)
-        if isinstance(value, str):  # other fields may show which sign is the decimal sign
-            texts = [read_field(f.name, f.text, f.unit).text.strip() for f in fields]
-            value = NumberSigns.of(texts, *stated).number(cell)
-        if isinstance(value, str):
-            return f'header field {field.name} = "{field.text}", {value}'
-        is_known = recognised and field.name != role
-        by = to_unit(self._column(role), field.name, plain.unit, self.needs, recognised=is_known)
-        if isinstance(by, str):
-            return by
-        return value if by is None else by.apply(value)
 
     def _from_name(self, part: Part) -> dict[str, Any]:
         """Take label and settings from the file name by the pattern of the config."""
@@ -208,38 +175,35 @@ class Settings:
                 )
             return {}
         found: dict[str, Any] = {}
-        for role, word in values.items():
-            if role not in (*SETTINGS, self.table.label) or role not in self.table.names:
-                continue
-            column = self._column(role)
-            if column.dtype == "string":
-                found[role] = word
-                continue
+        for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
+            column = self.table.column(role)
             unit = self.pattern.units.get(role, column.unit)
             by = conversion(unit, column.unit)
             try:
-                found[role] = by.apply(number(word)) if by is not None else np.nan
+                found[role] = values[role]
+                if column.dtype != "string":
+                    found[role] = by.apply(number(values[role])) if by else float("unknown unit")
             except ValueError:
-                by = None
-            if by is None:
-                self.needs.problems.add(
-                    f'{part.place}: {role} = "{word}" in the name, must be a number in {unit}'
-                )
+                where = f'{part.place}: {role} = "{values[role]}" in the name'
+                self.needs.problems.add(f"{where}, must be a number in {unit}")
         return found
 
 
-_NO_LABELS: Final = np.empty(0, dtype=object)
-_NO_PATTERN: Final = NameParts("", (), {})
+def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
+    """Return our settings -> header fields: of the name in the config, else of known names."""
+    settings = [role for role in SETTINGS if role in needs.table.names]
+    found = meant(
+        channels_of_head(fields, needs.options.dialect), needs, [*settings, needs.table.label]
+    )
+    return {
+        role: matches
+        for role, matches in found.items()
+        if matches[0].how == "config" or needs.table.column(role).dtype != "string"
+    }
 
 
 def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str, Any]]]:
-    """Read a table of runs: name of a file or group -> its line, and the values in that line.
-
-    Raises
-    ------
-    InputError
-        If it has no column of file names, or cells that are not values.
-    """
+    """Read a table of runs: name of a file or group -> its line, and the values in it."""
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     columns = (Column("file", "string", "", "name of the file, or of the group"), *settings)
     optional = tuple(replace(column, required=False) for column in columns)
@@ -249,7 +213,7 @@ def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str
     if part is not None and "file" not in part.found:
         needs.problems.add(
             f"{raw.head}: a column named file must hold the names of the files; found: "
-            + ", ".join(raw.names[:20])
+            + ", ".join([*raw.frame][:20])
         )
     needs.problems.raise_if_any()
     assert part is not None
@@ -270,43 +234,29 @@ def joined(
 ) -> tuple[dict[str, np.ndarray], PlaceOf, list[str], set[str]]:
     """Join the columns of all runs, one after the other.
 
-    Returns
-    -------
-    columns : dict of str to ndarray
-        Columns of the table in its order; a missing optional one is all nan.
-    place : callable
-        Index of a sample -> its place for messages, and its line.
-    notes : list of str
-        Notes for the user.
-    stated : set of str
-        Columns whose unit is stated in all parts.
-
-    Raises
-    ------
-    InputError
-        If label or settings of a run cannot be found.
+    Returns the columns of the table in its order, with nan or None for what is missing; the place
+    of a sample; notes; and the columns whose unit is stated in all parts.
     """
     table, problems = settings.table, settings.needs.problems
     wrong, timed = problems.count, "time_s" in settings.table.names
+    required = [c.name for c in table.columns if c.required and c.name in SETTINGS]
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
     for part in parts:
-        stated = settings.of(part)
-        _fill(part, stated, table, problems)
+        _fill(part, settings.of(part), table, problems)
         if timed and table.label not in part.columns:
             part.columns[table.label] = _labels(part, problems)
         elif not timed:
             words = part.columns.get(table.label, np.full(len(part), None))
             numbered = [str(row + 1) if w is None else w for row, w in enumerate(words)]
             part.columns[table.label] = np.array(numbered, dtype=object)
-        for role in SETTINGS:
-            if role in table.names and table.column(role).required and role not in part.columns:
+        for role in required:
+            if role not in part.columns:
                 advice = how_to_state(role, table.kind)
                 problems.add(f"{part.raw.head}: column {role} is missing{advice}")
         # Parquet files with labelled rows are parts of one table
         is_part = part.raw.format == "Parquet" and table.label in part.found
-        labels = () if is_part or not timed else pd.unique(part.columns[table.label])
-        for label in labels:
+        for label in () if is_part or not timed else pd.unique(part.columns[table.label]):
             owner = owners.setdefault(label, part.place)
             if label is not None and owner != part.place:
                 problems.add(f"{part.place}: {table.label} {label} is already used in {owner}")
@@ -344,20 +294,19 @@ def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
     for column in table.columns:
         if column.name in RUN_TEXTS and column.name not in present:
             continue
-        missing = None if column.dtype == "string" else np.nan
-        kind = object if column.dtype == "string" else float
+        missing, kind = (None, object) if column.dtype == "string" else (np.nan, float)
         pieces = [
             p.columns.pop(column.name) if column.name in p.columns else np.full(n, missing, kind)
             for p, n in zip(parts, lengths, strict=True)
         ]
-        is_whole_ = len(pieces) == 1 and pieces[0].flags.writeable
-        columns[column.name] = pieces[0] if is_whole_ else np.concatenate(pieces)
+        is_one = len(pieces) == 1 and pieces[0].flags.writeable
+        columns[column.name] = pieces[0] if is_one else np.concatenate(pieces)
     return columns
 
 
 def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problems) -> None:
     """Fill columns of a run with stated values; note what they replace."""
-    labels = {*pd.unique(part.columns.get(table.label, _NO_LABELS))} - {None}
+    labels = {*part.columns.get(table.label, ())} - {None}
     if table.label in stated and len(labels) > 1 and "time_s" in table.names:
         problems.add(
             f"{part.place}: its column {table.label} holds {len(labels)} labels, but {table.label} "
@@ -381,14 +330,10 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
 def _labels(part: Part, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
     columns, time = part.columns, part.columns["time_s"]
-    starts = _starts(columns, time)
-    bounds = [0, *starts, len(time)]
-    labels = np.full(len(time), part.label, dtype=object)
-    if not starts:
-        _refuse_second_rotation(columns, part.place, problems)
-        return labels
+    bounds = [0, *_starts(columns, time), len(time)]
     lengths = np.diff(bounds)
-    if lengths.min() < MIN_SAMPLES:
+    labels = np.full(len(time), part.label, dtype=object)
+    if len(lengths) > 1 and lengths.min() < MIN_SAMPLES:
         row = bounds[int(lengths.argmin())] + 1
         problems.add(
             f"{part.place}: no column labels the runs; split at changes of the settings and "
@@ -397,25 +342,30 @@ def _labels(part: Part, problems: Problems) -> np.ndarray:
         )
         return labels
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        labels[first:end] = f"{part.label}-{k}"
-        run = {name: values[first:end] for name, values in columns.items()}
-        _refuse_second_rotation(run, f"{part.place}, run {part.label}-{k}", problems)
-    part.notes.append(
-        f"{part.place}: no column labels the runs, {len(lengths)} separated by changes of the "
-        "settings and restarts of the time"
-    )
+        labels[first:end] = part.label if len(lengths) == 1 else f"{part.label}-{k}"
+        speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
+        if _rotations(speed[np.isfinite(speed)]) > 1:
+            problems.add(
+                f"{part.place}: the pulley turns several times with stops between, and no column "
+                f"labels the runs (here {labels[first]}): add one"
+            )
+    if len(lengths) > 1:
+        part.notes.append(
+            f"{part.place}: no column labels the runs, {len(lengths)} separated by changes of the "
+            "settings and restarts of the time"
+        )
     return labels
 
 
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
+    """Return the samples with which a new run begins."""
     changed = np.zeros(len(time), dtype=bool)
     for name in NOMINAL:
         values = columns.get(name)
-        if values is not None and values.dtype != object:
+        if values is not None:
             with np.errstate(invalid="ignore"):
                 changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
-    begin = 0
-    starts = []
+    begin, starts = 0, []
     for i in np.flatnonzero(changed | (np.diff(time, prepend=time[:1]) < 0)):
         length = time[i - 1] - time[begin]
         restarts = time[i] <= time[begin] + RESTART * length and time[i] < time[i - 1]
@@ -425,21 +375,13 @@ def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     return starts
 
 
-def _refuse_second_rotation(
-    columns: Mapping[str, np.ndarray], place: str, problems: Problems
-) -> None:
-    """Refuse a run in which the pulley stops and turns again: it contains several runs."""
-    speed = columns.get("pulley_speed_rad_s", np.empty(0))
-    size = np.abs(speed[np.isfinite(speed)])
-    if len(size) < 4 * PHASE:
-        return
-    noise = float(np.median(np.abs(np.diff(speed[np.isfinite(speed)])))) * 1.05
+def _rotations(speed: np.ndarray) -> int:
+    """Count how often the pulley begins to turn: a run has one rotation."""
+    if len(speed) < 4 * PHASE:
+        return 0
+    noise = float(np.median(np.abs(np.diff(speed)))) * 1.05
+    size = np.abs(speed)
     turning = size > max(0.02 * float(np.quantile(size, 0.99)), 6.0 * noise)
-    edges = np.flatnonzero(np.diff(turning.astype(np.int8))) + 1
-    states = [bool(p[0]) for p in np.split(turning, edges) if p.size >= PHASE]
-    turns = [state for state, _ in itertools.groupby(states)].count(True)
-    if turns > 1:
-        problems.add(
-            f"{place}: the pulley turns {turns} times with stops between, and no column labels "
-            "the runs: add one"
-        )
+    phases = np.split(turning, np.flatnonzero(np.diff(turning.astype(np.int8))) + 1)
+    states = [bool(phase[0]) for phase in phases if phase.size >= PHASE]
+    return [state for state, _ in itertools.groupby(states)].count(True)

@@ -1,7 +1,7 @@
-"""Files of nested variables: MATLAB 4, 5 and 7.3, plain HDF5.
+"""Files of variables: MATLAB 4, 5 and 7.3, HDF5.
 
-A vector is a column, a number or text a header field, a struct or group a table; a struct of
-samples (``data``) with a ``unit`` is a column.
+A vector is a column, a number or text a header field, a struct or group of vectors a table; a
+struct of samples (``data``) with a ``unit`` is a column.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.containers import Rasters
-from beltid.bench.raw import SCALING, UNITS, Field, Raw, unapplied_scaling
+from beltid.bench.raw import SCALING, UNITS, Field, Rasters, Raw, unapplied_scaling
 from beltid.errors import InputError
 
-MAX_DEPTH: Final = 6
 SAMPLES: Final = ("data", "values", "value", "y")
 TIMES: Final = ("time", "t", "x", "Time")
 
@@ -38,28 +36,21 @@ def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
     with path.open("rb") as stream:
         form = "MATLAB, version 7.3" if stream.read(10) == b"MATLAB 7.3" else "HDF5"
     with h5py.File(path, "r") as file:
-        number = h5py.h5o.get_info(file.id).fileno
-        members = _group(file, number, place, 0)
-    yield from _tables(members, place, form)
+        yield from _tables(_group(file, place), place, form)
 
 
-def _group(group: Any, number: int, place: str, depth: int) -> dict[str, Any]:
+def _group(group: Any, place: str) -> dict[str, Any]:
     """Convert the members of a group of HDF5, and its attributes, to nested dicts."""
     import h5py
 
     members: dict[str, Any] = {}
-    for name in group if depth <= MAX_DEPTH else ():
-        link = group.get(name, getlink=True)
-        outside = isinstance(link, h5py.ExternalLink)
-        if name.startswith("#") or (isinstance(link, h5py.SoftLink) and name not in group):
-            continue
-        item: Any = None if outside else group[name]
-        outside = outside or h5py.h5o.get_info(item.id).fileno != number
-        if outside or (isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)):
+    for name in group:
+        if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
             raise InputError(f"{place}: {name} lies in another file, which is not followed")
+        item = None if name.startswith("#") else group.get(name)
         if isinstance(item, h5py.Group):
-            members[name] = _group(item, number, place, depth + 1)
-        elif isinstance(item, h5py.Dataset):
+            members[name] = _group(item, place)
+        elif item is not None:
             members[name] = _dataset(item, place)
     for name, value in group.attrs.items():  # plain HDF5 stores settings as attributes
         if not name.startswith("MATLAB") and np.size(value) == 1:
@@ -72,15 +63,15 @@ def _dataset(item: Any, place: str) -> Any:
     import h5py
 
     attributes = dict(item.attrs)
+    if item.is_virtual or item.external:
+        raise InputError(f"{place}: {item.name} lies in another file, which is not followed")
     if item.dtype == h5py.ref_dtype or attributes.get("MATLAB_empty", 0):
         return None  # a cell array, an array of structs
     values = np.asarray(item[()])
     if attributes.get("MATLAB_class", b"") == b"char":
         return "".join(chr(code) for code in np.ravel(values, order="F"))
-    if values.dtype.kind == "V":
-        return {
-            n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names or ()
-        }
+    if values.dtype.names:
+        return {n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names}
     values = np.squeeze(values)
     if values.dtype.kind in "OS":
         return np.array([_plain(v) for v in np.ravel(values)], dtype=object)
@@ -105,7 +96,7 @@ def _plain(value: Any) -> Any:
 def _tables(members: Mapping[str, Any], place: str, form: str) -> Iterator[Raw]:
     """Yield the tables in variables; InputError if there is none."""
     left_out: list[str] = []
-    tables = list(_struct("", members, place, form, left_out, (), 0))
+    tables = list(_struct("", members, place, form, left_out, ()))
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -122,40 +113,30 @@ def _struct(
     form: str,
     left_out: list[str],
     above: tuple[Field, ...],
-    depth: int,
 ) -> Iterator[Raw]:
     """Yield the table of a struct, then those of the structs in it."""
     units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), Mapping)), {})
-    rasters, fields = Rasters(place, name, form), list[Field]()
-    inner: list[tuple[str, Mapping[str, Any]]] = []
+    rasters, fields, inner = Rasters(place, name, form), [*above], dict[str, Mapping[str, Any]]()
     for key, value in members.items():
+        array, unit = np.asarray(value), str(units.get(key, ""))
+        is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
         if isinstance(value, Mapping):
-            if not _channel(key, value, rasters) and value is not units:
-                inner.append((f"{name}.{key}" if name else key, value))
-            continue
-        array = np.asarray(value)
-        unit = str(units.get(key, ""))
-        if array.size == 1 and array.dtype.kind in "biufOSU" and value is not None:
-            text = _plain(array)
-            plain = repr(float(text)) if isinstance(text, (int, float)) else str(text)
-            fields.append(Field(key, plain, unit))
-        elif (array.ndim == 1 and array.dtype.kind in "biufSU") or (
-            array.ndim == 1 and array.size and all(isinstance(v, str) for v in array)
-        ):
+            if _channel(key, value, rasters) or value is units:
+                continue
+            if any(isinstance(v, Mapping) or np.size(v) > 1 for v in value.values()):
+                inner[f"{name}.{key}" if name else key] = value
+            else:  # a struct of settings only
+                fields += [Field(k, str(_plain(v))) for k, v in value.items()]
+        elif array.size == 1 and array.dtype.kind in "biufOSU" and value is not None:
+            fields.append(Field(key, str(_plain(array)), unit))
+        elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
             rasters.add(key, array, unit)
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    settings = [members_ for n, members_ in inner if not _has_samples(members_)]
-    for struct in settings:  # a struct of settings only
-        fields += [Field(k, repr(v) if isinstance(v, float) else str(v)) for k, v in struct.items()]
-    rasters.fields, rasters.notes = (*above, *fields), left_out if depth == 0 else []
+    rasters.fields, rasters.notes = tuple(fields), [*left_out]
     yield from rasters.tables()
-    for inner_name, struct in inner if depth < MAX_DEPTH else ():
-        yield from _struct(inner_name, struct, place, form, left_out, (*above, *fields), depth + 1)
-
-
-def _has_samples(members: Mapping[str, Any]) -> bool:
-    return any(isinstance(v, Mapping) or np.size(v) > 1 for v in members.values())
+    for inner_name, struct in inner.items():
+        yield from _struct(inner_name, struct, place, form, left_out, tuple(fields))
 
 
 def _channel(key: str, members: Mapping[str, Any], rasters: Rasters) -> bool:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import re
 import unicodedata
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from beltid.bench.header import POSITION, without_unit
+from beltid.bench.header import IN_NAME, POSITION, without_unit
 from beltid.tables import schemas
 
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
@@ -17,8 +16,7 @@ _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
 _UMLAUTS: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
+class Words(NamedTuple):
     """Words that identify a channel, and words that may be added to them."""
 
     keys: tuple[re.Pattern[str], ...]
@@ -26,11 +24,8 @@ class Words:
 
     def mean(self, name: str) -> bool:
         """Return whether a simplified name is a key with fillers only around it."""
-        for key in self.keys:
-            rest, hits = key.subn(" ", name, count=1)
-            if hits and all(word in self.fillers for word in rest.split()):
-                return True
-        return False
+        rests = (key.sub(" ", name, count=1) for key in self.keys if key.search(name))
+        return any(self.fillers.issuperset(rest.split()) for rest in rests)
 
 
 @functools.cache
@@ -42,8 +37,7 @@ def _vocabulary() -> dict[str, Words]:
     for role, _, rest in (entry.partition(": ") for entry in entries):
         keys, _, added = rest.partition(" / ")
         fillers = {f for f in added.split() if f[0] != "@"}
-        for other in (f[1:] for f in added.split() if f[0] == "@"):
-            fillers |= words[other].fillers
+        fillers.update(*(words[f[1:]].fillers for f in added.split() if f[0] == "@"))
         longest_first = sorted(keys.split(", "), key=len, reverse=True)
         patterns = (re.compile(rf"\b{re.escape(key)}\b") for key in longest_first)
         words[role] = Words(tuple(patterns), frozenset(fillers))
@@ -51,9 +45,9 @@ def _vocabulary() -> dict[str, Words]:
 
 
 def simplified(name: str) -> str:
-    """Reduce a channel's name to lower-case words without unit, accents and signs."""
-    bare = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", without_unit(name))
-    low = bare.lower().translate(_UMLAUTS)
+    """Reduce a channel's name to lower-case words without brackets, unit, accents and signs."""
+    bare = IN_NAME.sub("", without_unit(name)) or name
+    low = re.sub(r"(?<=[a-zäöüéè])(?=[A-Z])", " ", bare).lower().translate(_UMLAUTS)
     plain = unicodedata.normalize("NFKD", low).encode("ascii", "ignore").decode()
     words = " ".join(re.findall(r"[a-z0-9]+", POSITION.sub("", plain)))
     return _CHANNEL.sub("", words)

@@ -14,9 +14,7 @@ from beltid.cli.program import FIRST, SETTINGS, Common, app, command
 from beltid.cli.steps import FILES
 
 if TYPE_CHECKING:
-    from beltid.config import ConfigSource
     from beltid.report.summary import Summary
-    from beltid.stages.workers import Workers
 
 SCHEDULER_VARIABLE: Final = "DASK_SCHEDULER_ADDRESS"
 TARGET_NAMES: Final = (
@@ -55,14 +53,14 @@ def inspect(
     Example: beltid inspect export.txt
     """
     from beltid.config import find_config
+    from beltid.config.layout import KINDS
     from beltid.errors import InputError
     from beltid.notes import log
     from beltid.stages import inspect_file
-    from beltid.tables.schemas import RECORDINGS
 
     def work() -> Summary:
-        if kind is not None and kind not in RECORDINGS:
-            raise InputError(f"--kind {kind}, must be " + ", ".join(RECORDINGS))
+        if kind is not None and kind not in KINDS:
+            raise InputError(f"--kind {kind}, must be " + ", ".join(KINDS))
         source = find_config(files[0], common.config)
         log.info("config: %s", source.origin)
         return inspect_file.run(source, files, kind)
@@ -160,36 +158,22 @@ def run(
             log.info("cluster %s, named by $%s", address, SCHEDULER_VARIABLE)
         sources = config_sources(configs or [], common.config)
         if dry_run:
-            from beltid.batch.plan import plan_batch
+            from beltid.batch.run import plan_batch
 
             return plan_batch(sources, folder, force=common.force)
-        first_time = any(not (folder / source.name).is_dir() for source in sources)
-        has_work = first_time or common.force
-        if has_work and not address:
-            from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
+        from beltid.batch.run import run_batch
 
-            if compile_ahead(_packages_with_kernels(sources)):
-                log.info("%s", COMPILING)
-        workers = _workers_of(address, jobs, at_once=has_work)
-        from beltid.batch.chain import run_batch
-
-        log.debug("workers: %s", workers.about)
-        return run_batch(sources, folder, workers, force=common.force, report=not no_report)
+        return run_batch(
+            sources,
+            folder,
+            jobs=jobs,
+            scheduler=address,
+            force=common.force,
+            report=not no_report,
+        )
 
     kept = f"finished results are in {folder}; the same command continues from there"
     finish(work, common, kept=kept)
-
-
-def _packages_with_kernels(sources: list[ConfigSource]) -> list[str]:
-    """Return the packages whose kernels the belts need if everything is recomputed."""
-    configs = [source.config for source in sources]
-    simulated = [config for config in configs if {"press", "rig"} <= set(config.data.files)]
-    driven = [
-        config
-        for config in simulated
-        if "drive" in config.model_fields_set and "speedloss" in config.data.files
-    ]
-    return [*(["rigsim"] if simulated else []), *(["drive"] if driven else [])]
 
 
 def _scheduler_address(stated: str | None, jobs: int | None) -> str:
@@ -201,20 +185,6 @@ def _scheduler_address(stated: str | None, jobs: int | None) -> str:
     if jobs is not None:
         raise InputError("--jobs applies to this machine, --scheduler to a cluster: give only one")
     return stated
-
-
-def _workers_of(address: str, jobs: int | None, *, at_once: bool) -> Workers:
-    """Create the workers; with `at_once`, start those of this machine immediately."""
-    if address:
-        from beltid.batch.cluster import ClusterWorkers
-
-        return ClusterWorkers(address)
-    from beltid.batch.local import local_workers
-
-    workers = local_workers(jobs)
-    if at_once:
-        workers.prepare()
-    return workers
 
 
 @command(

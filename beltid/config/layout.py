@@ -7,8 +7,10 @@ from typing import Any, Final
 from beltid.config.checks import Check, Keys, Number, complain, file_path, pattern_of_names, unit_of
 from beltid.config.checks import text as any_text
 from beltid.tables.columns import Column
-from beltid.tables.schemas import RECORDINGS, SETTINGS, table
+from beltid.tables.schemas import SETTINGS, table
 
+KINDS: Final = ("press", "rig", "speedloss")
+"""Kinds of recordings of which a config may speak; what it says of the rig serves its plateaus."""
 SYMBOLS: Final = {"deg": "°", "degC": "°C"}
 """Unit of a column -> its symbol in a config."""
 
@@ -36,9 +38,8 @@ def _columns(kind: str) -> list[Column]:
 def _runs(kind: str) -> Keys:
     settings = [column for column in _columns(kind) if column.name in SETTINGS]
     values = {column.name: _value(column) for column in settings}
-    known = {"values": Keys(values)}
     files = {"pattern": pattern_of_names, "table": file_path}
-    return Keys(files | known, dict.fromkeys(files))
+    return Keys({**files, "values": Keys(values)}, dict.fromkeys(files))
 
 
 def _names(kind: str) -> Keys:
@@ -49,6 +50,6 @@ def _units(kind: str) -> Keys:
     return Keys({c.name: unit_of(c.unit) for c in _columns(kind) if c.dtype == "float64"})
 
 
-COLUMNS: Final = Keys({kind: _names(kind) for kind in RECORDINGS})
-UNITS: Final = Keys({kind: _units(kind) for kind in RECORDINGS})
-RUNS: Final = Keys({kind: _runs(kind) for kind in RECORDINGS})
+COLUMNS: Final = Keys({kind: _names(kind) for kind in KINDS})
+UNITS: Final = Keys({kind: _units(kind) for kind in KINDS})
+RUNS: Final = Keys({kind: _runs(kind) for kind in KINDS})

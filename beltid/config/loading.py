@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from beltid.config.fields import Section
 from beltid.config.messages import UNKNOWN, message
 from beltid.config.model import Config
-from beltid.config.source import KeyPath, Source, read_source
+from beltid.config.source import KeyPath, Place, Source, read_source
 from beltid.errors import ConfigError
 
 SHOWN = 40
@@ -64,13 +64,13 @@ def _checked(source: Source) -> Config:
         for key, value in source.values.items()
         if value is not None or key not in Config.model_fields
     }
-    config, problems = Config(), list(source.repeated)
+    config, problems = Config(), list[tuple[Place, str]]()
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
             place = source.place(tuple(detail["loc"]), key=detail["type"] in UNKNOWN)
-            problems.append((place, message(detail, Config, source)))
+            problems.append((place, message(detail, Config)))
     problems.sort(key=lambda problem: problem[0])
     lines = [f"{source.at(place)}{text}" for place, text in problems]
     hidden = lines[SHOWN:]

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from beltid.config.fields import Section, section_in
-from beltid.config.source import KeyPath, Source, format_path
+from beltid.config.source import KeyPath, format_path
 
 UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")
 """Error types of a key that does not exist; of others, the value is wrong."""
 
 
-def message(detail: Mapping[str, Any], model: type[Section], source: Source) -> str:
+def message(detail: Mapping[str, Any], model: type[Section]) -> str:
     """Describe an error of the model: key path, what was found, what is allowed."""
     path, kind = tuple(detail["loc"]), detail["type"]
     if kind in UNKNOWN:
@@ -21,7 +21,7 @@ def message(detail: Mapping[str, Any], model: type[Section], source: Source) -> 
         return f"{format_path(path)} is not a known key{_remedy(path, known, model)}"
     if kind == "missing":
         return f"{format_path(path)} is missing"
-    found = f"{format_path(path)} = {_found(path, detail['input'], source)}"
+    found = f"{format_path(path)} = {_found(detail['input'])}"
     if kind in ("model_type", "model_attributes_type"):
         return f"{found}, must be a section with the keys {', '.join(_keys_at(path, model))}"
     return f"{found}, {requirement(detail)}"
@@ -64,13 +64,12 @@ def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:
     return tuple(here.model_fields) if here else ()
 
 
-def _found(path: KeyPath, value: Any, source: Source) -> str:
+def _found(value: Any) -> str:
     """Return a value as the user wrote it, shortened."""
     if isinstance(value, (Mapping, list, tuple)):
         return "a section" if isinstance(value, Mapping) else "a list"
     if value is None:
         return "empty"
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    text = source.written(path) if number else f'"{value}"' if isinstance(value, str) else ""
-    text = "".join(c if c.isprintable() else "?" for c in text or str(value))
+    text = f'"{value}"' if isinstance(value, str) else str(value)
+    text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= 60 else text[:57] + "..."

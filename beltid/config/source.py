@@ -25,15 +25,10 @@ def format_path(path: KeyPath) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Values of a config; if they are from a file, with its name and lines.
-
-    `repeated` holds keys that are given twice: place and message.
-    """
+    """Values of a config, with the name of its file; "" if there is none."""
 
     values: Any
     name: str = ""
-    lines: tuple[str, ...] = ()
-    repeated: tuple[tuple[Place, str], ...] = ()
 
     def place(self, path: KeyPath, *, key: bool = False) -> Place:
         """Return the place of a value (or key); if it is absent, that of its section."""
@@ -56,13 +51,6 @@ class Source:
         where = f":{place[0]}:{place[1]}" if place[0] else ""
         return f"{self.name}{where}: " if self.name else ""
 
-    def written(self, path: KeyPath) -> str:
-        """Return a number as the file writes it; "" if unknown."""
-        line, column = self.place(path)
-        text = self.lines[line - 1][column - 1 :] if self.lines else ""
-        match = re.match(r"[-+.\w]+", text)
-        return match[0] if match else ""
-
 
 def read_source(path: Path) -> Source:
     """Read a YAML file.
@@ -72,20 +60,13 @@ def read_source(path: Path) -> Source:
     ConfigError
         If the file cannot be read, is not YAML, or holds no sections.
     """
-    text, name = _text(path), str(path)
-    repeated: list[tuple[Any, Any, Any]] = []
-    values = _parsed(text, name, repeated)
+    name = str(path)
+    values = _parsed(_text(path), name)
     if not isinstance(values, Mapping):
         what = "list" if isinstance(values, list) else "single value"
         found = ": the config is empty" if values is None else f":1:1: found a {what}"
         raise ConfigError(f"{name}{found}, it must hold sections such as belt:, rig:")
-    twice = []
-    for section, key, mark in repeated:
-        above = next((f"{name}." for name, value in values.items() if value is section), "")
-        first = section.lc.key(key)[0] + 1
-        place = (mark.line + 1, mark.column + 1)
-        twice.append((place, f"{above}{key} is given twice, first in line {first}"))
-    return Source(values, name, tuple(text.splitlines()), tuple(twice))
+    return Source(values, name)
 
 
 def _text(path: Path) -> str:
@@ -107,24 +88,12 @@ def _text(path: Path) -> str:
     return text
 
 
-def _parsed(text: str, name: str, repeated: list[tuple[Any, Any, Any]]) -> Any:
-    """Parse a text; of a key given twice, the first value counts."""
+def _parsed(text: str, name: str) -> Any:
     from ruamel.yaml import YAML
-    from ruamel.yaml.constructor import RoundTripConstructor
     from ruamel.yaml.error import MarkedYAMLError
 
-    class Constructor(RoundTripConstructor):
-        def check_mapping_key(
-            self, node: Any, key_node: Any, mapping: Any, key: Any, value: Any
-        ) -> bool:
-            if key in mapping:
-                repeated.append((mapping, key, key_node.start_mark))
-            return key not in mapping
-
-    yaml = YAML(typ="rt", pure=True)
-    yaml.Constructor = Constructor
     try:
-        return yaml.load(text)
+        return YAML(typ="rt", pure=True).load(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
@@ -132,6 +101,8 @@ def _parsed(text: str, name: str, repeated: list[tuple[Any, Any, Any]]) -> Any:
         reason = "a tab, indent with blanks" if "'\\t'" in reason else reason
         if "mapping values are not allowed" in reason:
             reason = "an unexpected ':' (is the line above indented alike, is a text in quotes?)"
+        elif twice := re.match(r'found duplicate key "(.*?)"', reason):
+            reason = f"{twice[1]} is given twice"
     except RecursionError:
         place, reason = name, "nested too deep"
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error

@@ -39,7 +39,7 @@ from beltid.refine.rig_runs import (
     surfaces_of,
     sweep_with_slopes,
 )
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw

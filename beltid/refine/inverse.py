@@ -44,7 +44,7 @@ from beltid.refine.rig_runs import (
     mesh_of,
     sweep_with_slopes,
 )
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 
 __all__ = ["MeasuredRun", "RefinedSurface", "refine_surface"]
 

@@ -17,10 +17,9 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.refine.curves import Curves
-from beltid.rigsim.beam.path import element_count
-from beltid.rigsim.model import Bench, RigModel
-from beltid.rigsim.sensitivity import tension_sensitivity
-from beltid.rigsim.steady import StaticState, lay_on, slide
+from beltid.rig.model import Bench, RigModel
+from beltid.rig.sensitivity import tension_sensitivity
+from beltid.rig.steady import StaticState, lay_on, slide
 
 Array = NDArray[np.float64]
 
@@ -93,8 +92,9 @@ class RigRuns:
         The measured runs.
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
-    elements : sequence of int
-        Number of belt elements of each run, even; see :func:`mesh_of`.
+    elements : sequence of int or RigModel
+        Number of belt elements of each run, even (:func:`mesh_of`), or the model of the same run on
+        a bench that differs a little, to take its mesh.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class RigRuns:
         bench: Bench,
         runs: Sequence[MeasuredRun],
         speeds: Array,
-        elements: Sequence[int],
+        elements: Sequence[int | RigModel],
     ) -> None:
         self.beta = np.array([run.point.beta for run in runs])
         self.speeds = speeds
@@ -134,12 +134,9 @@ class RigRuns:
         return np.asarray(np.log(mu) + self.off_speed * speed_slope)
 
 
-def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int]:
+def mesh_of(bench: Bench, runs: Sequence[MeasuredRun], finer: float) -> list[int | RigModel]:
     """Choose the number of elements of each run, even: `finer` times the default."""
-    counts = (
-        element_count(bench.belt, bench.rig, bench.law, run.point.beta, run.point.T_0)
-        for run in runs
-    )
+    counts = (bench.model(run.point).nodes.size - 1 for run in runs)
     return [2 * round(0.5 * finer * n) for n in counts]
 
 
@@ -189,9 +186,8 @@ def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
     """Return line forces at each speed (m, 3) [N/m]: limits of both :data:`SHARES`, and peak."""
     acting = np.empty((len(rig.models), 3))
     for i, (_, state) in enumerate(rig.slide([start] * rig.speeds.size)):
-        points = state.points
-        touching = points.F_N > 0.0
-        f, load = points.f_look[touching].ravel(), points.F_look[touching].ravel()
+        points = state.points[state.touching]
+        f, load = points["f_N"], points["F_N"]
         order = np.argsort(f)
         share = np.cumsum(load[order]) / load.sum()
         acting[i] = *np.interp(SHARES, share, f[order]), f.max()

@@ -33,6 +33,7 @@ Module                 Responsibility                                          E
 ``about``              versions, values of a config
 ``show``               any artifact as a table or a figure
 ``report_belt``        the page of a belt; ``belt_results`` gathers them
+``page_mark``          whether a page is in date
 ``export_law``         the law for other programs; ``law_of_belt`` assembles it
 ---------------------- ------------------------------------------------------- --------------
 ``inputs``             laws, surfaces and tables from files or memory

@@ -15,35 +15,16 @@ from beltid.config import Config, load_config
 from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.stages.campaign import bench_of
 from beltid.stages.curves import typical_runs
-from beltid.stages.law_of_belt import config_of_results
+from beltid.stages.page_mark import ARTIFACTS, CURVES, OnPage
 from beltid.store.artifact import Artifact, read_artifact
 from beltid.store.together import misfits, refuse_misfits
 
-ARTIFACTS: Final = {
-    "stiffness": "stiffness",
-    "slip": "slip",
-    "friction": "friction",
-    "surface": "surface",
-    "surface_refined": "surface",
-    "simulated": "simulated",
-    "compare": "compare",
-    "simulated_refined": "simulated",
-    "compare_refined": "compare",
-    "crossvalidation": "crossvalidation",
-    "drive": "drive",
-    "compare_drive": "compare_drive",
-    "press_curves": "press_curves",
-    "rig_curves": "rig_curves",
-}
-"""Artifacts that a report shows: file name -> kind."""
 RECORDED: Final = ("press", "rig", "speedloss")
 """Recordings that a config can name."""
-CURVES: Final = ("press_curves", "rig_curves")
-"""Artifacts that are not part of the chain."""
 
 
 def checked_sheet(artifact: Artifact) -> Sheet:
@@ -62,30 +43,15 @@ def check_folder(folder: Path) -> None:
         raise ArtifactError(f"{folder}: there is no such folder")
 
 
-def gather(
-    folder: Path,
-    config: Config | None,
-    made: Collection[str] | None = None,
-    failures: tuple[str, ...] = (),
-) -> BeltResults:
-    """Read the results in the folder of a belt; report those that are not shown as problems.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    config : Config or None
-        Its config, if known; results of recordings that it does not name are not shown.
-    made : collection of str, optional
-        Names of the results that `run` has made or found up to date; others are not shown.
-    failures : tuple of str
-        Stages that failed, each with its exit status and its message.
+def gather(belt: OnPage) -> BeltResults:
+    """Read the results of a belt; report those that are not shown as problems.
 
     Raises
     ------
     ArtifactError
         If there is no such folder, it holds no results, or they do not fit together.
     """
+    folder = belt.folder
     check_folder(folder)
     artifacts: dict[str, Artifact] = {}
     sheets: dict[str, Sheet] = {}
@@ -100,7 +66,7 @@ def gather(
         except ArtifactError as error:
             problems += error.problems
     shown = {name: artifact for name, artifact in artifacts.items() if name in sheets}
-    problems += _left_out(shown, config, made)
+    problems += _left_out(shown, belt.config, belt.made)
     curves = [shown.pop(name) for name in CURVES if name in shown]
     refuse_misfits(shown.values())
     for artifact in curves:
@@ -117,8 +83,8 @@ def gather(
         belt=folder.resolve().name,
         sheets={name: sheets[name] for name in ARTIFACTS if name in shown},
         problems=tuple(problems),
-        failures=failures,
-        belt_facts=belt_facts(config),
+        failures=belt.failures,
+        belt_facts=belt.facts,
     )
 
 
@@ -148,27 +114,6 @@ def completed(results: BeltResults) -> BeltResults:
     """Add the simulated contact along the arc of typical runs."""
     profiles, problems = arc_profiles(results.sheets)
     return replace(results, profiles=profiles, problems=(*results.problems, *problems))
-
-
-def config_of(folder: Path) -> Config | None:
-    """Return the config that the results in a folder were made with, or None if not found."""
-    for name in ("friction", "stiffness"):
-        try:
-            record = read_artifact(folder / f"{name}.parquet", name).record
-        except ArtifactError:
-            continue
-        source = config_of_results(folder, record)
-        if source is not None:
-            return source.config
-    return None
-
-
-def belt_facts(config: Config | None) -> tuple[str, ...]:
-    """Return the type and number of ribs of the belt."""
-    if config is None:
-        return ()
-    belt = config.belt
-    return tuple(fact for fact in (belt.type, f"{belt.ribs} ribs") if fact)
 
 
 def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:

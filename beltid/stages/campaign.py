@@ -11,15 +11,15 @@ import numpy as np
 from beltid.errors import BeltidError, InputError, percent
 from beltid.notes import progress
 from beltid.params import OperatingPoint
-from beltid.rigsim.beam.path import swinging_share
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import (
+from beltid.rig.mesh import swinging_share
+from beltid.rig.model import Bench
+from beltid.rig.runs import (
     Method,
     RunResult,
     SimulationSettings,
     runs_of_one_belt,
 )
-from beltid.rigsim.rig import campaign as rig_campaign
+from beltid.rig.runs import campaign as rig_campaign
 from beltid.stages.inputs import checked_law, is_number, surface_from
 from beltid.stages.planned_runs import PlannedRun, refuse_running
 from beltid.stages.workers import Workers
@@ -130,12 +130,12 @@ def simulate(
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | Workers,
+    workers: Workers,
 ) -> Campaign:
     """Simulate runs like `simulated_results`, and report the progress."""
     results: dict[int, RunResult | BeltidError] = {}
     with progress("simulated runs", len(runs)) as advance:
-        for index, result in simulated_results(bench, runs, settings, jobs):
+        for index, result in simulated_results(bench, runs, settings, workers):
             results[index] = result
             advance()
     return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
@@ -145,7 +145,7 @@ def simulated_results(
     bench: Bench,
     runs: Sequence[PlannedRun],
     settings: SimulationSettings,
-    jobs: int | Workers,
+    workers: Workers,
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
     """Yield the results of runs as they finish, each with the index of its run.
 
@@ -157,17 +157,13 @@ def simulated_results(
         The runs.
     settings : SimulationSettings
         Method and resolution.
-    jobs : int or Workers
-        Number of parallel runs in this process, or the workers that simulate them. The results do
-        not depend on it.
+    workers : Workers
+        Simulate them; the results do not depend on them.
     """
     points = [run.point for run in runs]
-    if not isinstance(jobs, Workers):
-        yield from rig_campaign(bench, points, settings, jobs=jobs)
-        return
     groups = runs_of_one_belt(points)
     calls = [(bench, [points[i] for i in group], settings) for group in groups]
-    for number, results in jobs.as_ended(simulated_group, calls):
+    for number, results in workers.as_ended(simulated_group, calls):
         yield from zip(groups[number], results, strict=True)
 
 

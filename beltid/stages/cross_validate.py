@@ -98,8 +98,8 @@ def predicted_runs(
         raise InputError(f"by = {by}, must be {' or '.join(FEWEST)}")
     columns = with_tensions(friction_columns(friction, HELD_OUT), config)
     log.info("every %s left out once and predicted", by)
-    pool = workers if workers is not None and workers.jobs > 1 else threads(jobs)
-    folds_predicted = predictions(columns, press_law(law, config), config, by, pool)
+    press, pool = press_law(law, config), workers or threads(jobs)
+    folds_predicted = predictions(columns, press, config, by, pool)
     rows = np.concatenate([prediction.fold.left_out for prediction in folds_predicted])
     measured = {name: values[rows] for name, values in columns.items()}
     predicted, uncertainty = as_simulated(columns, folds_predicted)

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
-from pathlib import PurePath
-from typing import Any, Final
+from typing import Any
 
 from beltid.bench.inspection import Inspection
 from beltid.bench.mapping import sensors_of
 from beltid.bench.options import ReadOptions
 from beltid.config import Config
-from beltid.config.name_pattern import name_pattern
+from beltid.config.layout import KINDS
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
-_NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
 Lines = dict[str, list[str]]
 
 
@@ -70,7 +67,7 @@ def _open_columns(inspection: Inspection) -> Lines:
         for role in roles:
             fitting.setdefault(role, []).append(names[qualified])
     found: Lines = {}
-    for kind in [inspection.kind] if inspection.kind else schemas.RECORDINGS:
+    for kind in [inspection.kind] if inspection.kind else KINDS:
         sensors, used = {*sensors_of(schemas.table(kind))}, set[str]()
         if not inspection.kind and not (sensors and sensors <= {*fitting}):
             continue
@@ -119,40 +116,11 @@ def _runs(inspection: Inspection, options: ReadOptions) -> Lines:
     if options.values:
         inside = ", ".join(f"{k}: {quoted(v)}" for k, v in options.values.items())
         entries.append(f"    values: {{{inside}}}")
-    required = {c.name for c in schemas.table(kind).columns if c.required}
-    lacking = (required - {*inspection.found}) & {*schemas.SETTINGS}
-    if not entries and inspection.problems and lacking:
-        pattern = _proposed_pattern([PurePath(name).name for name in inspection.names], kind)
-        if pattern:
-            entries = [f"#     pattern: {quoted(pattern)}  # if this fits the names"]
+    if inspection.pattern and inspection.runs:
+        entries.append(f"    pattern: {quoted(inspection.pattern)}  # guessed from the file names")
+    elif inspection.pattern:
+        entries.append(f"#     pattern: {quoted(inspection.pattern)}  # if this fits the names")
     return {kind: entries}
-
-
-def _proposed_pattern(names: Sequence[str], kind: str) -> str:
-    """Return a pattern that the names of all files follow; "" if none is obvious."""
-    label = schemas.table(kind).label
-    pattern = names[0].rsplit(".", 1)[0]
-    ending = names[0][len(pattern) :]
-    for words, role in (
-        (r"(?i:deg|grad|°)", "arc_deg"),
-        (r"(?:N|n)", "initial_tension_N"),
-        (r"(?:C|degC|°C)", "temperature_degC"),
-    ):
-        if role in schemas.table(kind).names:
-            unit = rf"{_NUMBER}(?={words}(?![A-Za-z]))"
-            places = rf"(?<![\w{{]){unit}|(?<=_){unit}"
-            pattern = re.sub(places, f"{{{role}}}", pattern, count=1)
-    if "{" not in pattern:
-        return ""
-    first, separator, remainder = pattern.partition("_")
-    numbered = re.match(rf"{_NUMBER}(?=[_.-]|$)", remainder)
-    if separator and "{" not in first:
-        pattern = f"{{{label}}}_{remainder}"
-        if numbered and all(name.startswith(first + separator) for name in names):
-            pattern = f"{first}_{{{label}}}{remainder[numbered.end() :]}"
-    pattern = re.sub(rf"(?<=[_-]){_NUMBER}(?=[_.-]|$)", "{}", pattern) + ending
-    compiled = name_pattern(pattern)
-    return pattern if all(compiled.values(name) is not None for name in names) else ""
 
 
 def quoted(value: Any) -> str:

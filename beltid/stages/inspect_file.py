@@ -18,7 +18,6 @@ COMMANDS: Final = {
     "press": "fit-stiffness",
     "rig": "fit-friction",
     "speedloss": "fit-slip",
-    "points": "fit-friction --table",
 }
 SHOWN_RUNS: Final = 8
 
@@ -152,7 +151,7 @@ def _run_rows(runs: Sequence[RunView]) -> list[dict[str, Any]]:
 def _snippet(path: Path, config: Config, inspection: Inspection) -> str:
     """Return the config section for what was recognised, with comments for what is missing."""
     kind, lines = inspection.kind, list[str]()
-    if kind and kind != "points":  # a table of plateaus is an argument of the command
+    if kind:
         lines += ["data:", f"  {kind}: {quoted(str(path.absolute()))}"]
     if inspection.rig:
         lines += ["rig:", *(f"  {name}: {word}" for name, word in inspection.rig.items())]

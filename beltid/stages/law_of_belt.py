@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from pathlib import Path
 from typing import Any, Final
@@ -11,8 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from beltid._version import __version__
-from beltid.config import Config, ConfigSource, find_config, load_config
-from beltid.errors import ArtifactError, ConfigError, InputError
+from beltid.config import Config, ConfigSource, find_config
+from beltid.errors import ArtifactError, InputError
 from beltid.export.law import (
     BeltFacts,
     ContactLaw,
@@ -25,7 +24,8 @@ from beltid.export.law import (
 from beltid.export.law_file import SUFFIX, validation_problems
 from beltid.notes import log
 from beltid.stages.inputs import friction_in, friction_of, law_of, surface_of
-from beltid.store.artifact import Artifact, Record, combined_origin, read_artifact
+from beltid.stages.page_mark import config_of_results
+from beltid.store.artifact import Artifact, combined_origin, read_artifact
 from beltid.store.together import refuse_misfits
 
 STIFFNESS: Final = "stiffness.parquet"
@@ -120,26 +120,6 @@ def _surface_artifact(folder: Path, wanted: str | None) -> Artifact:
         wanted = "refined" if (folder / SURFACES["refined"]).is_file() else "published"
     log.info("surface: %s", wanted)
     return read_artifact(folder / SURFACES[wanted], "surface")
-
-
-def config_of_results(folder: Path, made_with: Record) -> ConfigSource | None:
-    """Find the config that results were made with, by its hash; None if it is not found.
-
-    The search covers the folder of the results, the current folder, the folders above them, and
-    their subfolders ``configs``.
-    """
-    candidates = []
-    with contextlib.suppress(ConfigError):
-        candidates.append(find_config(folder / STIFFNESS))
-    name = made_with.config or ""
-    folders = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
-    for parent in folders if name else ():
-        for path in (parent / name, parent / "configs" / name):
-            with contextlib.suppress(ConfigError):
-                if path.is_file():
-                    candidates.append(ConfigSource(load_config(path), f"{path}", path))
-    sha256 = made_with.config_sha256
-    return next((c for c in candidates if c.config.sha256 == sha256), None)
 
 
 def _belt_name(folder: Path) -> str:

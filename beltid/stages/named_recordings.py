@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from beltid.bench.files import exists, sources_of
-from beltid.bench.inspection import kind_of_file
-from beltid.bench.recording import read_recording
 from beltid.config import Config, ConfigSource
-from beltid.config.source import KeyPath, Source, format_path, read_source
+from beltid.config.source import KeyPath, format_path, read_source
 from beltid.errors import InputError
 
 WITHOUT: Final = {
@@ -46,11 +44,13 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
         place = f"{places.at(places.place(keys))}{format_path(keys)}"
         for problem in _file_problems(file, list(tables.values())):
             problems.append(f"{place} = {problem}")
-    return problems or _mismatched_kinds(source.config, places)
+    return problems
 
 
 def unread_recordings(config: Config) -> list[str]:
     """Return why named recordings cannot be read."""
+    from beltid.bench.recording import read_recording
+
     problems: list[str] = []
     for kind, file in config.data.files.items():
         try:
@@ -60,9 +60,13 @@ def unread_recordings(config: Config) -> list[str]:
     return problems
 
 
-def _mismatched_kinds(config: Config, places: Source) -> list[str]:
+def mismatched_kinds(source: ConfigSource) -> list[str]:
     """Return problems of text files whose columns are those of another kind of recording."""
-    data = config.data.files
+    from beltid.bench.inspection import kind_of_file
+
+    config, path = source.config, source.path
+    assert path is not None
+    places, data = read_source(path), config.data.files
     found_kinds = {kind: kind_of_file(file, config, kind) for kind, file in data.items()}
     mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
     problems: list[str] = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from beltid.bench.inspection import Inspection, RunView, inspect_recording
 from beltid.config import Config, load_config
+from beltid.config.layout import KINDS
 from beltid.config.loading import effective_values
 from beltid.config.source import format_path
 from beltid.config.writing import SECTIONS, template_text
@@ -24,7 +25,6 @@ from beltid.stages.planned_runs import nominal_settings
 from beltid.store.artifact import plain
 from beltid.store.disk import write_text
 from beltid.store.place import anyone_s, check_place
-from beltid.tables.schemas import RECORDINGS
 
 SETTINGS: Final = {
     "rig.arcs_deg": (("arc_deg",), SAME_SETTING["arc_deg"]),
@@ -97,12 +97,11 @@ def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
 
 def _inspected(file: Path) -> Inspection:
     """Inspect a recording, whose kind must be one that a config names; warn of what is missing."""
-    inspection = inspect_recording(file, Config())
-    kinds = [name for name in RECORDINGS if name in type(Config().data).model_fields]
-    if inspection.kind not in kinds:
+    inspection = inspect_recording(file, Config(), guess=True)
+    if not inspection.kind:
         raise InputError(
-            f"{file}: recording of {inspection.kind or 'an unknown bench'}, must be of "
-            f"{', '.join(kinds)}; `beltid inspect {file}` shows its channels"
+            f"{file}: recording of an unknown bench, must be of {', '.join(KINDS)}; "
+            f"`beltid inspect {file}` shows its channels"
         )
     for line in inspection.problems[:1]:
         log.warning(

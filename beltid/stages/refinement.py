@@ -15,7 +15,7 @@ from beltid.errors import InputError, counted
 from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.params import Rig
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 from beltid.stages.planned_runs import refuse_running
 from beltid.stages.reduction import rig_kind
 from beltid.stages.surface import rows_of_one

@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import quote
 
-from beltid._version import __version__
-from beltid.config import ConfigSource, find_config
-from beltid.errors import ArtifactError, BeltidError, InputError
+from beltid.config import find_config
+from beltid.errors import InputError
 from beltid.notes import log
-from beltid.report.html import GENERATOR, rendered
+from beltid.report.html import rendered
 from beltid.report.page import Page, belt_page, belts_page
 from beltid.report.results import BeltResults
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
-from beltid.stages.belt_results import check_folder, completed, config_of, gather
-from beltid.stages.steps import press_curves, rig_curves
-from beltid.store.disk import page_source_sha256, read_bytes, sha256, write_text
-from beltid.store.place import FOREIGN, OURS, check_place
-
-NAME: Final = "report.html"
-STAGE: Final = "report"
-SUFFIXES: Final = (".html", ".htm")
-HEAD: Final = 4096
-"""Bytes at the beginning of a page that hold its generator and the hash of its inputs."""
-MARK: Final = re.compile(
-    rf'<meta name="generator" content="{GENERATOR}">\s*'
-    r'<meta name="made-from" content="([0-9a-f]{64})">'
+from beltid.stages.belt_results import check_folder, completed, gather
+from beltid.stages.page_mark import (
+    NAME,
+    OnPage,
+    config_of,
+    keep_curves,
+    links_to,
+    made_from,
+    sealed,
+    up_to_date,
 )
-SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
-"""Last line of a page."""
-EMPTY_SEAL: Final = SEAL.format("0" * 64)
+from beltid.store.disk import write_text
+
+STAGE: Final = "report"
 
 
 def run(
@@ -73,9 +66,10 @@ def run(
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
     if len(folders) == 1:
-        return of_belt(folders[0], out or folders[0] / NAME, force=force)
-    single = [of_belt(folder, folder / NAME, force=force) for folder in folders]
-    belts = {folder: gather(folder, config_of(folder)) for folder in folders}
+        belt = OnPage(folders[0], config_of(folders[0]))
+        return of_belt(belt, out or belt.folder / NAME, force=force)
+    belts = [OnPage(folder, config_of(folder)) for folder in folders]
+    single = [of_belt(belt, belt.folder / NAME, force=force) for belt in belts]
     comparison = of_belts(belts, out or _parent_folder(folders) / NAME, force=force)
     if comparison.up_to_date and not all(summary.up_to_date for summary in single):
         log.info("%s is up to date", comparison.out)
@@ -86,82 +80,29 @@ def _parent_folder(folders: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
 
 
-def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
-    """Store the curves that the figures need in the folder of a belt, if there are recordings."""
-    data, friction = source.config.data, folder / "friction.parquet"
-    wanted: list[tuple[Any, dict[str, Path]]] = []
-    if data.press is not None and (folder / "stiffness.parquet").exists():
-        wanted.append((press_curves, {"frame": data.press}))
-    if data.rig is not None and friction.exists():
-        wanted.append((rig_curves, {"frame": data.rig, "friction": friction}))
-    for stage, files in wanted:
-        try:
-            stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)
-        except BeltidError as error:
-            for problem in error.problems:
-                log.warning("no curves for the report: %s", problem)
-
-
-def reported_in(folder: Path) -> list[Path]:
-    """Return the subfolders that hold the report of a belt, from this call or an earlier one.
-
-    The page that compares belts thus keeps those of earlier calls.
-    """
-    return [
-        page.parent
-        for page in sorted(folder.glob(f"*/{NAME}"))
-        if not page.parent.is_symlink() and mark_of(page)
-    ]
-
-
-def of_chain(
-    source: ConfigSource,
-    made: Collection[str],
-    folder: Path,
-    failures: tuple[str, ...] = (),
-    *,
-    force: bool = False,
-) -> Summary:
-    """Write the report of a belt after its chain, of the results made; `failures` stand on top."""
-    keep_curves(source, folder, force=force)
-    return of_belt(folder, folder / NAME, made, failures, force=force)
-
-
-def of_belt(
-    folder: Path,
-    out: Path,
-    made: Collection[str] | None = None,
-    failures: tuple[str, ...] = (),
-    *,
-    force: bool = False,
-) -> Summary:
-    """Write the report of one belt, unless it is up to date; see `gather`."""
-    results = gather(folder, config_of(folder), made, failures)
-    made_from = hash_of([results])
-    if up_to_date(out, made_from, force=force):
+def of_belt(belt: OnPage, out: Path, *, force: bool = False) -> Summary:
+    """Write the report of one belt, unless it is up to date."""
+    mark, results = made_from(belt), gather(belt)
+    if up_to_date(out, mark, force=force):
         return _finish([results], out)
     results = completed(results)
-    return _finish([results], out, belt_page(results, made_from))
+    return _finish([results], out, belt_page(results, mark))
 
 
-def of_belts(belts: Mapping[Path, BeltResults], out: Path, *, force: bool = False) -> Summary:
-    """Write the page that compares belts, by the folders of their pages, if not up to date."""
-    links = [
-        quote(Path(os.path.relpath(folder / NAME, out.absolute().parent)).as_posix())
-        for folder in belts
-    ]
-    results = list(belts.values())
-    made_from = hash_of(results, *links)
-    is_current = up_to_date(out, made_from, force=force)
-    return _finish(results, out, None if is_current else belts_page(results, links, made_from))
+def of_belts(belts: Sequence[OnPage], out: Path, *, force: bool = False) -> Summary:
+    """Write the page that compares belts, with links to their pages, unless it is up to date."""
+    links = links_to(belts, out)
+    mark, results = made_from(*belts, words=links), [gather(belt) for belt in belts]
+    if up_to_date(out, mark, force=force):
+        return _finish(results, out)
+    return _finish(results, out, belts_page(results, links, mark))
 
 
 def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None) -> Summary:
     """Write a new page, and summarise it; without one, that of an earlier call is up to date."""
     facts: dict[str, Any] = {}
     if page is not None:
-        text = rendered(page)
-        text += SEAL.format(sha256(text.encode()))
+        text = sealed(rendered(page))
         write_text(out, text)
         facts = {
             "figures": sum(len(section.pictures) for section in page.sections),
@@ -197,41 +138,3 @@ def _row(results: BeltResults) -> dict[str, Any]:
         row[f"{prefix}rms_percent"] = sheet.overall.get("rms_percent") if sheet else None
         row[f"{prefix}within_tolerance"] = sheet.passed if sheet else None
     return row
-
-
-def hash_of(belts: Sequence[BeltResults], *words: str) -> str:
-    """Return the hash of everything that a page is made from: results, and further text on it."""
-    contents = [
-        (
-            belt.belt,
-            [(name, sheet.sha256) for name, sheet in belt.sheets.items()],
-            (belt.problems, belt.failures, belt.belt_facts),
-        )
-        for belt in belts
-    ]
-    record = [__version__, page_source_sha256(), list(words), contents]
-    return sha256(json.dumps(record).encode())
-
-
-def mark_of(page: Path) -> str | None:
-    """Return the hash of the inputs of a report page; None for any other file."""
-    with page.open("rb") as file:
-        match = MARK.search(file.read(HEAD).decode("utf-8", "replace"))
-    return match and match[1]
-
-
-def is_intact(page: Path) -> bool:
-    """Return whether a report page is as it was written."""
-    data = read_bytes(page, ArtifactError)
-    seal = SEAL.format(sha256(data[: -len(EMPTY_SEAL)]))
-    return data.endswith(seal.encode())
-
-
-def up_to_date(out: Path, made_from: str, *, force: bool) -> bool:
-    """Return whether the page at `out` is up to date; refuse to replace any other file."""
-
-    def whose(page: Path) -> str:
-        return OURS if mark_of(page) else FOREIGN
-
-    check_place(out, SUFFIXES, whose, force=force)
-    return not force and out.exists() and mark_of(out) == made_from and is_intact(out)

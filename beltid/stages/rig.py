@@ -12,8 +12,8 @@ import numpy as np
 from beltid.config import Config
 from beltid.errors import BeltidError, NumericsError, counted, percent
 from beltid.notes import log
-from beltid.rigsim.kernel_cache import COMPILING, compile_ahead
-from beltid.rigsim.rig import SimulationSettings
+from beltid.rig.compiler import COMPILING, compile_ahead
+from beltid.rig.runs import SimulationSettings
 from beltid.stage import Outcome
 from beltid.stages.campaign import (
     Campaign,
@@ -34,7 +34,7 @@ from beltid.stages.planned_runs import (
 )
 from beltid.stages.reduction import rig_kind
 from beltid.stages.uncertainties import standard_uncertainties
-from beltid.stages.workers import Workers, available_cores
+from beltid.stages.workers import Workers, threads
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
@@ -76,12 +76,11 @@ def simulated(
     stated = differing or measured is None or not measured.size
     origin = "as the config states" if stated else "at the settings measured"
     log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
-    if compile_ahead(["rigsim"]):
+    if compile_ahead(["rig"]):
         log.info("%s", COMPILING)
-    press, workers = press_law(law, config), workers or Workers()
+    press, workers = press_law(law, config), workers or threads(jobs)
     bench = bench_of(config, surface_from(surface), press.law)
-    parallel = workers if workers.jobs > 1 else jobs or available_cores()
-    campaign = simulate(config, bench, runs, settings, parallel)
+    campaign = simulate(config, bench, runs, settings, workers)
     _require_results(campaign)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, lines = _uncertainty(campaign, press, stored, settings.elements, workers)
@@ -90,8 +89,6 @@ def simulated(
 
 def friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     """Add the reduced runs to the inputs if they are next to the surface made from them."""
-    if "friction" in files:
-        return files
     path = files["surface"]
     friction = friction_of(read_artifact(path, "surface"), path.parent)
     return files if friction is None else {**files, "friction": friction.path}

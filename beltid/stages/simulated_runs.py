@@ -11,7 +11,7 @@ from beltid.config import Config, load_config
 from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.rigsim.rig import RunResult
+from beltid.rig.runs import RunResult
 from beltid.stage import Outcome
 from beltid.stages.campaign import (
     bench_of,
@@ -29,7 +29,7 @@ from beltid.stages.planned_runs import (
     measured_settings,
     planned_runs,
 )
-from beltid.stages.workers import available_cores
+from beltid.stages.workers import Workers, threads
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,7 +141,7 @@ def simulate_rig(
     model = load_config(config)
     run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
     settings = simulation_settings(model, method, elements)
-    ((_, result),) = simulated_results(bench_of(model, surface, law), [run], settings, 1)
+    ((_, result),) = simulated_results(bench_of(model, surface, law), [run], settings, Workers())
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(
@@ -191,8 +191,7 @@ def simulate_campaign(
         measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
     runs = planned_runs(model, Picked(), measured)
     settings = simulation_settings(model, method, elements)
-    bench, threads = bench_of(model, surface, law), jobs or available_cores()
-    campaign = simulate(model, bench, runs, settings, threads)
+    campaign = simulate(model, bench_of(model, surface, law), runs, settings, threads(jobs))
     return pd.DataFrame(campaign.rows()).astype(
         {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
     )

@@ -275,6 +275,8 @@ def _campaign_file(**options: Any) -> str:
 
 
 def _friction_beside(files: Mapping[str, Path]) -> dict[str, Path]:
+    if "friction" in files:
+        return dict(files)
     from beltid.stages.rig import friction_beside
 
     return friction_beside(dict(files))

@@ -10,11 +10,9 @@ from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import BeltidError
 from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.press.laws import choose_normal_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import LawEstimate, StiffnessResult, fit_stiffness
 from beltid.stage import Outcome
-from beltid.stages.columns import in_percent
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.reduced import stiffness_uncertainty
 
@@ -33,7 +31,7 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
     combined, budget = stiffness_uncertainty(
         laws, standard_uncertainties(config), settings.segment_length_m
     )
-    facts, choice, notes = _alternatives(result)
+    damping, notes = _damping(result)
     columns = {**_columns(laws), **combined}
     coefficients = [f"k_{name}" for name in ("linear{}_N_m2", "quadratic{}_N_m3")]
     return Outcome(
@@ -46,12 +44,13 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
                 for name in (of.format(""), of.format("_se"), of.format("_u"))
             },
             "temperature_matters": result.temperature.matters,
-            **facts,
+            "quadratic_law_supported": result.quadratic_supported,
+            "damping_at_press_speed_N_s_m": damping,
             "n_effective": pooled.n_effective,
             "n_missing": result.recording.n_missing,
             "n_spikes": result.recording.n_spikes,
         },
-        tables={"choice_of_law": choice, "budget": budget},
+        tables={"budget": budget},
         validity={
             "penetration_m": (0.0, pooled.max_penetration_m),
             "force_N_m": (0.0, pooled.max_force_N_m),
@@ -75,42 +74,13 @@ def _columns(laws: tuple[LawEstimate, ...]) -> dict[str, np.ndarray]:
     }
 
 
-def _alternatives(
-    result: StiffnessResult,
-) -> tuple[dict[str, Any], list[dict[str, Any]], list[str]]:
-    """Compare normal laws on the tests of the pooled one, and estimate the dissipation.
-
-    Returns facts, the laws as rows, and notes; a failure becomes a note.
-    """
-    facts: dict[str, Any] = {"quadratic_law_supported": None, "damping_at_press_speed_N_s_m": None}
-    rows: list[dict[str, Any]] = []
-    notes: list[str] = []
-    try:
-        choice = choose_normal_law(
-            [c for c in result.recording.curves if c.test in result.pooled.contact_m]
-        )
-        facts["quadratic_law_supported"] = choice.quadratic_supported
-        figures = "rms_residual_N_m", "criterion", "cv_error_N_m", "cv_ratio"
-        rows = [
-            {
-                "law": law.law,
-                "coefficients": coefficients(law.parameters),
-                **{name: getattr(law, name) for name in figures},
-                "largest_difference_percent": in_percent(law.largest_difference),
-                "note": law.note or None,
-            }
-            for law in choice.laws
-        ]
-        notes.append(choice.verdict)
-    except BeltidError as error:
-        notes.append(f"No comparison of normal laws: {error}")
+def _damping(result: StiffnessResult) -> tuple[float | None, list[str]]:
+    """Return the damping at the speed of the press [N s/m], None if not known, and a note."""
     try:
         loss = estimate_dissipation(result.recording.curves)
-        facts["damping_at_press_speed_N_s_m"] = loss.C_P_N_s_m
-        notes.append(loss.statement)
     except BeltidError as error:
-        notes.append(f"No estimate of the dissipation: {error}")
-    return facts, rows, notes
+        return None, [f"No estimate of the dissipation: {error}"]
+    return loss.C_P_N_s_m, [loss.statement]
 
 
 def coefficients(parameters: Any) -> str:

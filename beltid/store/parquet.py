@@ -273,9 +273,24 @@ def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> np.ndarray:
     if column.dtype == "string":
         encoded = chunked.unify_dictionaries().combine_chunks()
         words = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
-        return np.asarray(words[encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
-    # copied, since the caller may write to it and Arrow's memory is read-only
-    return np.array(chunked.to_numpy(), dtype=column.dtype)
+        return np.asarray(words[_flat(encoded.indices, np.int32, -1)])
+    array = chunked.combine_chunks()
+    if column.dtype == "bool":  # Arrow packs eight into a byte
+        return _flat(array.cast("uint8"), np.uint8).astype(bool)
+    return _flat(array, column.dtype, np.nan)
+
+
+def _flat(array: pa.Array, dtype: Any, missing: float = 0.0) -> np.ndarray:
+    """Copy the numbers of an Arrow array; its own ways to do so import pandas."""
+    valid, data = array.buffers()
+    if not len(array):
+        return np.empty(0, dtype)
+    start = array.offset
+    values = np.frombuffer(data, dtype, len(array), start * np.dtype(dtype).itemsize).copy()
+    if array.null_count:
+        bits = np.unpackbits(np.frombuffer(valid, np.uint8), bitorder="little")
+        values[bits[start : start + len(array)] == 0] = missing
+    return values
 
 
 def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:

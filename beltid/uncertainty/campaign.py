@@ -12,7 +12,7 @@ import numpy as np
 
 from beltid.params import OperatingPoint
 from beltid.refine.rig_runs import MeasuredRun
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Errors

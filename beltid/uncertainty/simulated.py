@@ -21,7 +21,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint, Rig
 from beltid.refine.effects import arc_effect
 from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench, RigModel
 from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
@@ -196,8 +196,7 @@ def simulated_uncertainty(
     runs = [MeasuredRun(point, 1.0, 0.0) for point in points]
     omegas = np.unique([point.omega for point in points])
     speeds = omegas * bench.rig.R
-    mesh = [elements] * len(runs) if elements else mesh_of(bench, runs, 1.0)
-    rig = RigRuns(bench, runs, speeds, mesh)
+    rig = RigRuns(bench, runs, speeds, _counts(bench, runs, elements, 1.0))
     n, surface = len(runs), bench.surface
     by_surface, scatter = np.zeros((n, len(sources))), np.zeros(n)
     log_mu, speed_slope, response, tensions = *np.zeros((3, n)), np.zeros((n, 2))
@@ -209,7 +208,7 @@ def simulated_uncertainty(
         _, per_v = surface.gradient(force, v)
         speed_slope[i] = float(weight @ (per_v * v / surface.mu(force, v)))
         log_mu[i], tensions[i], response[i] = np.log(mu), (state.T_A, state.T_B), weight.sum()
-    finer = RigRuns(bench, runs, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
+    finer = RigRuns(bench, runs, speeds, _counts(bench, runs, elements, FINER_MESH))
     change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
     measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig, kind)
     measured = replace(measured, arc=arc)
@@ -230,6 +229,15 @@ def simulated_uncertainty(
         mu=np.exp(log_mu),
         by_setting=np.column_stack([slopes[:, INPUTS.index("initial tension")], speed_slope]),
     )
+
+
+def _counts(
+    bench: Bench, runs: Sequence[MeasuredRun], elements: int | None, finer: float
+) -> list[int | RigModel]:
+    """Return the number of elements of each run, `finer` times that of the simulation."""
+    if elements is None:
+        return mesh_of(bench, runs, finer)
+    return [2 * round(0.5 * finer * elements)] * len(runs)
 
 
 def _of_surface(

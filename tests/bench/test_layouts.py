@@ -141,51 +141,6 @@ def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
         np.testing.assert_allclose(columns["time_s"], run["time_s"], rtol=0, atol=1e-9)
 
 
-def test_time_stamps_of_tdms(tmp_path):
-    from nptdms import ChannelObject, TdmsWriter
-
-    stamps = np.datetime64("2026-11-20T09:00:00", "us") + (np.arange(800) * 10_000).astype(
-        "timedelta64[us]"
-    )
-    tight, slack = 300 + 50 * turning(T), 300 - 50 * turning(T)
-    with TdmsWriter(tmp_path / "rig.tdms") as writer:
-        units = {"Zugtrum": "N", "Leertrum": "N", "Drehzahl": "1/min"}
-        values = {"Zugtrum": tight, "Leertrum": slack, "Drehzahl": 30 * turning(T)}
-        writer.write_segment(
-            [
-                ChannelObject("rig", "Time", stamps),
-                *(
-                    ChannelObject("rig", n, values[n], properties={"unit_string": u})
-                    for n, u in units.items()
-                ),
-            ]
-        )
-    columns = read_recording(tmp_path / "rig.tdms", "rig", load_config(SETTINGS)).columns
-    np.testing.assert_allclose(columns["time_s"], T, atol=1e-9)
-
-
-def _segment(folder: Path, run) -> tuple[str, str]:
-    """Header of the file and the segment of a run."""
-    text = writers.write_lvm(folder / "one.lvm", run).read_text()
-    end = text.index("***End_of_Header***") + len("***End_of_Header***\t\n")
-    return text[:end], text[end:]
-
-
-def test_mts(tmp_path):
-    test = writers.press_tests()["P22"]
-    head = (
-        "MTS793|BTW|ENU|1|2|.|/|:|1|0|0|A\n\nData Header:\t\t\t\n"
-        "Data Acquisition:\tTimed\tTime:\t12.5\tSec\nStation Name:\tpress.cfg\n\n"
-        "Axial Displacement\tAxial Force\tRunning Time\nmm\tkN\tSec\n"
-    )
-    rows = [f"{r.displacement_mm}\t{r.force_N / 1000!r}\t{r.time_s}" for r in test.itertuples()]
-    path = tmp_path / "P22.txt"
-    path.write_text(head + "\n".join(rows) + "\n")
-    columns = read_recording(path, "press").columns
-    np.testing.assert_allclose(columns["force_N"], test["force_N"], rtol=1e-12)
-    np.testing.assert_array_equal(columns["displacement_mm"], test["displacement_mm"])
-
-
 def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
     from openpyxl import Workbook
 

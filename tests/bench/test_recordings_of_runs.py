@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -105,9 +104,10 @@ def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
     table = tmp_path / "runs.csv"
     table.write_text("file,arc_deg\na.csv,82\n")
     told = {"table": str(table), "pattern": "{run}_{}.csv"}
+    config = {"columns": {"rig": {"arc_deg": "Bogen"}}}
     rig = {**told, "values": {"initial_tension_N": 411}}
     frame = runs["R001"].drop(columns="initial_tension_N")
-    columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}}))
+    columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}, **config}))
     assert set(columns["initial_tension_N"]) == {411.0}
     assert set(columns["arc_deg"]) == set(frame["arc_deg"])
 
@@ -119,12 +119,6 @@ def test_stated_words_replace_those_of_the_recording_with_a_note(tmp_path, runs)
     recording = read_recording(path, "rig", config)
     assert set(recording.columns["condition"]) == {"wet"}
     assert "condition = wet as stated replaces dry in the recording" in recording.notes
-
-
-def test_a_name_that_does_not_follow_the_pattern_is_refused(tmp_path, runs):
-    folder = per_run(tmp_path / "runs", runs)
-    found = problems(folder, {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg.csv"}}})
-    assert found[0].startswith("runs/R001.csv and 3 more: the name does not match runs.rig.patt")
 
 
 @pytest.mark.parametrize("units_row", [False, True])
@@ -184,25 +178,6 @@ def test_header_fields_and_values_for_all_runs(tmp_path, runs):
     ) == {77}
     wrong = {"columns": {"rig": {"initial_tension_N": "T nominal"}}}
     assert "T nominal" in problems(tmp_path / "runs", wrong)[0]
-
-
-def test_settings_that_are_not_stated_are_asked_for_once(tmp_path, runs):
-    found = problems(per_run(tmp_path / "runs", runs))
-    assert len(found) == 2
-    assert found[0].startswith("runs/R001.csv:1 and 3 more: column arc_deg is missing; ")
-    assert "runs: {rig: {values: {arc_deg: ...}}}" in found[0]
-
-
-def test_a_zip_file_holds_a_file_per_run(tmp_path, runs):
-    path = tmp_path / "runs.zip"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for label, run in runs.items():
-            archive.writestr(f"day 1/{label}.csv", run.drop(columns="run").to_csv(index=False))
-        archive.writestr("__MACOSX/._x.csv", b"\0\1")
-    expect(read_recording(path, "rig").columns, runs)
-    with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr("notes.txt", "x")
-    assert "holds files of several kinds (.csv, .txt)" in problems(path)[0]
 
 
 def test_a_folder_of_several_kinds_is_not_guessed_at(tmp_path, runs):
@@ -265,16 +240,6 @@ def test_names_that_are_not_utf_8_and_links_that_lead_nowhere(tmp_path, runs):
         read_recording(folder, "rig", config)
 
 
-def test_the_place_of_a_wrong_sample_is_its_file_and_line(tmp_path, runs):
-    folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
-    name = next(folder.glob("R042*"))
-    lines = name.read_text().split("\n")
-    lines[7] = lines[7].replace(lines[7].split(",")[1], "-5", 1)
-    name.write_text("\n".join(lines))
-    config = {"runs": {"rig": {"pattern": "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}}
-    assert problems(folder, config) == [f"runs/{name.name}:8: tension_tight_N = -5, must be > 0"]
-
-
 # --- many runs in one file, without labels ---------------------------------------------------
 
 
@@ -294,8 +259,8 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
     path = tmp_path / "rig.csv"
     pd.concat([one, later]).drop(columns="run").to_csv(path, index=False)
     assert problems(path) == [
-        "rig.csv: the pulley turns 2 times with stops between, and no column labels the runs: "
-        "add one"
+        "rig.csv: the pulley turns several times with stops between, and no column labels the runs "
+        "(here rig): add one"
     ]
 
 
@@ -305,12 +270,6 @@ def test_a_time_that_jumps_back_a_little_is_no_new_run(tmp_path, runs):
     path = tmp_path / "rig.csv"
     run.to_csv(path, index=False)
     assert "must not go backwards" in problems(path)[0]
-
-
-def test_a_single_run_is_called_like_its_file(tmp_path, runs):
-    path = tmp_path / "monday_3.csv"
-    runs["R042"].drop(columns="run").to_csv(path, index=False)
-    assert set(read_recording(path, "rig").columns["run"]) == {"monday_3"}
 
 
 # --- hashes ----------------------------------------------------------------------------------
@@ -328,21 +287,3 @@ def test_the_hash_of_a_folder_follows_names_and_contents(tmp_path, runs):
     (folder / "notes.md").write_text("no recording")
     (folder / ".hidden.csv").write_text("no recording")
     assert content_of(folder).sha256 == content_of(tmp_path / "runs" / "R*.csv").sha256
-
-
-def test_results_among_the_recordings_are_no_recordings(tmp_path, runs):
-    from typer.testing import CliRunner
-
-    from beltid.cli import app
-
-    folder = per_run(tmp_path / "runs", runs, "{label}_{arc}deg_{tension}N.csv")
-    config = tmp_path / "c.yaml"
-    config.write_text('runs: {rig: {pattern: "{run}_{arc_deg}deg_{initial_tension_N}N.csv"}}\n')
-    call = ["fit-friction", "-c", str(config), "-q"]
-    before = content_of(folder).sha256
-    out = str(folder / "friction.parquet")
-    assert CliRunner().invoke(app, [*call, str(folder), "-o", out]).exit_code == 0
-    assert content_of(folder).sha256 == content_of(folder / "*").sha256 == before
-    expect(read_recording(folder, "rig", load_config(config)).columns, runs)
-    again = CliRunner().invoke(app, ["fit-friction", "-c", str(config), str(folder), "-o", out])
-    assert "is up to date" in again.stderr

@@ -40,14 +40,13 @@ def test_a_million_columns_are_refused(tmp_path):
 
 
 def test_packed_bombs_are_refused_by_a_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("beltid.bench.packed.MAX_BYTES", 1 << 20)
     with zipfile.ZipFile(tmp_path / "rig.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("R001.csv", b"0" * (8 << 20))
-    with pytest.raises(InputError, match="compressed more than 1000 to 1"):
-        read_recording(tmp_path / "rig.zip", "rig")
-    monkeypatch.setattr("beltid.bench.packed.MAX_BYTES", 1 << 20)
     (tmp_path / "rig.csv.gz").write_bytes(gzip.compress(b"0" * (8 << 20)))
-    with pytest.raises(InputError, match="unpacks to more than"):
-        read_recording(tmp_path / "rig.csv.gz", "rig")
+    for name in ("rig.zip", "rig.csv.gz"):
+        with pytest.raises(InputError, match="unpacks to more than"):
+            read_recording(tmp_path / name, "rig")
 
 
 def test_names_of_a_file_without_a_header(tmp_path):

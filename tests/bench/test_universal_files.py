@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from beltid.bench.recording import Recording, read_recording
-from beltid.config import load_config
 from beltid.errors import InputError
 
 DATA = Path(__file__).parent / "data"
@@ -95,19 +94,6 @@ def test_the_unit_of_the_time(tmp_path):
     (tmp_path / "P2.unv").write_bytes(ms.replace(b" MS", b" kg"))
     with pytest.raises(InputError, match=r"P2\.unv: the time is in kg, must be one of s, ms"):
         read_recording(tmp_path / "P2.unv", "press")
-
-
-def test_line_ends_of_windows(tmp_path):
-    (tmp_path / "P1.unv").write_bytes(both((4, 1, "")).replace(b"\n", b"\r\n"))
-    check(read_recording(tmp_path / "P1.unv", "press"), 1e-11)
-
-
-def test_negative_numbers_without_a_blank_between_them(tmp_path):
-    data = dataset("Kraft", "N", T, -FORCE - 1, (2, 1, "")) + dataset("Weg", "mm", T, T, (2, 1, ""))
-    (tmp_path / "P1.unv").write_bytes(data)
-    turned = load_config({"columns": {"press": {"force_N": "-Kraft"}}})
-    found = read_recording(tmp_path / "P1.unv", "press", turned).columns["force_N"]
-    np.testing.assert_allclose(found, FORCE + 1, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

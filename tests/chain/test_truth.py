@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from beltid.batch.chain import run_batch
-from beltid.batch.local import local_workers
+from beltid.batch.run import run_batch
 from beltid.batch.sources import config_sources
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.long
 def test_the_simulated_rig_agrees_with_the_benches_of_the_other_belts(tmp_path: Path) -> None:
     configs = [ROOT / "configs" / f"{belt}.yaml" for belt in ("4pk", "6pk")]
-    summary = run_batch(config_sources(configs), tmp_path, local_workers(2), report=False)
+    summary = run_batch(config_sources(configs), tmp_path, jobs=2, report=False)
     assert summary.exit_status == 0, summary.table
     for row in summary.table:
         assert set(row["stages"].values()) == {"done"}

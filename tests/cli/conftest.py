@@ -104,6 +104,6 @@ def beltid(monkeypatch: pytest.MonkeyPatch) -> Call:
     Without workers: to start them takes longer than most of these tests; tests/chain has them.
     """
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    monkeypatch.setattr("beltid.batch.local.available_cores", lambda: 1)
+    monkeypatch.setattr("beltid.batch.run.available_cores", lambda: 1)
     runner = CliRunner()
     return lambda *arguments: runner.invoke(app, [str(a) for a in arguments])

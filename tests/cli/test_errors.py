@@ -93,7 +93,7 @@ def test_failed_runs_are_status_3_and_the_others_are_kept(
     bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from beltid.errors import ConvergenceError
-    from beltid.rigsim import rig
+    from beltid.rig import runs as rig
 
     lay_on = rig.lay_on
 
@@ -122,7 +122,7 @@ def test_all_runs_failed_is_status_3_and_nothing_is_written(
     bench: Path, beltid: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from beltid.errors import ConvergenceError
-    from beltid.rigsim import rig
+    from beltid.rig import runs as rig
 
     def fails(*_: Any) -> Any:
         raise ConvergenceError("no equilibrium")

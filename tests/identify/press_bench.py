@@ -152,13 +152,12 @@ def each_test(columns: dict[str, np.ndarray]) -> list[np.ndarray]:
     return [np.flatnonzero(columns["test"] == label) for label in dict.fromkeys(labels)]
 
 
-def force_errors(law: LawEstimate, force: Callable, unseen: bool = False) -> tuple[float, float]:
+def force_errors(law: LawEstimate, force: Callable) -> tuple[float, float]:
     """Largest relative error of the force from a tenth of it on, and that over its stated error."""
     delta = np.linspace(0.02, 1.0, 2000) * law.max_penetration_m
     found, true = law.law.force(delta), force(delta)
     columns = np.column_stack([delta, delta**2])
     variance = np.einsum("ij,jk,ik->i", columns, np.reshape(law.covariance, (2, 2)), columns)
-    u = np.sqrt(variance + unseen * (law.unseen_share * found) ** 2)
     inside = true >= 0.1 * true.max()
     error = np.abs(found - true)[inside]
-    return float(np.max(error / true[inside])), float(np.max(error / u[inside]))
+    return float(np.max(error / true[inside])), float(np.max(error / np.sqrt(variance[inside])))

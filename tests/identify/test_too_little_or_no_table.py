@@ -31,7 +31,7 @@ REFUSED = {
         lambda: fit_slip(
             {"run": np.zeros(4), **{n: np.zeros(5 if n == "torque_N_m" else 4) for n in SLIP}}, 0.05
         ),
-        r"columns torque_N_m \(5,\), must be \(4,\) as run is",
+        r"torque_N_m \(5,\), .*must be equally many",
     ),
     "no press curve": (
         lambda: estimate_dissipation([]),

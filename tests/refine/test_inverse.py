@@ -11,7 +11,7 @@ from truth_bench import SPEEDS, TWO, R, bench_and_runs, errors, solved, true_mu
 
 from beltid.errors import ConvergenceError, InputError
 from beltid.refine.inverse import MeasuredRun, refine_surface
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.runs import SimulationSettings, simulate
 
 
 @pytest.mark.parametrize(

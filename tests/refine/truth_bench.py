@@ -14,7 +14,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.refine.inverse import MeasuredRun, RefinedSurface, refine_surface
-from beltid.rigsim.model import Bench
+from beltid.rig.model import Bench
 
 TRUTH = Path(__file__).parents[1] / "truth"
 R = 0.05

@@ -13,7 +13,7 @@ from beltid.config import Config, load_config
 from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.rigsim.rig import RunResult
+from beltid.rig.runs import RunResult
 from beltid.stages.campaign import (
     bench_of,
     recording_columns,

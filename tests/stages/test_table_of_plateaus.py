@@ -172,8 +172,8 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     renamed.to_excel(tmp_path / "points.xlsx", index=False)
     (tmp_path / "points.yaml").write_text(
         "rig: {kind: dead_weight, weight_on: slack, force_resolution_N: 0.5}\n"
-        "columns: {points: {arc_deg: Umschlingung, weight_N: G}}\n"
-        "units: {points: {weight_N: kN}}\nconditions: {surface: wet}\n"
+        "columns: {rig: {arc_deg: Umschlingung, weight_N: G}}\n"
+        "units: {rig: {weight_N: kN}}\nconditions: {surface: wet}\n"
     )
     call = ["fit-friction", "--table", str(tmp_path / "points.xlsx")]
     result = CliRunner().invoke(app, call)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from beltid.cli import app
 from beltid.config import Config, find_config
 from beltid.stage import RECORDINGS, STAGES, Stage
-from beltid.stages.report_belt import keep_curves
+from beltid.stages.page_mark import keep_curves
 
 CONFIG = """\
 belt: {name: small}

@@ -11,8 +11,8 @@ from virtual_bench import BELT, LAW, RIG, TRUE_SURFACE
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Contact, OperatingPoint
-from beltid.rigsim.model import Bench
-from beltid.rigsim.rig import SimulationSettings, simulate
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.agreement import Validation
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import (

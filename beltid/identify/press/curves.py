@@ -1,11 +1,9 @@
 """Branches of a press cycle and the curve midway between them.
 
-Hysteresis of the belt raises the loading branch and lowers the unloading branch. The elastic law of
-Eq. (3) is the curve midway between them *at equal penetration*. Both branches are interpolated to
-common positions first, so that the slower branch, which has more samples, does not get more weight.
-Where the crosshead reverses, the new branch starts on the old one, because internal friction of the
-rubber and backlash of the machine need some travel to reverse. There the curve is the branch before
-the reversal, corrected by half the loop width found farther away.
+Hysteresis of the belt raises the loading branch and lowers the unloading branch by as much, so the
+elastic law of Eq. (3) is the curve midway between them *at equal penetration*. Both branches are
+interpolated to common positions first, so that the slower branch, which has more samples, does not
+get more weight.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
 from beltid.identify.estimators.least_squares import solve_linear
-from beltid.identify.estimators.statistics import integrated_autocorrelation_time
 from beltid.identify.press.recording import (
     COLUMNS,
     PressCycle,
@@ -38,9 +35,8 @@ one and the belt may stick to the plate or stay compressed."""
 RATE_SPAN = 2.0
 """Ratio of speeds from which the rate dependence of force and loss can be determined."""
 MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
-TURN_SHARE = 0.3  # largest share of the nodes that a crosshead reversal may affect
-LEAST_TURN = 2.0e-3  # share of the largest force below which a reversal is negligible
-FEWEST_NODES = 12  # minimum number of nodes to find the reach of a reversal
+MOST_NODES = 40  # per curve
+TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
 
 
 NAMES = ("loading", "unloading")
@@ -68,7 +64,7 @@ class PressCurve:
     cycle: int
     position_m: Array  # common positions without machine compliance, shape (m,)
     middle_N_m: Array  # midway between the branches, shape (m,)
-    turn_N_m: Array  # its change with another loop width near reversals, else 0, (m,)
+    turn_N_m: Array  # too much in it if the branches separate gradually at a reversal, (m,)
     branches: tuple[BranchSamples, ...]  # loading, and unloading if recorded; holds removed
     fitted: tuple[BranchSamples, ...]  # their samples within the range of the fit
     touch_m: float  # position where the loading branch begins to carry force
@@ -76,9 +72,7 @@ class PressCurve:
     top_force_N_m: float
     dissipated_J_m: float  # work lost in the loop, nan if never unloaded
     stored_J_m: float  # work of the loading branch, nan if never unloaded
-    hold_force_N_m: float  # at the end of a hold at the top; nan without a hold
-    virgin_share: float  # force of the first cycle over that of this one, minus 1; or nan
-    drift_N_m: float  # drift of the zero halfway through the cycle; 0 if none is seen
+    zero_u_N_m: float  # standard uncertainty of the zero of the load cell
 
     @property
     def test(self) -> str:
@@ -124,7 +118,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
-        notes[label] = (*test.notes, *cycle_notes, *_speeds_note(test, chosen))
+        notes[label] = (*test.notes, *cycle_notes)
     if any(c.unloads for c in curves):
         loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
@@ -151,23 +145,6 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     )
 
 
-def _speeds_note(test: PressTest, chosen: Sequence[PressCycle]) -> tuple[str, ...]:
-    """Note a test whose cycles differ in speed although the selected ones do not."""
-
-    def ratio(group: Sequence[PressCycle]) -> float:
-        """Return the ratio of the largest to the smallest speed."""
-        steps = [float(np.median(np.diff(test.travel_m[c.loading]))) for c in group]
-        return max(steps) / min(steps) if min(steps) > 0.0 else 1.0
-
-    if ratio(test.cycles) < RATE_SPAN or ratio(chosen) >= RATE_SPAN:
-        return ()
-    return (
-        f"its cycles were pressed at speeds up to {ratio(test.cycles):.2g} times apart, but those "
-        "used at one speed: to see the effect of speed, set press.cycles: all, or press tests at "
-        "two speeds",
-    )
-
-
 def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> PressCurve:
     """Build the curve of one cycle of a cleaned test.
 
@@ -175,13 +152,12 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     """
     # stay five standard deviations off the ends, where noise decides which samples belong
     margin = 5.0 * test.position_noise_m
-    ways, hold_N = _without_hold(test, cycle, margin)
     whole, branches = (
         tuple(
             BranchSamples(name, test.position_m[part], test.force_N[part] / segment_length_m)
             for name, part in zip(NAMES[: 1 + cycle.complete], parts, strict=False)
         )
-        for parts in ((cycle.loading, cycle.unloading), ways)
+        for parts in ((cycle.loading, cycle.unloading), _without_hold(test, cycle, margin))
     )
     noise = test.force_noise_N / segment_length_m
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
@@ -196,19 +172,15 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
             f"({test.position_noise_m * 1e6:.2g} µm), must be at least {MIN_BRANCH_SAMPLES} per "
             "branch"
         )
-    edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, 120)) + 1)
-    nodes = 0.5 * (edges[1:] + edges[:-1])
+    edges = np.linspace(low, high, int(np.clip(fewest // 4, 6, MOST_NODES)) + 1)
     levels = [_branch_at_nodes(b.position_m, b.force_N_m, edges) for b in fitted]
-    in_contact = bool(np.min(branches[0].force_N_m) >= threshold)
-    middle, turn = _middle(nodes, levels, turns_in_contact=in_contact)
     dissipated, stored = _loop_energies(whole)
-    halfway = 0.5 * (cycle.loading.start + cycle.unloading.stop)
     return PressCurve(
         recorded=test,
         cycle=cycle.number,
-        position_m=nodes,
-        middle_N_m=middle,
-        turn_N_m=turn,
+        position_m=0.5 * (edges[1:] + edges[:-1]),
+        middle_N_m=np.mean(levels, axis=0),
+        turn_N_m=_turns(levels, bool(np.min(branches[0].force_N_m) >= threshold)),
         branches=branches,
         fitted=fitted,
         touch_m=_contact_begin(branches[0], threshold),
@@ -216,19 +188,14 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
         top_force_N_m=max(_steady_max(b.force_N_m) for b in whole),
         dissipated_J_m=dissipated,
         stored_J_m=stored,
-        hold_force_N_m=hold_N / segment_length_m,
-        virgin_share=_virgin_share(test, cycle),
-        drift_N_m=test.drift_N / segment_length_m * halfway / test.force_N.size,
+        zero_u_N_m=test.zero_u_N / segment_length_m,
     )
 
 
-def _without_hold(
-    test: PressTest, cycle: PressCycle, margin: float
-) -> tuple[tuple[slice, slice], float]:
-    """Remove a hold at the top; return both branches and the force at the end of the hold [N].
+def _without_hold(test: PressTest, cycle: PressCycle, margin: float) -> tuple[slice, slice]:
+    """Return both branches without a hold at the top, where the force relaxes.
 
-    A hold belongs to neither branch: the force relaxes from one towards the other. Fewer than
-    :data:`MIN_BRANCH_SAMPLES` samples at the top are a reversal, not a hold.
+    Fewer than :data:`MIN_BRANCH_SAMPLES` samples at the top are a reversal, not a hold.
     """
     begin, stop = cycle.loading.start, cycle.unloading.stop
     travel = test.travel_m[begin:stop]
@@ -238,23 +205,8 @@ def _without_hold(
     first, last = int(top[0]), int(top[-1]) + 1
     usual = int(np.count_nonzero(travel[: first - begin] >= float(np.max(travel)) - 3.0 * near))
     if last - first < max(MIN_BRANCH_SAMPLES, 4 * usual):
-        return (cycle.loading, cycle.unloading), float("nan")
-    tail = test.force_N[max(last - 1 - (last - first) // 8, first) : last]
-    return (slice(begin, first + 1), slice(last - 1, stop)), float(np.median(tail))
-
-
-def _virgin_share(test: PressTest, cycle: PressCycle) -> float:
-    """Return the force of the first loading over that of this cycle at equal position, minus 1."""
-    if len(test.cycles) < 2 or cycle.number == 1:
-        return float("nan")
-    loadings = [
-        (test.position_m[c.loading], test.force_N[c.loading]) for c in (test.cycles[0], cycle)
-    ]
-    low = max(float(x[f > CONTACT_SHARE * cycle.peak_force_N][0]) for x, f in loadings)
-    high = min(float(np.max(x)) for x, _ in loadings)
-    at = low + np.linspace(0.3, 0.95, 50) * (high - low)
-    first, this = (np.interp(at, np.maximum.accumulate(x), f).sum() for x, f in loadings)
-    return float(first / this - 1.0)
+        return cycle.loading, cycle.unloading
+    return slice(begin, first + 1), slice(last - 1, stop)
 
 
 def _steady_max(x: Array) -> float:
@@ -291,50 +243,22 @@ def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
     return at_nodes @ fit.parameters + np.interp(nodes, nodes[filled], rest)
 
 
-def _middle(x: Array, levels: Sequence[Array], *, turns_in_contact: bool) -> tuple[Array, Array]:
-    """Return the force midway between the branches [N/m], and its change with another loop width.
+def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
+    """Return what a reversal of the crosshead adds to the middle [N/m], shape (m,).
 
-    The reach of a reversal is chosen for the smallest residuals about a cubic polynomial, if the
-    gain justifies the additional unknowns (BIC). Within the reach, half the loop width is a
-    parabola in x fitted to the other nodes. The alternative width is that next to the reach, scaled
-    with the force. The loading branch begins with a reversal only if the belt was not released
-    before (`turns_in_contact`).
+    There the new branch starts on the old one and leaves it gradually: half the width of the loop
+    is less than the parabola through the rest of it says. Whether it is a reversal or the shape of
+    the loop, the fit has to find out.
     """
-    n, plain = x.size, np.mean(levels, axis=0)
-    if n < FEWEST_NODES or len(levels) == 1:
-        return plain, np.zeros(n)
-    loading, unloading = levels
-    scaled = (x - x[0]) / (x[-1] - x[0])
-    smooth, powers = np.linalg.qr(np.vander(scaled, 4))[0], np.vander(scaled, 3)
-    half_width = 0.5 * (loading - unloading)
-
-    def trial(low: int, top: int) -> tuple[Array, Array]:
-        """Return the middle and its residuals if the reversals affect these end nodes."""
-        rest = slice(low, n - top)
-        parabola = powers @ np.linalg.lstsq(powers[rest], half_width[rest], rcond=None)[0]
-        parts = unloading[:low] + parabola[:low], plain[rest], (loading - parabola)[n - top :]
-        middle = np.concatenate(parts)
-        return middle, middle - smooth @ (smooth.T @ middle)
-
-    reach = range(int(TURN_SHARE * n) + 1)
-    trials = {(a, b): trial(a, b) for a in reach[: None if turns_in_contact else 1] for b in reach}
-    (low, top), (middle, residuals) = min(trials.items(), key=lambda t: float(t[1][1] @ t[1][1]))
-    m = n / integrated_autocorrelation_time(residuals)
-    floor = n * (1e-10 * float(np.max(plain))) ** 2  # rounding
-    before, after = (max(float(r @ r), floor) for r in (trials[0, 0][1], residuals))
-    gain = m * np.log(before / after) - 2.0 * ((low > 0) + (top > 0)) * np.log(m)
-    if gain <= 0.0 or np.max(np.abs(middle - plain)) < LEAST_TURN * np.max(plain):
-        return plain, np.zeros(n)
-    share = half_width / plain
-    nearest = (
-        float(np.mean(share[low : 2 * low + 2])),
-        float(np.mean(share[-2 * top - 2 : n - top])),
-    )
-    other = middle.copy()
-    other[:low] = unloading[:low] / (1.0 - nearest[0])
-    other[n - top :] = loading[n - top :] / (1.0 + nearest[1])
-    # limit the change to the effect of the reversal itself
-    return middle, np.clip(other - middle, -np.abs(middle - plain), np.abs(middle - plain))
+    if len(levels) == 1:
+        return np.zeros(levels[0].size)
+    s, half = np.linspace(0.0, 1.0, levels[0].size), 0.5 * (levels[0] - levels[1])
+    low = (s < TURN_SHARE) & in_contact
+    turns = (s > 1.0 - TURN_SHARE) | low
+    for _ in range(2):
+        missing = np.polynomial.Polynomial.fit(s[~turns], half[~turns], 2)(s) - half
+        turns &= missing > 4.0 * np.std(missing[~turns])
+    return np.where(turns, np.where(low, -missing, missing), 0.0)
 
 
 def _loop_energies(branches: tuple[BranchSamples, ...]) -> tuple[float, float]:

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltid.errors import InputError
-from beltid.identify.press.curves import RATE_SPAN, PressCurve
+from beltid.identify.press.curves import PressCurve
 
-PAPER_C_P_N_S_M = 300.0
 POINT_LENGTH_M = 1.0e-3
 """Belt length of a contact point: an elastic-bed length of 5 mm contains five points."""
 BINS = 12
@@ -36,10 +35,18 @@ class Dissipation:
     loss_ratio: float  # energy lost over the work of loading
     approach_speed_m_s: float  # speed in contact, mean over the cycles
     C_P_N_s_m: float  # equivalent coefficient of one contact point at this speed
-    rate_exponent: float
-    """Exponent n in energy ~ speed^n: 0 for a rate-independent loss, 1 for a damper; nan if the
-    speeds of the tests do not differ enough."""
-    statement: str  # result in plain words
+
+    @property
+    def statement(self) -> str:
+        """Result in plain words."""
+        return (
+            f"Dissipation: {self.energy_J_m:.3g} J per metre and cycle, "
+            f"{100 * self.loss_ratio:.2g} % of the work put in; at the press's "
+            f"{self.approach_speed_m_s * 1e6:.3g} µm/s a damper on approach loses as much with "
+            f"C_P = {self.C_P_N_s_m:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:g} mm "
+            "(the paper's 300 N s/m are for numerical calm). Rubber's hysteresis hardly depends on "
+            "the rate, so no single C_P describes it."
+        )
 
 
 def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
@@ -57,14 +64,12 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
         )
     speeds, rate_integrals = np.transpose([approach(c) for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])
-    energy, speed = float(np.mean(energies)), float(np.mean(speeds))
-    C_P = float(np.mean(energies / rate_integrals)) * POINT_LENGTH_M
-    loss = loss_ratio(curves)
-    exponent = math.nan
-    if speeds.max() >= RATE_SPAN * speeds.min() and energies.min() > 0.0:
-        exponent = float(np.polyfit(np.log(speeds), np.log(energies), 1)[0])
-    statement = _statement(energy, loss, speed, C_P, exponent)
-    return Dissipation(energy, loss, speed, C_P, exponent, statement)
+    return Dissipation(
+        energy_J_m=float(np.mean(energies)),
+        loss_ratio=loss_ratio(curves),
+        approach_speed_m_s=float(np.mean(speeds)),
+        C_P_N_s_m=float(np.mean(energies / rate_integrals)) * POINT_LENGTH_M,
+    )
 
 
 def loss_ratio(curves: Sequence[PressCurve]) -> float:
@@ -82,27 +87,5 @@ def approach(curve: PressCurve) -> tuple[float, float]:
     counts[-1] = np.median(counts)  # the crosshead dwells or turns in the last bin
     if counts.min() < 3:
         counts[:] = np.mean(counts)
-    interval = curve.recorded.sample_interval_s
-    durations = counts * (interval if interval > 0.0 else math.nan)
+    durations = counts * curve.recorded.sample_interval_s
     return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))
-
-
-def _statement(energy: float, loss: float, speed: float, C_P: float, exponent: float) -> str:
-    """Describe the result in plain words."""
-    if not energy > 0.0:
-        return f"The loop loses no energy ({energy:.2g} J/m): it does not determine a dissipation."
-    rate = "Rubber's hysteresis hardly depends on the rate, so no single C_P describes it"
-    if not math.isnan(exponent):
-        rate = (
-            f"Between the speeds of the tests the loss changes as speed^{exponent:.2g} "
-            "(0: rate-independent, 1: a damper)"
-        )
-    ratio = C_P / PAPER_C_P_N_S_M
-    times = f"{ratio:.0f}" if ratio >= 10.0 else f"{ratio:.2g}"
-    return (
-        f"Dissipation: {energy:.3g} J per metre and cycle, {100 * loss:.2g} % of the work put in. "
-        f"At the press's {speed * 1e6:.3g} µm/s a damper on approach (Eqs. 1, 2, 4) loses as much "
-        f"with C_P = {C_P:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:.3g} mm of belt, "
-        f"{times} times the 300 N s/m that the paper chose for numerical reasons. {rate}; "
-        f"300 N s/m loses as much at {speed * ratio * 1e3:.3g} mm/s."
-    )

@@ -81,11 +81,10 @@ class PressTest:
     travel_sign: float  # -1 if the recorded travel falls in compression, else 1
     position_noise_m: float  # standard deviations of the white noise
     force_noise_N: float
-    free_travel: bool  # whether travel before contact gave the zero of the load cell
+    zero_u_N: float  # standard uncertainty of the zero, half of its drift during the test included
     n_missing: int
     n_spikes: int
     notes: tuple[str, ...]  # changes to the data, for the user
-    drift_N: float = 0.0  # force after release minus force before contact; 0 if not seen
     cycles: tuple[PressCycle, ...] = ()  # in time order
 
     @property
@@ -100,35 +99,35 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 
     `part` holds ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
     order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
-    travel, no contact, or no loading.
+    travel, no contact, a test that begins in contact, or a clipped load cell.
     """
     samples = np.array([part["time_s"], 1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples[1:]).all(axis=0)
-    _, travel, force = samples = _without(samples, missing)
-    spikes = _spikes(travel) | _spikes(force)
-    _, travel, force = samples = _without(samples, spikes)
-    force_sign, travel_sign = _signs(travel, force)
-    _, travel, force = samples = samples * [[1.0], [travel_sign], [force_sign]]
-    clipped, clipping_text = _clipped(travel, force)
-    time_s, travel, force = _without(samples, clipped)
+    samples = _without(samples, missing)
+    spikes = _spikes(samples[1]) | _spikes(samples[2])
+    samples = _without(samples, spikes)
+    force_sign, travel_sign = _signs(samples[1], samples[2])
+    time_s, travel, force = samples * [[1.0], [travel_sign], [force_sign]]
     noise = difference_sigma(force, 2)
     _require_contact(travel, force, noise)
-    before, after = _free_samples(travel, force, noise)
-    zero, drift_N = _zero_and_drift(before, after) if before.size else (0.0, 0.0)
+    _require_range(travel, force)
+    zero, zero_se, end = _zero(travel, force, noise)
+    after = force[int(np.flatnonzero(travel > np.max(travel[:end]))[-1]) + 1 :]
+    drift = float(np.median(after)) - zero if after.size >= FEWEST_FREE // 2 else 0.0
     force = force - zero
-    if np.max(force) <= 0.0:
+    position = travel - settings.machine_compliance_m_N * force
+    pressed = force > 0.5 * np.max(force)
+    if np.median(position[pressed]) <= np.median(position[~pressed]):
         raise InputError(
-            f"the force only rises from {force[0]:.3g} N to {np.max(force):.3g} N, and without "
-            "travel before contact the zero of the load cell is unknown: begin out of contact"
+            f"machine compliance {settings.machine_compliance_m_N * 1e3:g} mm/N times the force "
+            "exceeds the crosshead travel, must be less"
         )
-    position = _plate_position(travel, force, settings.machine_compliance_m_N)
     changes = (
         (missing.any(), f"{missing.sum()} samples without displacement or force left out"),
         (spikes.any(), f"{spikes.sum()} spikes left out"),
         (force_sign < 0, "compression recorded as negative force, sign reversed"),
         (travel_sign < 0, "compression recorded as negative travel, sign reversed"),
-        (clipped.any(), f"{clipped.sum()} samples left out: {clipping_text}"),
-        (zero != 0.0, f"zero of the load cell {zero:.3g} N subtracted"),
+        (abs(zero) > 4.0 * zero_se, f"zero of the load cell {zero:.3g} N subtracted"),
     )
     temperatures = part["temperature_degC"][np.isfinite(part["temperature_degC"])]
     return PressTest(
@@ -141,11 +140,10 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         travel_sign=travel_sign,
         position_noise_m=difference_sigma(position, 2),
         force_noise_N=noise,
-        free_travel=before.size > 0,
-        n_missing=int(missing.sum() + clipped.sum()),
+        zero_u_N=math.hypot(zero_se, 0.5 * drift),
+        n_missing=int(missing.sum()),
         n_spikes=int(spikes.sum()),
         notes=tuple(text for applies, text in changes if applies),
-        drift_N=drift_N,
         cycles=find_cycles(travel, force),
     )
 
@@ -156,18 +154,6 @@ def _without(samples: Array, removed: NDArray[np.bool_]) -> Array:
     if samples.shape[-1] < MIN_SAMPLES:
         raise InputError(f"{samples.shape[-1]} usable samples, must be at least {MIN_SAMPLES}")
     return samples
-
-
-def _plate_position(travel: Array, force: Array, compliance_m_N: float) -> Array:
-    """Return the plate position [m]: crosshead travel minus the deflection of the machine."""
-    position = travel - compliance_m_N * force
-    pressed = force > 0.5 * np.max(force)
-    if compliance_m_N > 0.0 and np.median(position[pressed]) <= np.median(position[~pressed]):
-        raise InputError(
-            f"machine compliance {compliance_m_N * 1e3:g} mm/N times the force exceeds the "
-            "crosshead travel, must be less"
-        )
-    return np.asarray(position)
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
@@ -196,9 +182,7 @@ def _signs(travel: Array, force: Array) -> tuple[float, float]:
     force = force - _start_level(force)  # the cell may not be tared
     force_sign = -1.0 if -np.min(force) > np.max(force) else 1.0
     pressed = np.abs(force) > 0.5 * np.max(np.abs(force))
-    if not pressed.any():
-        return force_sign, 1.0
-    falls = np.median(travel[pressed]) < np.median(travel[~pressed])
+    falls = pressed.any() and np.median(travel[pressed]) < np.median(travel[~pressed])
     return force_sign, -1.0 if falls else 1.0
 
 
@@ -218,74 +202,53 @@ def _require_contact(travel: Array, force: Array, noise: float) -> None:
         )
 
 
-def _clipped(travel: Array, force: Array) -> tuple[NDArray[np.bool_], str]:
-    """Mark samples clipped by the load cell's range, and describe the evidence.
+def _require_range(travel: Array, force: Array) -> None:
+    """Raise :class:`InputError` if the force stays at its largest value while the plate moves on.
 
-    A clipped force is constant while the crosshead moves on, by more than ADC step or noise
-    explain. In a hold the crosshead stands still.
+    In a hold the crosshead stands still; ADC steps and noise explain a little.
     """
     limit, level = float(np.max(force)), _start_level(force)
     at_limit = force >= limit
-    below = np.flatnonzero(force[: int(np.argmax(at_limit))] < level + 0.7 * (limit - level))
+    first = int(np.argmax(at_limit))
+    below = np.flatnonzero(force[:first] < level + 0.7 * (limit - level))
     if np.count_nonzero(at_limit) < FEWEST_CLIPPED or below.size < 2:
-        return np.zeros(force.size, dtype=bool), ""
-    start, first = int(below[-1]), int(np.argmax(at_limit))
+        return
+    start = int(below[-1])
     moved = float(np.max(travel[at_limit]) - travel[first])
     per_travel = (limit - float(force[start])) / max(float(travel[first] - travel[start]), 1e-12)
     step = limit - float(np.max(force[~at_limit]))
-    if moved * per_travel <= 5.0 * (step + difference_sigma(force[:first], 2)):
-        return np.zeros(force.size, dtype=bool), ""
-    return at_limit, (
-        f"the force stays at {limit:.4g} N while the crosshead moves on by {moved * 1e6:.2g} µm: "
-        "the load cell is at the end of its range"
-    )
+    if moved * per_travel > 5.0 * (step + difference_sigma(force[:first], 2)):
+        raise InputError(
+            f"the force stays at {limit:.4g} N while the crosshead moves on by {moved * 1e6:.2g} "
+            "µm: the load cell is at the end of its range; press less, or use a larger cell"
+        )
 
 
-def _free_samples(travel: Array, force: Array, noise: float) -> tuple[Array, Array]:
-    """Return the forces before contact and after the last release [N]; empty if not recorded."""
-    none = np.zeros(0)
+def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]:
+    """Return the zero of the load cell, its standard error [N] and the first sample in contact."""
+    level, top = _start_level(force), float(np.max(force))
     # use only the first loading: before a later one the belt has been touched
-    level = _start_level(force)
-    rising = force[: int(np.argmax(force - level >= 0.5 * (np.max(force) - level))) + 1]
-    limit = level + max(6.0 * noise, 5e-3 * (float(np.max(force)) - level))
-    below = np.flatnonzero(rising < limit)
+    rising = force[: int(np.argmax(force - level >= 0.5 * (top - level))) + 1]
+    below = np.flatnonzero(rising < level + max(6.0 * noise, 5e-3 * (top - level)))
     end = int(below[-1]) + 1 if below.size else 0
     moved = float(np.max(travel[:end]) - travel[0]) if end else 0.0
-    if end < FEWEST_FREE or moved < 0.01 * spread(travel):
-        return none, none
     free = slice(0, max(3 * end // 4, 3))
-    # if the test begins in contact, the force rises here almost as fast as afterwards
-    progress = np.maximum.accumulate(travel[: rising.size])
-    stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
-    if stop - end >= 2:
-        next_part = slice(end - 1, stop + 1)
-        slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in (free, next_part)]
-        if slopes[0] > 0.3 * slopes[1]:
-            return none, none
-    pressed = np.flatnonzero(travel > np.max(travel[free]))
-    # skip the second half of the stretch, which may already touch
-    return force[: end // 2], force[int(pressed[-1]) + 1 :]
-
-
-def _zero_and_drift(before: Array, after: Array) -> tuple[float, float]:
-    """Return the load cell zero and its drift [N], from the forces before and after contact.
-
-    The zero is 0 if it is within four standard errors of zero. Only the first half of the forces is
-    used if the second half differs, because the cell drifts or the belt is touched.
-    """
-    half = before.size // 2
-    zero = robust_mean_with_se(before[:half] if _shift(before[:half], before[half:]) else before)
-    is_seen = min(before.size, after.size) >= FEWEST_FREE // 2
-    drift = _shift(before, after) if is_seen else 0.0
-    return zero.mean if abs(zero.mean) > 4.0 * zero.se else 0.0, drift
-
-
-def _shift(first: Array, last: Array) -> float:
-    """Return the change of the mean; 0 if it is within four standard errors."""
-    level, other = robust_mean_with_se(first), robust_mean_with_se(last)
-    shift = other.mean - level.mean
-    rounding = 1e-12 * abs(level.mean)
-    return 0.0 if abs(shift) <= 4.0 * float(np.hypot(level.se, other.se)) + rounding else shift
+    in_contact = end < FEWEST_FREE or moved < 0.01 * spread(travel)
+    if not in_contact:  # unless the force rises here almost as fast as afterwards
+        progress = np.maximum.accumulate(travel[: rising.size])
+        stop = min(int(np.searchsorted(progress, travel[0] + 2.0 * moved)), rising.size - 1)
+        if stop - end >= 2:
+            parts = free, slice(end - 1, stop + 1)
+            slopes = [np.polyfit(travel[s] - travel[0], force[s], 1)[0] for s in parts]
+            in_contact = slopes[0] > 0.3 * slopes[1]
+    if in_contact:
+        raise InputError(
+            f"begins in contact: {end} samples before the force rises, must be at least "
+            f"{FEWEST_FREE} over 1 % of the travel, or the zero of the load cell is not known: "
+            "lift the plate off the belt before the test"
+        )
+    zero = robust_mean_with_se(force[: end // 2])  # the second half may already touch
+    return zero.mean, zero.se if math.isfinite(zero.se) else noise, end
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:

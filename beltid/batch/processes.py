@@ -1,0 +1,140 @@
+"""A process per belt: its notes are heard here; if it is killed, its belt is tried once more."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from logging.handlers import QueueHandler
+from multiprocessing import resource_tracker
+from typing import Any, Final
+
+from beltid.batch.belts import Belt
+from beltid.errors import BeltidError
+from beltid.notes import log, python_warnings
+
+SPAWN: Final = multiprocessing.get_context("spawn")
+"""Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
+LAST_NOTES_S: Final = 5.0
+"""Longest time that is waited for the last notes of processes that ended."""
+Work = Callable[..., Belt]
+"""A module-level function."""
+
+
+def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
+    """Yield what becomes of belts as they end, each in a process.
+
+    If a process is killed, the belts that have not ended are tried once more, each in a process of
+    its own: what they had finished is up to date, and the belt to blame is known.
+
+    Parameters
+    ----------
+    work : callable
+        A module-level function that runs a belt.
+    calls : mapping of str to tuple
+        Name of a belt -> the arguments.
+    jobs : int
+        Number of processes at the same time.
+    """
+    left = dict(calls)
+    try:
+        for belt in _ended(work, calls, jobs):
+            del left[belt.name]
+            yield belt
+    except BrokenProcessPool:
+        log.warning("a process was killed (out of memory?), once more: %s", ", ".join(left))
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(partial(_alone, work), left.items())
+
+
+def _alone(work: Work, call: tuple[str, tuple[Any, ...]]) -> Belt:
+    try:
+        (belt,) = _ended(work, dict([call]), 1)
+    except BrokenProcessPool:
+        text = "was killed twice (out of memory?); run again, with fewer --jobs"
+        belt = Belt(call[0])
+        belt.failed("process", BeltidError(text))
+        log.error("%s: its process %s", belt.name, text)
+    return belt
+
+
+def _ended(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
+    with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
+        with _signals_blocked():
+            ends = [pool.submit(_with_warnings, work, call) for call in calls.values()]
+        for end in as_completed(ends):
+            yield end.result()
+
+
+def _with_warnings(work: Work, call: tuple[Any, ...]) -> Belt:
+    with python_warnings():
+        return work(*call)
+
+
+def _begin(notes: Any) -> None:
+    """Initialize a process: it leaves Ctrl-C to its parent, and ends with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    log.setLevel(logging.DEBUG)
+    log.addHandler(QueueHandler(notes))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+@contextlib.contextmanager
+def _heard() -> Iterator[Any]:
+    """Open a queue whose notes are logged here."""
+    with _signals_blocked(), _quiet():
+        resource_tracker.ensure_running()
+    notes = SPAWN.Queue()
+    notes.cancel_join_thread()
+
+    def listen() -> None:
+        while (record := notes.get()) is not None:
+            log.handle(record)
+
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    try:
+        yield notes
+    finally:
+        notes.put(None)
+        listener.join(LAST_NOTES_S)  # a process that was killed may have left half a note
+
+
+@contextlib.contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Shield the processes started inside from Ctrl-C and hang-up: the parent ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the process that cleans up after a parent that was killed: it is as it should be."""
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = "ignore"
+    try:
+        yield
+    finally:
+        os.environ.pop("PYTHONWARNINGS")
+        if before is not None:
+            os.environ["PYTHONWARNINGS"] = before

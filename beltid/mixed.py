@@ -1,0 +1,531 @@
+"""Estimate with a linear mixed model: wanted parameters, random effects of unknown size, noise.
+
+One or several groups r of data (the runs of a bench; all data of a campaign as one group) follow
+
+    y_r = l_r o_r + X_r h(q) + sum_e s_e Z_er u_er,     u_er ~ N(0, 1),     q ~ prior           (M1)
+
+with a free level l_r of each group, coefficients h that all groups share, and effects (and noise)
+of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_er, K_er = Z_er Z_er'.
+
+=================== ==============================================================================
+:class:`Shared`     columns X with a prior of their coefficients: flat, Gaussian, smooth, of unknown
+                    size, or positive (h = exp q, Laplace's approximation)
+:class:`Own`        columns Z, or a covariance K, of every group by itself; noise is one of them
+:class:`Size`       log-normal prior of a standard deviation s; of no width: a known one
+:class:`Mixed`      data and terms; its `fit` finds the sizes, its `at` takes them as given
+:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence, budget
+:func:`relinearised` the same where the data depend on the coefficients in a nonlinear way
+=================== ==============================================================================
+
+The sizes maximise the restricted likelihood (REML) times their priors, by L-BFGS: with the residual
+e = y - X h, the projection P that takes out the levels, and the covariance C of the coefficients,
+
+    d log L / d ln s_e = s_e² sum_r tr[K_er (P e e' P + P X C X' P - P)]                        (M2)
+
+(Fisher's identity). A size that too few columns show is averaged over a few values (`choices`).
+
+A straight line through groups with offsets of their own, and white noise of unknown size::
+
+    noise = Own("noise", Size(0.1, 3.0), diagonal=ones)
+    model = Mixed(y, [Shared("slope", x)], [noise], level=ones)
+    posterior = model.fit()
+    slope, variance = posterior.mean[0], posterior.covariance[0, 0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from beltid.errors import NumericsError
+
+Array = NDArray[np.float64]
+NEWTON, SETTLED, SHRINK = 60, 1e-8, 0.9
+"""Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
+STILL = 0.02
+"""Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Log-normal prior of a standard deviation, in the unit of its effect.
+
+    Attributes
+    ----------
+    median : float
+        Median, > 0.
+    width : float
+        Standard deviation of the logarithm; 0 if the size is known.
+    largest : float
+        Upper limit.
+    """
+
+    median: float
+    width: float = 0.0
+    largest: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Columns whose coefficients all groups share.
+
+    Attributes
+    ----------
+    name : str
+        Name of the term.
+    columns : ndarray, shape (R, m, k) or (n, k)
+        Change of the data by each coefficient.
+    size : Size, optional
+        Standard deviation s of the coefficients, independent unless `precision` is given.
+    precision : ndarray, shape (k, k), optional
+        Inverse covariance of the coefficients over s²; it may be singular (a measure of roughness).
+        Without size and precision the prior is flat.
+    mean : float or ndarray, shape (k,)
+        Mean of the prior.
+    positive : bool
+        Whether h = exp(q): prior and `mean` are then those of the logarithm.
+    choices : sequence of (float, float)
+        Values of s with their probabilities, in place of `size`.
+    """
+
+    name: str
+    columns: Array
+    size: Size | None = None
+    precision: Array | None = None
+    mean: float | Array = 0.0
+    positive: bool = False
+    choices: Sequence[tuple[float, float]] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """An effect, or noise, of every group by itself. Give one of the three shapes.
+
+    Attributes
+    ----------
+    name : str
+        Name of the term.
+    size : Size
+        Its standard deviation s.
+    columns : ndarray, shape (R, m, k) or (n, k), optional
+        Z: the covariance is s² Z Z'.
+    diagonal : ndarray, shape (R, m) or (n,), optional
+        Standard deviations of independent noise over s.
+    covariance : ndarray, shape (R, m, m) or (n, n), optional
+        Covariance over s².
+    """
+
+    name: str
+    size: Size
+    columns: Array | None = None
+    diagonal: Array | None = None
+    covariance: Array | None = None
+
+    def per_unit(self, groups: int, rows: int) -> Array:
+        """Return the covariance at s = 1, shape (R, m, m)."""
+        if self.columns is not None:
+            Z = np.reshape(self.columns, (groups, rows, -1))
+            return np.asarray(Z @ Z.transpose(0, 2, 1))
+        if self.diagonal is not None:
+            variance = np.square(np.reshape(self.diagonal, (groups, rows, 1)))
+            return np.asarray(variance * np.eye(rows))
+        return np.asarray(self.covariance, dtype=float).reshape(groups, rows, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What the data tell, given the sizes. k counts the shared coefficients in order of the terms.
+
+    Attributes
+    ----------
+    sizes : dict of str to float
+        Standard deviation s of every term that has one.
+    mean, covariance : ndarray, shape (k,), (k, k)
+        Coefficients h.
+    log_evidence : float
+        Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
+        coefficients and levels.
+    level, level_variance : ndarray, shape (R,)
+        Levels of the groups at the mean of the coefficients; variance by what is their own.
+    level_shift : ndarray, shape (R, k)
+        Change of the levels by errors of the coefficients.
+    residual : ndarray, shape (R, m)
+        Data without the shared columns; the levels are still in it.
+    misfit : ndarray, shape (R,)
+        e' P e of every group: a chi-square, given the sizes.
+    converged : bool
+        Whether the sizes are those of the largest posterior density.
+    """
+
+    sizes: dict[str, float]
+    mean: Array
+    covariance: Array
+    log_evidence: float
+    level: Array
+    level_variance: Array
+    level_shift: Array
+    residual: Array
+    misfit: Array
+    model: Mixed
+    prior: Array
+    PX: Array
+    converged: bool = True
+
+    def of(self, name: str) -> tuple[Array, Array]:
+        """Return mean and covariance of the coefficients of a term."""
+        place = self.model.places[name]
+        return self.mean[place], self.covariance[place, place]
+
+    @property
+    def factor(self) -> Array:
+        """Columns F with C = F F', of one sign for all coefficients: errors they share, (k, k)."""
+        return root(self.covariance)
+
+    @property
+    def level_columns(self) -> Array:
+        """Errors of one standard deviation, with their signs, that the levels share, (R, k)."""
+        return -self.level_shift @ self.factor
+
+    def error_by(self, name: str) -> Array:
+        """Return the part of the covariance that a term causes, (k, k); the parts sum up to C."""
+        C, model = self.covariance, self.model
+        if name in model.places:
+            place = model.places[name]
+            return np.asarray(C[:, place] @ self.prior[place, place] @ C[place])
+        K = model.scale[:, None, None] * model.parts[[t.name for t in model.own].index(name)]
+        inner = np.sum(self.PX.transpose(0, 2, 1) @ K @ self.PX, axis=0)
+        return np.asarray(self.sizes[name] ** 2 * C @ inner @ C)
+
+
+def root(C: Array) -> Array:
+    """Return a factor F of a covariance, C = F F', which may be singular, shape (k, k)."""
+    scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
+    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+class Mixed:
+    """Data and terms of the model (M1).
+
+    Parameters
+    ----------
+    y : array_like, shape (R, m) or (n,)
+        Data of R groups, or of one. Shorter groups are padded with rows that are zero everywhere.
+    shared : sequence of Shared
+        Columns that the groups share.
+    own : sequence of Own
+        Effects and noise of every group.
+    level : array_like, shape (R, m) or (n,), optional
+        Column of the free level of every group, zero for groups without; no levels if not given.
+    scale : array_like, shape (R,), optional
+        Factor of the covariance of every group.
+    """
+
+    def __init__(
+        self,
+        y: ArrayLike,
+        shared: Sequence[Shared],
+        own: Sequence[Own],
+        level: ArrayLike | None = None,
+        scale: ArrayLike = 1.0,
+    ) -> None:
+        self.y = np.atleast_2d(np.asarray(y, dtype=float))
+        R, m = self.y.shape
+        self.shared, self.own = tuple(shared), tuple(own)
+        columns = [np.reshape(term.columns, (R, m, -1)) for term in self.shared]
+        self.X = np.concatenate([np.zeros((R, m, 0)), *columns], axis=2)
+        ends = np.cumsum([0, *(c.shape[2] for c in columns)])
+        self.places = {t.name: slice(a, b) for t, a, b in zip(shared, ends, ends[1:], strict=False)}
+        self.one: Array | None = (
+            None if level is None else np.asarray(level, dtype=float).reshape(R, m)
+        )
+        self.scale = np.broadcast_to(np.asarray(scale, dtype=float), (R,))
+        self.parts = np.array([term.per_unit(R, m) for term in self.own])
+        # a row without any variance is padding: it gets a variance of its own and tells nothing
+        empty = ~np.any(np.einsum("krii->kri", self.parts), axis=0)
+        self.padding = empty[..., None] * np.eye(m)
+        self.m0, self.positive = np.zeros(ends[-1]), np.zeros(ends[-1], dtype=bool)
+        self.units: list[tuple[Shared, Array, int, float]] = []
+        for term in self.shared:
+            place = self.places[term.name]
+            self.m0[place], self.positive[place] = term.mean, term.positive
+            flat = term.size is None and term.precision is None and not term.choices
+            k = place.stop - place.start
+            unit = np.zeros((k, k)) if flat else np.eye(k)
+            unit = unit if term.precision is None else term.precision
+            values = np.linalg.eigvalsh(unit)
+            values = values[values > 1e-10 * values.max(initial=0.0)]
+            self.units.append((term, unit, values.size, 0.5 * float(np.sum(np.log(values)))))
+        self.sized = [entry for entry in self.units if entry[0].size is not None]
+        sized = [(t.name, t.size) for t in self.shared if t.size is not None]
+        sized += [(t.name, t.size) for t in self.own]
+        self.names = [name for name, _ in sized]
+        self.mid = np.log([size.median for _, size in sized])
+        width = np.array([size.width for _, size in sized])
+        self.tightness = np.divide(1.0, width, out=np.zeros(width.size), where=width > 0.0)
+        self.top = np.log([size.largest for _, size in sized])
+        self.q = np.where(self.positive, self.m0, 0.0)[None]  # modes found last
+
+    def without_first(self) -> Mixed:
+        """Return the model without its first shared term: its coefficients are zero."""
+        return Mixed(self.y, self.shared[1:], self.own, self.one, self.scale)
+
+    def fit(
+        self, start: Mapping[str, float] | None = None, steps: int = 200, tolerance: float = 1e-9
+    ) -> Posterior:
+        """Find the sizes and return the posterior.
+
+        Parameters
+        ----------
+        start : mapping of str to float, optional
+            Sizes to begin with; the medians of the priors for those not given.
+        steps : int
+            Most iterations of L-BFGS.
+        tolerance : float
+            Relative change of the log posterior at which they end.
+
+        Raises
+        ------
+        NumericsError
+            If the data do not determine a flat coefficient.
+        """
+        theta = np.minimum(self.mid, self.top)
+        for name, size in (start or {}).items():
+            theta[self.names.index(name)] = np.log(size)
+        free = self.tightness > 0.0
+        if not free.any():
+            return self.at({})
+
+        def cost(x: Array) -> tuple[float, Array]:
+            theta[free] = x
+            posterior, slope = self._evaluate(theta)
+            return -posterior.log_evidence, -slope[free]
+
+        options = {"maxiter": steps, "ftol": tolerance, "gtol": 1e-6}
+        bounds = [(None, top) for top in self.top[free]]
+        found = minimize(
+            cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        )
+        theta[free] = found.x
+        posterior, slope = self._evaluate(theta)
+        held = (found.x >= self.top[free]) & (slope[free] > 0.0)
+        return replace(posterior, converged=bool(np.all(held | (np.abs(slope[free]) < STILL))))
+
+    def at(self, sizes: Mapping[str, float]) -> Posterior:
+        """Return the posterior for given sizes; the medians of the priors for those not given."""
+        theta = self.mid.copy()
+        for name, size in sizes.items():
+            theta[self.names.index(name)] = np.log(size)
+        return self._evaluate(theta)[0]
+
+    def _evaluate(self, theta: Array) -> tuple[Posterior, Array]:
+        """Return the posterior, and the slope of its log evidence over ln s."""
+        n_shared = theta.size - len(self.own)
+        variances, scale = np.exp(2.0 * theta[n_shared:]), self.scale
+        V = self.padding + np.tensordot(variances, self.parts, axes=1)
+        P, log_det = np.linalg.inv(V), np.linalg.slogdet(V)[1]
+        freedom = V.shape[1] - np.einsum("rii->r", self.padding)
+        weights, precision = np.zeros(self.y.shape), np.ones(len(V))
+        if self.one is not None:
+            weights = np.einsum("rij,rj->ri", P, self.one)
+            precision = np.sum(self.one * weights, axis=1)
+            has_level = precision > 0.0
+            precision = np.where(has_level, precision, 1.0)
+            P = P - weights[:, :, None] * (weights / precision[:, None])[:, None, :]
+            log_det, freedom = log_det + np.log(precision), freedom - has_level
+        PX = (P / scale[:, None, None]) @ self.X
+        M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
+        squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
+        mean, C, moment, prior, log_z = self._coefficients(
+            M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
+        )
+        residual = self.y - self.X @ mean
+        E = np.concatenate([residual[..., None], self.X @ root(C)], axis=2)
+        PE = P @ E / np.sqrt(scale)[:, None, None]
+        away = self.tightness * (theta - self.mid)
+        slope = -self.tightness * away
+        slope[n_shared:] += variances * np.tensordot(
+            self.parts, PE @ PE.transpose(0, 2, 1) - P, axes=3
+        )
+        for i, (term, unit, rank, _) in enumerate(self.sized):
+            place = self.places[term.name]
+            slope[i] += np.sum(unit * moment[place, place]) * np.exp(-2.0 * theta[i]) - rank
+        log_likelihood = -0.5 * float(np.sum(squares + log_det + freedom * np.log(scale)))
+        posterior = Posterior(
+            sizes=dict(zip(self.names, np.exp(theta).tolist(), strict=True)),
+            mean=mean,
+            covariance=C,
+            log_evidence=log_z + log_likelihood - 0.5 * float(away @ away),
+            level=np.einsum("ri,ri->r", weights, residual) / precision,
+            level_variance=scale / precision,
+            level_shift=np.einsum("ri,rik->rk", weights, self.X) / precision[:, None],
+            residual=residual,
+            misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
+            model=self,
+            prior=prior,
+            PX=PX,
+        )
+        return posterior, slope
+
+    def _coefficients(
+        self, M: Array, b: Array, theta: Array
+    ) -> tuple[Array, Array, Array, Array, float]:
+        """Average over the choices: mean and covariance of h, moment of q, prior, log evidence."""
+        known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
+        options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
+        log_p, priors = [], []
+        for chosen in product(*options):
+            Q, log_prior = np.zeros_like(M), 0.0
+            for (term, unit, rank, half_log_det), (s, chance) in zip(
+                self.units, chosen, strict=True
+            ):
+                place = self.places[term.name]
+                Q[place, place] = unit / s**2
+                log_prior += np.log(chance) + half_log_det - rank * np.log(s)
+            log_p.append(log_prior)
+            priors.append(Q)
+        means, covariances, moments, log_z = self._laplace(M, b, np.array(priors))
+        log_z = log_z + log_p
+        total = float(np.logaddexp.reduce(log_z))
+        w = np.exp(log_z - total)
+        mean = w @ means
+        away = means - mean
+        C = np.tensordot(w, covariances, 1) + away.T @ (w[:, None] * away)
+        return mean, C, np.tensordot(w, moments, 1), np.tensordot(w, priors, 1), total
+
+    def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
+        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.
+
+        Returns h, its covariance, the second moment of q about its mean, and the log evidence.
+        """
+        positive = self.positive
+        q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
+        value, h = self._cost(q, M, b, Q)
+        for _ in range(NEWTON):
+            # along ln(1 + step) of a positive coefficient, h and so the data change linearly
+            D, pull = np.where(positive, h, 1.0), (Q @ (q - self.m0)[..., None])[..., 0]
+            H, slope = D[:, :, None] * M * D[:, None, :] + Q, D * (h @ M - b) + pull
+            if not positive.any():
+                q = q - _solve(H, slope[..., None])[..., 0]
+                value, h = self._cost(q, M, b, Q)
+                break
+            try:
+                step = -_solve(H - _diagonal(positive * pull), slope[..., None])[..., 0]
+            except NumericsError:  # not convex here
+                convex = H + _diagonal(positive * np.maximum(-pull, 0.0))
+                step = -_solve(convex, slope[..., None])[..., 0]
+            fall = -step[:, positive].min(axis=1, initial=0.0)
+            part = np.minimum(1.0, SHRINK / np.maximum(fall, 1e-12))
+            while True:
+                log_step = np.log1p(part[:, None] * np.where(positive, step, 0.0))
+                trial = q + np.where(positive, log_step, part[:, None] * step)
+                new, h = self._cost(trial, M, b, Q)
+                worse = (new > value) & (part > 1e-9)
+                if not worse.any():
+                    break
+                part = np.where(worse, 0.5 * part, part)
+            decrease, q, value = value - new, trial, new
+            if np.all(decrease < SETTLED * np.maximum(1.0, np.abs(value) * 1e-3)):
+                break
+        else:
+            raise NumericsError(f"mixed model: no mode found in {NEWTON} steps")
+        self.q = q
+        D, away = np.where(positive, h, 1.0), q - self.m0
+        H = D[:, :, None] * M * D[:, None, :] + Q
+        inverse = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
+        moment = inverse + away[:, :, None] * away[:, None, :]
+        log_z = -value - 0.5 * np.linalg.slogdet(H)[1]
+        return h, D[:, :, None] * inverse * D[:, None, :], moment, log_z
+
+    def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array]:
+        """Return minus the log density of q (K, k), and h(q)."""
+        h, away = np.where(self.positive, np.exp(np.where(self.positive, q, 0.0)), q), q - self.m0
+        prior = np.einsum("ki,kij,kj->k", away, Q, away)
+        return 0.5 * np.sum(h * (h @ M), axis=1) - h @ b + 0.5 * prior, h
+
+
+def _diagonal(x: Array) -> Array:
+    """Return diagonal matrices (K, k, k) of the rows of x (K, k)."""
+    return np.asarray(x[:, :, None] * np.eye(x.shape[1]))
+
+
+def _solve(H: Array, B: Array) -> Array:
+    """Solve with positive definite matrices of any units, (K, k, k) and (K, k, n)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("kii->ki", H), 1e-300))[..., None]
+    scaled = H * scale * scale.swapaxes(1, 2)
+    try:
+        np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        raise NumericsError("mixed model: the data do not determine a flat coefficient") from None
+    return np.asarray(scale * np.linalg.solve(scaled, scale * B))
+
+
+def relinearised(
+    build: Callable[[Array], Mixed], p: ArrayLike, steps: int = 50, sweeps: int = 10
+) -> tuple[Array, Posterior]:
+    """Fit data that depend on p in a nonlinear way: y = f(p) + effects + noise.
+
+    Gauss–Newton's steps at given sizes and the sizes at a given p take turns; a step is halved
+    until the likelihood grows.
+
+    Parameters
+    ----------
+    build : callable
+        Maps p to a model of the data less f(p). Its first shared term holds the derivative of f;
+        if p has a prior, that of this term is about prior mean - p. Effects may depend on p.
+    p : array_like
+        First guess.
+    steps, sweeps : int
+        Most steps at given sizes, and most turns.
+
+    Returns
+    -------
+    p : ndarray
+        The mode.
+    posterior : Posterior
+        Of the model there; the covariance of its first term is that of p.
+
+    Raises
+    ------
+    NumericsError
+        If p or the sizes do not settle.
+    """
+    p = np.asarray(p, dtype=float)
+    sizes: dict[str, float] = {}
+    for _ in range(sweeps):
+        p = _step_to_mode(build, p, sizes, steps)
+        before, posterior = sizes, build(p).fit(start=sizes)
+        sizes = posterior.sizes
+        place = slice(0, p.size)
+        sd = np.sqrt(np.diag(posterior.covariance)[place])
+        if before and np.all(np.abs(posterior.mean[place]) <= 0.02 * sd):
+            return p, posterior
+    raise NumericsError(f"mixed model: the sizes of the effects do not settle in {sweeps} turns")
+
+
+def _step_to_mode(
+    build: Callable[[Array], Mixed], p: Array, sizes: Mapping[str, float], steps: int
+) -> Array:
+    """Take steps of Gauss–Newton at given sizes."""
+    model = build(p)
+    value = model.without_first().at(sizes).log_evidence
+    for _ in range(steps):
+        posterior = model.at(sizes)
+        step, sd = posterior.mean[: p.size], np.sqrt(np.diag(posterior.covariance)[: p.size])
+        if np.all(np.abs(step) <= 1e-3 * sd):
+            return p
+        for _ in range(30):
+            model = build(p + step)
+            new = model.without_first().at(sizes).log_evidence
+            if new >= value:
+                break
+            step = 0.5 * step
+        else:
+            return p
+        p, value = p + step, new
+    raise NumericsError(f"mixed model: no mode found in {steps} steps of Gauss–Newton")

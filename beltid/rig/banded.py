@@ -1,0 +1,90 @@
+"""Solve banded linear systems in compiled code: LU with partial pivoting, row by row.
+
+The tangent of the belt couples a node to its two neighbours only, so with ``HALF`` off-diagonals
+the factorisation costs O(n) for n coordinates. Row i of the storage holds the columns
+``i - HALF ... i + 2 HALF``; the last ``HALF`` take the fill-in of row exchanges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.rig.compiler import kernel
+
+Array = NDArray[np.float64]
+
+HALF = 7  # two nodes of four coordinates: |i - j| <= 7
+WIDTH = 3 * HALF + 1
+
+
+@kernel
+def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
+    """Factorize a banded matrix in place.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, WIDTH)
+        Rows of the matrix; overwritten by L (left of the diagonal) and U.
+    pivots : ndarray of int, shape (n,)
+        Row exchanged with row k in step k (output).
+
+    Returns
+    -------
+    bool
+        False if a pivot vanished: the matrix is singular to working precision.
+    """
+    n = A.shape[0]
+    right = 0  # last column reached by the rows exchanged so far
+    for k in range(n):
+        last = min(k + HALF, n - 1)
+        p = k
+        largest = abs(A[k, HALF])
+        for i in range(k + 1, last + 1):
+            size = abs(A[i, HALF + k - i])
+            if size > largest:
+                largest, p = size, i
+        pivots[k] = p
+        if not largest > 0.0:
+            return False
+        right = max(right, min(p + HALF, n - 1))
+        if p != k:
+            for j in range(k, right + 1):
+                kept = A[k, HALF + j - k]
+                A[k, HALF + j - k] = A[p, HALF + j - p]
+                A[p, HALF + j - p] = kept
+        inverse = 1.0 / A[k, HALF]
+        filled = right - k > HALF
+        for i in range(k + 1, last + 1):
+            at = HALF + k - i
+            factor = A[i, at] * inverse
+            A[i, at] = factor
+            if factor == 0.0:
+                continue
+            # loops of fixed length are fast; the storage holds zeros beyond the last column
+            if filled:
+                for j in range(1, 2 * HALF + 1):
+                    A[i, at + j] -= factor * A[k, HALF + j]
+            else:
+                for j in range(1, HALF + 1):
+                    A[i, at + j] -= factor * A[k, HALF + j]
+    return True
+
+
+@kernel
+def solve(A: Array, pivots: NDArray[np.int64], b: Array) -> None:
+    """Solve with the factors of :func:`factorize`; ``b`` (n,) is overwritten by the solution."""
+    n = A.shape[0]
+    for k in range(n):
+        p = pivots[k]
+        if p != k:
+            b[k], b[p] = b[p], b[k]
+        bk = b[k]
+        if bk != 0.0:
+            for i in range(k + 1, min(k + HALF, n - 1) + 1):
+                b[i] -= A[i, HALF + k - i] * bk
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for j in range(k + 1, min(k + 2 * HALF, n - 1) + 1):
+            total -= A[k, HALF + j - k] * b[j]
+        b[k] = total / A[k, HALF]

@@ -1,0 +1,142 @@
+"""The belt: internal and inertia forces of a planar ANCF cable element, Eqs. (9) and (10).
+
+Coordinates are ordered node by node: position r and gradient r' = dr/ds over the path coordinate s.
+A section has the axial strain ``eps = |r'|/stretch - 1`` and the curvature ``kappa = (r' x r'') /
+(|r'|**2 stretch)`` per stress-free length, which is ``stretch`` times the path coordinate.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws import kelvin_voigt
+from beltid.params import Belt
+from beltid.rig.banded import HALF
+from beltid.rig.compiler import kernel
+from beltid.rig.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+section_force = kernel(kelvin_voigt.section_force)
+
+
+class Section(NamedTuple):
+    """What a section resists, for compiled code; see :class:`beltid.params.Belt`.
+
+    ``momentum`` is the flux ``m v0**2`` [N] of a belt that flows through its shape, else 0.
+    """
+
+    EA: float
+    EI: float
+    rhoA: float
+    damping_time: float
+    momentum: float
+
+    @classmethod
+    def of(cls, belt: Belt, v0: float = 0.0) -> Section:
+        """Return the section of a belt of which ``v0`` [m/s] stress-free metres pass a second."""
+        values = (belt.EA, belt.EI, belt.rhoA, belt.damping_time, belt.rhoA * v0**2)
+        return cls(*map(float, values))
+
+
+@kernel
+def add_belt(
+    mesh: Mesh,
+    section: Section,
+    q: Array,
+    stretch: float,
+    old: Array,
+    strains: Array,
+    rate: float,
+    A: Array,
+    r: Array,
+    r_s: Array,
+) -> None:
+    """Add the internal forces of the belt, their tangent and their derivative in the stretch.
+
+    Parameters
+    ----------
+    mesh, section : Mesh, Section
+        The belt.
+    q : ndarray, shape (n,)
+        Nodal coordinates.
+    stretch : float
+        Stress-free length over path length [-].
+    old, strains : ndarray, shape (n_e, n_g, 2)
+        Axial strain and curvature at the last step, and now (output).
+    rate : float
+        1/dt [1/s]; 0 in statics.
+    A : ndarray, shape (n, WIDTH)
+        Banded tangent (added to).
+    r, r_s : ndarray, shape (n,)
+        Internal minus external forces [N], and their derivative in the stretch (added to).
+    """
+    tau = section.damping_time * rate  # time in units of the step
+    # strain and strain increment grow together within a step: the law at 1 for both is its slope
+    EA = (section_force(section.EA, 1.0, 1.0, tau) - section.momentum) / stretch
+    EI = section_force(section.EI, 1.0, 1.0, tau) / stretch
+    a, e, k = np.zeros(2), np.zeros(4), np.zeros(4)
+    H, G = np.zeros((4, 4)), np.zeros((4, 8))
+    for el in range(mesh.h.size):
+        for g in range(mesh.w_g.shape[1]):
+            D, DD = mesh.D[el, g], mesh.DD[el, g]
+            ax = ay = bx = by = 0.0  # r' and r''
+            for j in range(4):
+                x, y = q[4 * el + 2 * j], q[4 * el + 2 * j + 1]
+                ax, ay, bx, by = ax + D[j] * x, ay + D[j] * y, bx + DD[j] * x, by + DD[j] * y
+            p2 = ax * ax + ay * ay
+            p = math.sqrt(p2)
+            curl = (ax * by - ay * bx) / p2
+            eps, kappa = p / stretch - 1.0, curl / stretch
+            strains[el, g, 0], strains[el, g, 1] = eps, kappa
+            N = section_force(section.EA, eps, eps - old[el, g, 0], tau)
+            N -= section.momentum * (1.0 + eps)
+            M = section_force(section.EI, kappa, kappa - old[el, g, 1], tau)
+            # gradients of |r'| and of (r' x r'')/|r'|**2 in (r', r'')
+            a[0], a[1], e[0], e[1] = ax, ay, ax / p, ay / p
+            k[0], k[1] = (by - 2 * curl * ax) / p2, (-bx - 2 * curl * ay) / p2
+            k[2], k[3] = -ay / p2, ax / p2
+            for i in range(4):  # material part of the tangent, then the geometric one
+                for j in range(4):
+                    H[i, j] = EA * e[i] * e[j] + EI * k[i] * k[j]
+            for i in range(2):
+                for j in range(2):
+                    unit = 1.0 if i == j else 0.0
+                    H[i, j] += N / p * (unit - e[i] * e[j])
+                    H[i, j] -= 2 * M / p2 * (curl * unit + a[i] * k[j] + k[i] * a[j])
+                    mixed = M / p2 * (j - i - 2 * a[i] * k[2 + j])
+                    H[i, 2 + j] += mixed
+                    H[2 + j, i] += mixed
+            for i in range(4):  # from (r', r'') to the coordinates of the element
+                for m in range(4):
+                    G[i, 2 * m] = H[i, 0] * D[m] + H[i, 2] * DD[m]
+                    G[i, 2 * m + 1] = H[i, 1] * D[m] + H[i, 3] * DD[m]
+            for j in range(4):
+                d, dd = mesh.w_g[el, g] * D[j], mesh.w_g[el, g] * DD[j]
+                for i in range(2):
+                    row = 4 * el + 2 * j + i
+                    by_kappa = d * k[i] + dd * k[2 + i]
+                    r[row] += N * d * e[i] + M * by_kappa
+                    r_s[row] -= (EA * p * d * e[i] + EI * curl * by_kappa) / stretch
+                    at = HALF - 2 * j - i
+                    for c in range(8):
+                        A[row, at + c] += d * G[i, c] + dd * G[2 + i, c]
+
+
+@kernel
+def add_inertia(
+    mesh: Mesh, section: Section, stretch: float, dq: Array, rate: float, A: Array, r: Array
+) -> None:
+    """Add ``M dq / dt**2``, Eq. (10), for the deviation ``dq`` (n,) from uniform motion [m]."""
+    for el in range(mesh.h.size):
+        for j in range(4):
+            for m in range(4):
+                mass = stretch * section.rhoA * mesh.M[el, j, m] * rate * rate
+                for x in range(2):
+                    row = 4 * el + 2 * j + x
+                    A[row, HALF + 2 * (m - j)] += mass
+                    r[row] += mass * dq[4 * el + 2 * m + x]

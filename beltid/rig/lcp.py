@@ -1,0 +1,265 @@
+"""The paper's own friction: a step as a linear complementarity problem, Eqs. (11) and (12).
+
+Coulomb's law is exactly set-valued here: a sticking point does not move at all. The linearised
+step matrix S takes the place of the mass matrix of Eq. (12). With the directions W_T of the
+friction forces the slips of a step are ``slip_free - G F_T``, with the Delassus matrix
+``G = W_T' S^-1 W_T``.
+Five points per element are more constraints than an element has freedoms: G is only positive
+semi-definite, the slips are unique, the split of the stick forces is not (trap (b) of the method).
+Lemke's method copes. It is slower than return mapping, and needs no guess of what sticks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import ConvergenceError
+from beltid.rig.banded import HALF, factorize, solve
+from beltid.rig.contact import CONE_TOLERANCE, Motion
+from beltid.rig.newton import (
+    MOST_HALVINGS,
+    TOLERANCE,
+    Border,
+    State,
+    System,
+    assemble,
+    hold,
+)
+
+Array = NDArray[np.float64]
+
+STILL = 1.0e-12  # of a sticking point in a step, or backward of a sliding one [m]
+MOST_ITERATIONS = 60
+PIVOT_TOLERANCE = 1.0e-11
+
+
+def lemke(M: Array, q: Array) -> tuple[Array, int]:
+    """Solve ``w = M z + q, z >= 0, w >= 0, z.w = 0`` by Lemke's method.
+
+    R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, 2009, Algorithm
+    4.4.5: an artificial variable makes w >= 0; complementary bases are followed until it leaves.
+    The lexicographic ratio test makes every pivot unique, so that degenerate problems do not cycle.
+    For copositive-plus M, as of friction with a positive semi-definite G, a solution is found
+    whenever there is one.
+
+    Parameters
+    ----------
+    M, q : ndarray, shapes (n, n), (n,)
+        The problem.
+
+    Returns
+    -------
+    z : ndarray, shape (n,)
+        The solution.
+    pivots : int
+        Number of pivots.
+
+    Raises
+    ------
+    ConvergenceError
+        If the method ends on a ray: there is no solution.
+    """
+    n = q.size
+    if np.all(q >= 0.0):
+        return np.zeros(n), 0
+    # rows of  w - M z - z_0 = q;  the columns of w carry the inverse of the basis
+    tableau = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
+    basis, artificial = np.arange(n), 2 * n
+    rows, entering = np.arange(n), artificial
+    row = _lexicographic_minimum(tableau, rows, np.ones(n), basis, -1)
+    for pivots in range(1, 50 * (n + 1)):
+        leaving = int(basis[row])
+        tableau[row] /= tableau[row, entering]
+        factors = tableau[:, entering].copy()
+        factors[row] = 0.0
+        tableau -= np.outer(factors, tableau[row])
+        basis[row] = entering
+        if leaving == artificial:
+            z, within = np.zeros(n), basis >= n
+            z[basis[within] - n] = np.maximum(tableau[within, -1], 0.0)
+            return z, pivots
+        entering = leaving + n if leaving < n else leaving - n
+        column = tableau[:, entering]
+        rows = np.flatnonzero(column > PIVOT_TOLERANCE * max(1.0, float(np.abs(column).max())))
+        if rows.size == 0:
+            break
+        row = _lexicographic_minimum(tableau, rows, column[rows], basis, artificial)
+    raise ConvergenceError(
+        f"complementarity problem of {n} unknowns: no solution, the method ended on a ray",
+        iterations=pivots,
+    )
+
+
+def _lexicographic_minimum(
+    tableau: Array,
+    rows: NDArray[np.intp],
+    divisors: Array,
+    basis: NDArray[np.intp],
+    artificial: int,
+) -> int:
+    """Return the row of the least (right-hand side, basis inverse)/divisor; artificial first."""
+    for k in range(-1, basis.size):
+        values = tableau[rows, k] / divisors
+        smallest = values.min()
+        keep = values <= smallest + 1e-12 * max(1.0, abs(smallest))
+        rows, divisors = rows[keep], divisors[keep]
+        leaves = rows[basis[rows] == artificial]
+        if k == -1 and leaves.size:
+            return int(leaves[0])
+        if rows.size == 1:
+            break
+    return int(rows[0])
+
+
+def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Array, int]:
+    """Solve Coulomb friction with given limits as a complementarity problem, Eqs. (11), (12).
+
+    The slips are ``slip = slip_free - G F``; a sticking point has slip 0 and |F| <= limit, a
+    sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
+    upper bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
+
+    Parameters
+    ----------
+    G : ndarray, shape (n, n)
+        Delassus matrix [m/N], positive semi-definite.
+    slip_free : ndarray, shape (n,)
+        Slips without friction forces [m].
+    limits : ndarray, shape (n,)
+        Friction limits mu F_N [N], >= 0.
+
+    Returns
+    -------
+    force, slip : ndarray, shape (n,)
+        Friction forces [N] and slips [m], exactly zero where a point sticks.
+    pivots : int
+        Number of pivots.
+
+    Raises
+    ------
+    ConvergenceError
+        See :func:`lemke`.
+    """
+    n = limits.size
+    # forces over the largest limit, slips over the largest free slip
+    force_scale = float(np.max(limits, initial=0.0)) or 1.0
+    slip_scale = float(np.max(np.abs(slip_free), initial=0.0)) or 1.0
+    G_scaled, c, unit = G * (force_scale / slip_scale), limits / force_scale, np.eye(n)
+    M = np.block([[G_scaled, unit], [-unit, np.zeros((n, n))]])
+    q = np.concatenate([-G_scaled @ c - slip_free / slip_scale, 2.0 * c])
+    z, pivots = lemke(M, q)
+    w = np.maximum(M @ z + q, 0.0)
+    w[z > 0.0] = 0.0
+    force = np.clip(z[:n] * force_scale - limits, -limits, limits)
+    return force, (z[n:] - w[:n]) * slip_scale, pivots
+
+
+def march_by_lemke(
+    system: System, border: Border, s: State, record: NDArray[np.void], begin: int, end: int
+) -> int:
+    """Take steps with friction by Lemke's method; as :func:`beltid.rig.newton.march`."""
+    system = system._replace(pulley=system.pulley._replace(k_t=0.0))  # sticks are no springs here
+    for number in range(begin, end):
+        step, parts, done = record[number], 1, 0
+        while done < parts:
+            motion = Motion(parts / float(step["dt"]), float(step["omega"]), 1.0, 0.0, 0.0)
+            s.q_old[:], moved, last = s.q, float(s.u[1]), s.last.copy()
+            if not _step(system, border, motion, s, step):
+                s.q[:], s.u[1], s.last[:] = s.q_old, moved, last
+                step["halvings"] += 1
+                if step["halvings"] > MOST_HALVINGS:
+                    return number
+                parts, done = 2 * parts, 2 * done
+                continue
+            done += 1
+            s.q_dot[:] = (s.q - s.q_old) * motion.rate
+            s.strains_old[:] = s.strains
+            s.last[:] = s.now
+        step["force"] = s.force
+        touching = s.now["F_N"] > 0.0
+        part = system.mesh.w_c[touching]
+        step["sticking"] = float(part @ s.now["sticks"][touching] / part.sum())
+    return end
+
+
+def _step(system: System, border: Border, motion: Motion, s: State, step: np.void) -> bool:
+    """Solve one step by Newton's method for the smooth forces and an LCP for those of friction."""
+    now, last = s.now, s.last
+    now["sticks"], now["sign"] = last["sticks"], last["sign"]
+    s.q[:] = s.q_old + s.q_dot / motion.rate
+    units = np.tile([1.0, 1.0, system.h_min, system.h_min], s.q.size // 4)
+    for _ in range(MOST_ITERATIONS):
+        assemble(system, motion, s, False)  # a sticking point carries the force of ``last``
+        hold(s, border.moves, False)
+        at = np.nonzero(now["F_N"] > 0.0)
+        slip, force, limit, sticks = (now[key][at] for key in ("slip", "F_T", "limit", "sticks"))
+        missing, by = _missing(border, s)
+        error = max(float(np.max(np.abs(s.r) / units)), abs(missing)) / np.hypot(*s.force[:2])
+        wrong = np.where(sticks, np.abs(slip), -now["sign"][at] * slip)
+        beyond = float(np.max(np.abs(force) / limit, initial=0.0)) - 1.0
+        step["residual"] = error
+        if error <= TOLERANCE and beyond <= CONE_TOLERANCE and max(wrong, default=0.0) <= STILL:
+            step["cone"] = max(step["cone"], beyond)
+            return True
+        step["iterations"] += 1
+        if not factorize(s.A, s.pivots):
+            return False
+        W = _directions(system, s, at)
+        free, moved = _respond(border, s, -s.r, missing, by)
+        responses = [_respond(border, s, w, 0.0, by) for w in W.T]
+        compliance = np.array([response[0] for response in responses]).reshape(W.T.shape).T
+        G = W.T @ compliance
+        try:
+            wanted, slip, pivots = friction_lcp(G, slip - W.T @ free + G @ force, limit)
+        except ConvergenceError:
+            return False
+        step["changes"] += pivots
+        s.q[:] += free + compliance @ (wanted - force)
+        s.u[1] += moved + (wanted - force) @ np.array([response[1] for response in responses])
+        last["F_T"][at], now["sticks"][at] = wanted, slip == 0.0
+        now["sign"][at] = np.where(slip == 0.0, np.sign(wanted), np.sign(slip))
+    return False
+
+
+def _missing(border: Border, s: State) -> tuple[float, Array]:
+    """Return the missing part of a given force [N], and its gradient in the support forces (4,)."""
+    if border.kinds.size == 0:
+        return 0.0, np.zeros(4)
+    along = s.force / np.repeat(np.hypot(s.force[::2], s.force[1::2]), 2)
+    by = np.repeat(border.weights[0], 2) * along
+    return float(border.given[0] - by @ s.force), by
+
+
+def _directions(system: System, s: State, at: tuple[NDArray[np.intp], ...]) -> Array:
+    """Return W_T: what the friction forces of the touching points do, shape (n, m)."""
+    theta, W = s.now["theta"][at], np.zeros((s.q.size, at[0].size))
+    for i, (el, c) in enumerate(zip(*at, strict=True)):
+        W[4 * el : 4 * el + 8 : 2, i] = system.mesh.N[el, c] * np.cos(theta[i])
+        W[4 * el + 1 : 4 * el + 8 : 2, i] = -system.mesh.N[el, c] * np.sin(theta[i])
+    for row in (0, 1, -4, -3):
+        W[row] = 0.0
+    return W
+
+
+def _respond(
+    border: Border, s: State, load: Array, missing: float, by: Array
+) -> tuple[Array, float]:
+    """Return the change of the coordinates (n,) under a load, and that of the movement [m]."""
+    change = load.copy()
+    solve(s.A, s.pivots, change)
+    if border.kinds.size == 0:
+        return change, 0.0
+    movement = -s.columns[1]
+    solve(s.A, s.pivots, movement)
+    held = [0, 1, change.size - 4, change.size - 3]
+    forces = [[_row(s, i, row, x) for i, row in enumerate(held)] for x in (change, movement)]
+    y = (missing - by @ forces[0]) / (by @ (forces[1] + s.kept[1]))
+    change += y * movement
+    change[held] += y * border.moves
+    return change, float(y)
+
+
+def _row(s: State, i: int, row: int, x: Array) -> float:
+    """Return the change of a component of the support forces with ``x`` (n,)."""
+    first, last = max(0, row - HALF), min(x.size, row + HALF + 1)
+    return float(s.rows[i, HALF + first - row : HALF + last - row] @ x[first:last])

@@ -1,0 +1,205 @@
+"""The path of the belt (support A, span, arc, span, support B) and its mesh.
+
+The pulley's centre is the origin. The belt runs over the top from support A (left) to support B
+(right); ``theta`` is the angle from the top, positive towards B. The pulley's surface moves towards
+B, so the span at A is the tight one (trap (d) of the method).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+from beltid.laws.capstan import Spans
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, OperatingPoint, Rig
+
+Array = NDArray[np.float64]
+
+HERMITE = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1.0]])
+GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
+MASS_POINTS, MASS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+WIDEST = 0.15  # largest target angle of an element where the contact begins [rad]
+INSIDE = 0.3  # distance of the finest elements inside the first contact, over the layer
+GROWTH_IN_SPAN = 1.3  # of the element length over the distance, if layer = bending length
+GROWTH_ON_ARC = 0.2
+LONGEST = 1.5  # element length on the arc over the layer, at most
+ELEMENT = 0.3  # length of the default elements over the target length
+FEWEST_ELEMENTS, MOST_ELEMENTS = 10, 1000
+SAMPLES = 400  # of the target lengths over half the path
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Straight span, arc, straight span: radius [m], length of each span [m], angle [rad]."""
+
+    R: float
+    span: float
+    beta: float
+
+    @property
+    def length(self) -> float:
+        """Length from support to support [m]."""
+        return 2.0 * self.span + self.R * self.beta
+
+    def coordinates(self, s: Array) -> Array:
+        """Return position [m] and unit tangent towards B at path coordinates, shape (n, 4)."""
+        from_top = np.asarray(s, dtype=float) - 0.5 * self.length
+        theta = np.clip(from_top / self.R, -0.5 * self.beta, 0.5 * self.beta)
+        t = np.stack([np.cos(theta), -np.sin(theta)], axis=-1)
+        n = np.stack([np.sin(theta), np.cos(theta)], axis=-1)
+        return np.hstack([self.R * n + (from_top - self.R * theta)[:, None] * t, t])
+
+    def stretched(self, other: Path, s: Array) -> Array:
+        """Map path coordinates ``s`` of this path to another one, part by part in proportion."""
+        corners = [[0.0, p.span, p.length - p.span, p.length] for p in (self, other)]
+        return np.asarray(np.interp(s, corners[0], corners[1]))
+
+
+class Mesh(NamedTuple):
+    """Shape functions of the elements for (r_i, r'_i, r_j, r'_j), for compiled code.
+
+    Attributes
+    ----------
+    h : ndarray, shape (n_e,)
+        Lengths of the elements [m].
+    D, DD : ndarray, shape (n_e, n_g, 4)
+        First and second derivatives of the shape functions at the Gauss points.
+    w_g : ndarray, shape (n_e, n_g)
+        Weights of the Gauss points [m].
+    N, N_s : ndarray, shape (n_e, n_c, 4)
+        Shape functions and first derivatives at the contact points, the midpoints of equal parts.
+    w_c : ndarray, shape (n_e, n_c)
+        Lengths of these parts [m].
+    M : ndarray, shape (n_e, 4, 4)
+        Mass matrices for 1 kg/m [m].
+    """
+
+    h: Array
+    D: Array
+    DD: Array
+    w_g: Array
+    N: Array
+    N_s: Array
+    w_c: Array
+    M: Array
+
+
+def mesh_on(nodes: Array, n_c: int) -> Mesh:
+    """Tabulate the shape functions of elements between ``nodes`` (n_e + 1,) [m]."""
+    h = np.diff(nodes)
+    x_g, x_m, x_c = 0.5 + 0.5 * GAUSS, 0.5 + 0.5 * MASS_POINTS, (np.arange(n_c) + 0.5) / n_c
+    N_m = shapes(x_m, h, 0)
+    return Mesh(
+        h=h,
+        D=shapes(x_g, h, 1),
+        DD=shapes(x_g, h, 2),
+        w_g=0.5 * h[:, None] * GAUSS_WEIGHTS,
+        N=shapes(x_c, h, 0),
+        N_s=shapes(x_c, h, 1),
+        w_c=np.repeat(h[:, None], n_c, axis=1) / n_c,
+        M=np.swapaxes(N_m, 1, 2) @ (0.5 * h[:, None, None] * MASS_WEIGHTS[:, None] * N_m),
+    )
+
+
+def shapes(x: Array, h: Array, order: int) -> Array:
+    """Return derivatives of the cubic Hermite functions at local places x, shape (n_e, m, 4)."""
+    values = polynomial.polyval(x, polynomial.polyder(HERMITE, order, axis=1).T).T
+    powers = h[:, None, None] ** (np.array([0, 1, 0, 1]) - order)
+    return np.ascontiguousarray(values * powers)
+
+
+def bending_length(EI: float, T: float) -> float:
+    """Return the length sqrt(EI/T) over which a tightened span straightens [m]."""
+    return math.sqrt(EI / T)
+
+
+def swinging_share(belt: Belt, rig: Rig, point: OperatingPoint) -> float:
+    """Return the share of ln(T_tight/T_slack) lost by a freely swinging weight, first order [-].
+
+    Bending stiffness offsets the belt from the line of the span by EI/(2 R W). A guided end pulls
+    it back, which adds the angle EI/(2 R W L) to the contact arc; the force of a swinging weight
+    stays in line with the belt.
+    """
+    return float(Spans(belt.EI, rig.span).turn(point.T_0, rig.R)) / point.beta
+
+
+def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, float, float]:
+    """Compute where a tightened belt first touches, in closed form: a beam on an elastic bed.
+
+    The gap to the pulley obeys ``EI u'''' - T u'' + k (u + delta_0) = 0`` in contact, with the
+    penetration ``delta_0`` of the pressure T/R and the stiffness k there; in the span the curvature
+    decays as ``exp(d/l)``. Curvature, shear and slope are continuous where u = 0.
+
+    Returns
+    -------
+    offset : float
+        Path coordinate of the first contact, from the tangent point towards the arc [m].
+    layer : float
+        Length over which the pressure grows from zero to its value on the arc [m].
+    slope : float
+        Growth of the penetration over the path at the first contact [-].
+    """
+    EI, R = belt.EI, rig.R
+    delta = float(law.penetration(T / R))
+    k, bend = float(law.stiffness(delta)), bending_length(EI, T)
+    pq = math.sqrt(k / EI)  # exp(-p x), exp(-q x) on the bed: p q and p + q are real
+    p_q = math.sqrt(T / EI + 2.0 * pq)
+    # where u = 0: u'' + (p + q) u' + p q delta_0 = 0 on the bed; kappa' = kappa/bend in the span
+    curvature = 1.0 / (R * bend) + delta * pq * pq / p_q
+    curvature /= p_q - pq / p_q + 1.0 / bend
+    slope = (curvature + delta * pq) / p_q
+    offset = R * ((1.0 / R - curvature) * bend - slope)
+    slow = T * T - 4.0 * EI * k
+    layer = 2.0 / p_q if slow <= 0.0 else math.sqrt((T + math.sqrt(slow)) / (2.0 * k))
+    return offset, layer, slope
+
+
+def graded_nodes(
+    belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n: int | None = None
+) -> Array:
+    """Build the nodes of a mesh graded towards the ends of the contact.
+
+    There the fourth derivative of the deflection jumps, which determines the error of cubic
+    elements; it decays over the layer of :func:`touchdown` on the pulley's side and over the
+    bending length in the span. So the elements there are the shortest and grow in both directions.
+    They are shorter on a small pulley, where their angle is the limit, and at a clamp, which also
+    bends the belt.
+
+    Parameters
+    ----------
+    belt, rig, law : Belt, Rig, NormalLaw
+        The bench.
+    beta, T_0 : float
+        Contact arc [rad] and initial tension [N].
+    n : int, optional
+        Number of elements, even; by default what the lengths ask for.
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+        Path coordinates [m], symmetric about the middle.
+    """
+    half = 0.5 * Path(rig.R, rig.span, beta).length
+    offset, layer, _ = touchdown(belt, rig, law, T_0)
+    bend, layer = bending_length(belt.EI, T_0), min(layer, WIDEST * rig.R)
+    start = min(max(rig.span + offset + INSIDE * layer, 0.5 * rig.span), 0.9 * half)
+    s = np.linspace(0.0, half, SAMPLES)
+    growth = GROWTH_IN_SPAN * layer / max(bend, layer)
+    wanted = layer + np.where(s < start, growth * (start - s), GROWTH_ON_ARC * (s - start))
+    wanted = np.where(s < start, wanted, np.minimum(wanted, LONGEST * layer))
+    if rig.supports == "clamped":
+        wanted = np.minimum(wanted, bend + s)
+    density = 1.0 / wanted
+    before = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
+    count = 2 * math.ceil(before[-1] / ELEMENT) if n is None else n
+    if n is None:
+        count = min(max(count, FEWEST_ELEMENTS), MOST_ELEMENTS)
+    left = np.interp(np.linspace(0.0, before[-1], count // 2 + 1), before, s)
+    return np.concatenate([left, 2.0 * half - left[-2::-1]])

@@ -1,0 +1,169 @@
+"""Build the model of one run: path, mesh, belt, pulley and supports."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.errors import InputError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.rig.belt import Section
+from beltid.rig.contact import Pulley
+from beltid.rig.mesh import Path, graded_nodes, mesh_on, touchdown
+from beltid.rig.newton import Border, State, System, new_state
+
+Array = NDArray[np.float64]
+
+LARGEST_STRAIN = 0.2
+POINTS_OF_THE_PAPER = 50  # ten elements of five contact points, each with its damping C_P
+EDGE = 0.7  # share of its part over which a point comes into contact: the bed is softer there [-]
+STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force, over the layer [-]
+CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
+WEIGHTS: Final = {"tight": (1.0, 0.0), "slack": (0.0, 1.0), "hub": (1.0, 1.0)}
+"""Weights of the tensions at A and B in a given force."""
+NO_LEVERS: Final = np.zeros((1, 4))
+FIXED: Final = Border(
+    np.zeros(0, np.int64), np.zeros((0, 2)), NO_LEVERS[:0], np.zeros(0), np.zeros(4)
+)
+"""Ends and stress-free length stay as they are."""
+
+
+def tightened(T_0: float) -> Border:
+    """Return the border of a belt that is tightened until support A carries ``T_0`` [N]."""
+    weights, given = np.array([[1.0, 0.0]]), np.array([T_0])
+    return Border(np.zeros(1, np.int64), weights, NO_LEVERS, given, np.zeros(4))
+
+
+@dataclass(frozen=True, slots=True)
+class RigModel:
+    """Belt, pulley and supports on the mesh of one run.
+
+    Parameters
+    ----------
+    path : Path
+        Support, arc, support.
+    point : OperatingPoint
+        Settings of the run.
+    nodes : ndarray, shape (n_e + 1,)
+        Path coordinates of the nodes [m].
+    system : System
+        Arrays for compiled code.
+    border : Border
+        What is given while the pulley turns.
+    """
+
+    path: Path
+    point: OperatingPoint
+    nodes: Array
+    system: System
+    border: Border
+
+    def path_coordinates(self) -> Array:
+        """Return the nodal coordinates of the belt on its path, shape (4 (n_e + 1),)."""
+        return self.path.coordinates(self.nodes).ravel()
+
+    def with_surface(self, surface: FrictionSurface) -> RigModel:
+        """Return the rig with another friction surface."""
+        pulley = self.system.pulley._replace(surface=surface.tables())
+        return replace(self, system=self.system._replace(pulley=pulley))
+
+    def state(self) -> State:
+        """Allocate coordinates, contact and linearised system."""
+        return new_state(self.system.mesh)
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Everything that the runs of a campaign share.
+
+    Parameters
+    ----------
+    belt, rig, contact : Belt, Rig, Contact
+        Belt, rig geometry and contact settings.
+    law : NormalLaw
+        Normal contact law, Eq. (3).
+    surface : FrictionSurface
+        Coefficient of friction over line force and sliding speed.
+    """
+
+    belt: Belt
+    rig: Rig
+    contact: Contact
+    law: NormalLaw
+    surface: FrictionSurface
+
+    def model(self, point: OperatingPoint, mesh: int | RigModel | None = None) -> RigModel:
+        """Build the model of one run.
+
+        Parameters
+        ----------
+        point : OperatingPoint
+            The run.
+        mesh : int or RigModel, optional
+            Number of elements; or a model of a bench or point that differs a little, whose mesh is
+            taken, moved with spans and arc, so that differences are not those of two meshes.
+
+        Raises
+        ------
+        InputError
+            If the initial tension would stretch the belt by more than 20 %.
+        """
+        if point.T_0 > LARGEST_STRAIN * self.belt.EA:
+            raise InputError(
+                f"initial tension {point.T_0:g} N, must be below {LARGEST_STRAIN * self.belt.EA:g} "
+                "N, where it would stretch the belt by 20 %"
+            )
+        path = Path(self.rig.R, self.rig.span, point.beta)
+        if isinstance(mesh, RigModel):
+            nodes = mesh.path.stretched(path, mesh.nodes)
+        else:
+            nodes = graded_nodes(self.belt, self.rig, self.law, point.beta, point.T_0, mesh)
+        pulley = self._pulley(path, point.T_0)
+        if isinstance(mesh, RigModel):
+            pulley = pulley._replace(edge=mesh.system.pulley.edge)
+        along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
+        clamped = self.rig.supports == "clamped"
+        system = System(
+            mesh=mesh_on(nodes, self.contact.points_per_element),
+            section=Section.of(self.belt),
+            pulley=pulley,
+            clamp=CLAMP * self.belt.EI / float(nodes[1]) if clamped else 0.0,
+            across=np.array([[-down, along], [down, along]]),
+            h_min=float(np.diff(nodes).min()),
+        )
+        return RigModel(path, point, nodes, system, self._border(point))
+
+    def _pulley(self, path: Path, T_0: float) -> Pulley:
+        _, layer, slope = touchdown(self.belt, self.rig, self.law, T_0)
+        return Pulley(
+            R=float(path.R),
+            k_linear=float(self.law.k_linear_N_m2),
+            k_quadratic=float(self.law.k_quadratic_N_m3),
+            C_P=float(self.contact.C_P * POINTS_OF_THE_PAPER / path.length),
+            ratio=float(self.contact.sticking_ratio),
+            k_t=float(self.belt.EA / (STICK * layer) ** 2),
+            memory=0.0,
+            edge=float(EDGE * slope),
+            surface=self.surface.tables(),
+        )
+
+    def _border(self, point: OperatingPoint) -> Border:
+        """Return what is given while the pulley turns, and which way the ends then move."""
+        given = self.rig.given_force
+        if given == "none":
+            return FIXED
+        weights = np.array([WEIGHTS[given]])
+        along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
+        moves = {
+            "tight": [-along, -down, 0.0, 0.0],
+            "slack": [0.0, 0.0, along, -down],
+            "hub": [0.0, -1.0, 0.0, -1.0],  # relative to the pulley, which stays at the origin
+        }
+        force = np.array([weights.sum() * point.T_0])
+        return Border(np.ones(1, np.int64), weights, NO_LEVERS, force, np.array(moves[given]))

@@ -1,0 +1,214 @@
+"""What is left when a batch, or a process of it, ends before its time."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from small_bench import BELTID, beltid, contents, environment
+
+from beltid.batch.belts import FAILED, Belt
+from beltid.batch.processes import run_in_processes
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+
+
+# --- a process that is killed ------------------------------------------------------------------
+
+
+def work(name: str, deadly: bool, marker: str) -> Belt:
+    """Leave a mark; if `deadly`, die at the first mark, or without a marker always."""
+    logging.getLogger("beltid").info("%s: begins", name)
+    if not deadly:
+        return Belt(name, {"step": "done"})
+    try:
+        os.close(os.open(marker, os.O_CREAT | os.O_EXCL)) if marker else None
+    except FileExistsError:
+        return Belt(name, {"step": "done"})
+    time.sleep(0.3)  # the note is on its way
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_a_process_that_is_killed_costs_no_result_and_its_belt_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, always: bool
+) -> None:
+    names = [f"b{k}" for k in range(5)]
+    marker = "" if always else str(tmp_path / "once")
+    calls = {name: (name, name == "b3", marker) for name in names}
+    with caplog.at_level(logging.INFO, "beltid"):
+        belts = {belt.name: belt for belt in run_in_processes(work, calls, 2)}
+    assert sorted(belts) == names
+    assert [name for name in names if FAILED in belts[name].states.values()] == ["b3"] * always
+    if always:
+        assert belts["b3"].exit_status == 2
+        assert "b3: its process was killed twice" in caplog.text
+    assert all(f"{name}: begins" in caplog.text for name in names)
+
+
+@needs_proc
+@pytest.mark.long
+def test_a_batch_whose_processes_are_killed_has_all_results(bench: Path, by_one: Path) -> None:
+    both = ("one.yaml", "two.yaml")
+    process = begun(bench, *BELTID, "run", *both, "-j", "2", "--no-report")
+    assert process.stderr is not None
+    talk = read_until(process, "fit-friction: done")
+    (victim, *_) = children_of(process.pid)
+    os.kill(victim, signal.SIGKILL)
+    talk += process.stderr.read()
+    assert process.wait() == 0, talk
+    assert "once more: " in talk
+    assert contents(bench / "runs") == contents(by_one)
+
+
+# --- a program that is interrupted -------------------------------------------------------------
+
+
+def hear_signals() -> None:
+    """In a new process: signals do what they do, also where the tests run in the background."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+def begun(folder: Path, *command: str) -> subprocess.Popen[str]:
+    """A program at work, in a group of its own, with a temporary folder of its own."""
+    (folder / "tmp").mkdir()
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(TMPDIR=str(folder / "tmp")),
+        start_new_session=True,
+        preexec_fn=hear_signals,
+    )
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    """What a program says, to the line with some words."""
+    assert process.stderr is not None
+    talk = ""
+    while words not in talk:
+        line = process.stderr.readline()
+        assert line, talk
+        talk += line
+    return talk
+
+
+def stats() -> dict[int, list[str]]:
+    """Parent and group of every living process, by its number."""
+    found = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (entry / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if stat[0] != "Z":
+            found[int(entry.name)] = stat[1:3]
+    return found
+
+
+def children_of(parent: int) -> list[int]:
+    """Children that do work: not the one that cleans up after them all."""
+    children = [pid for pid, (of, _) in stats().items() if of == str(parent)]
+    command = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
+    return [pid for pid in children if "resource_tracker" not in command[pid]]
+
+
+def left_of(group: int, within_s: float = 20.0) -> list[int]:
+    """Processes of a group that still live after some time, or none as soon as they have ended."""
+    end = time.monotonic() + within_s
+    while (left := [p for p, (_, of) in stats().items() if of == str(group)]) and (
+        time.monotonic() < end
+    ):
+        time.sleep(0.05)
+    return left
+
+
+def to_all(pid: int, number: int) -> None:
+    """As Ctrl-C reaches the whole group; a signal of the system reaches the program alone."""
+    os.killpg(pid, number)
+
+
+@needs_proc
+@pytest.mark.parametrize(
+    ("send", "number", "jobs"),
+    [
+        (to_all, signal.SIGINT, "2"),
+        (os.kill, signal.SIGTERM, "1"),
+        (os.kill, signal.SIGKILL, "2"),
+        pytest.param(to_all, signal.SIGINT, "1", marks=pytest.mark.long),
+        pytest.param(os.kill, signal.SIGTERM, "2", marks=pytest.mark.long),
+        pytest.param(to_all, signal.SIGHUP, "2", marks=pytest.mark.long),
+    ],
+)
+def test_an_interrupt_ends_all_and_keeps_what_is_finished(
+    bench: Path, by_one: Path, send: Callable[[int, int], None], number: int, jobs: str
+) -> None:
+    both = ("one.yaml", "two.yaml")
+    process = begun(bench, *BELTID, "run", *both, "-j", jobs, "--no-report")
+    talk = read_until(process, "fit-friction: done")
+    send(process.pid, number)
+    stdout, rest = process.communicate(timeout=60)
+    assert stdout == ""
+    assert "Traceback" not in talk + rest
+    assert left_of(process.pid) == []
+    assert list((bench / "tmp").iterdir()) == []
+    kept = contents(bench / "runs")
+    assert {"friction.parquet", "stiffness.parquet"} <= {Path(name).name for name in kept}
+    if number == signal.SIGKILL:
+        assert process.returncode == -number
+    else:
+        assert process.returncode == 128 + number
+        assert "finished results are in runs; the same command continues" in rest
+    whole = [name for name in kept if not name.endswith(".beltid-tmp")]
+    assert all(kept[name] == (by_one / name).read_bytes() for name in whole)
+    if number == signal.SIGHUP:
+        done = beltid(bench, "run", *both, "--no-report", "-j", "1")
+        assert done.exit_code == 0
+        assert contents(bench / "runs") == contents(by_one)
+
+
+@needs_proc
+@pytest.mark.long
+@pytest.mark.parametrize("delay_s", [0.05, 0.4, 1.0, 2.0])
+def test_an_interrupt_while_processes_start_leaves_none(bench: Path, delay_s: float) -> None:
+    process = begun(bench, *BELTID, "run", "one.yaml", "two.yaml", "-j", "2", "--no-report")
+    time.sleep(delay_s)
+    to_all(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode in (130, -signal.SIGINT), said
+    assert left_of(process.pid) == []
+    assert list((bench / "tmp").iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["read-only", "no home", "gone"])
+def test_places_that_cannot_be_used_are_status_2_and_one_line(
+    bench: Path, by_one: Path, place: str
+) -> None:
+    home = bench / "home"
+    command, more = [*BELTID, "run", "one.yaml", "--no-report"], {}
+    if place == "no home":  # nothing is kept there that a result needs
+        shutil.copytree(by_one / "one", bench / "runs" / "one")
+        more = {"HOME": str(home), "TMPDIR": str(home), "XDG_CACHE_HOME": str(home)}
+    elif place == "gone":
+        script = f"mkdir gone && cd gone && rmdir ../gone && {' '.join(command)}"
+        command = ["sh", "-c", script]
+    else:
+        (bench / "runs").write_text("a file\n")
+    done = subprocess.run(
+        command, cwd=bench, env=environment(**more), capture_output=True, text=True
+    )
+    assert "Traceback" not in done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == (0 if place == "no home" else 2), done.stderr
+    assert bool(errors) == (place != "no home")

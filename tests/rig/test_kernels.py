@@ -1,0 +1,129 @@
+"""Forces and tangents of the kernels: those of the numpy twin, and derivatives of each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import twin
+from rig_bench import LAW_5PK, at, bench, dense, slid, surface_5pk
+
+from beltid.params import Contact
+from beltid.rig.banded import HALF, WIDTH, factorize, solve
+from beltid.rig.contact import Motion
+from beltid.rig.model import RigModel
+from beltid.rig.newton import State, assemble
+from beltid.rig.transient import at_rest
+
+OMEGA = 0.3
+SURFACE = surface_5pk()
+RIG = bench(law=LAW_5PK, mu=SURFACE, contact=Contact(sticking_ratio=1.2), supports="clamped")
+
+
+def disturbed(rate: float, seed: int = 0) -> tuple[RigModel, Motion, State]:
+    """A state in motion near a laid-on belt: some points stick, some slide either way."""
+    rng = np.random.default_rng(seed)
+    model, laid, _ = slid(RIG, at(82, 270, OMEGA), 20)
+    s = at_rest(model, laid)
+    n_e, n_c = s.now.shape
+    s.q_old[:] = s.q
+    s.q[:] += 2e-6 * rng.normal(size=s.q.size) * np.tile([1, 1, 50, 50], s.q.size // 4)
+    s.q_dot[:] = 1e-4 * rng.normal(size=s.q.size)
+    s.last["F_T"] = 0.1 * rng.normal(size=(n_e, n_c))
+    s.last["sticks"] = rng.random((n_e, n_c)) < 0.5
+    s.now["sticks"] = rng.random((n_e, n_c)) < 0.5
+    s.now["sign"] = rng.choice([-1.0, 1.0], (n_e, n_c)) if rate else 1.0
+    return model, Motion(rate, OMEGA, 0.9, 0.0, 0.0), s
+
+
+@pytest.mark.parametrize("rate", [0.0, 300.0])
+def test_the_kernels_are_their_numpy_twin(rate: float) -> None:
+    model, motion, s = disturbed(rate)
+    status = s.now.copy()
+    assemble(model.system, motion, s, False)
+    mesh, stretch = model.system.mesh, float(s.u[0])
+    f, K, f_s, strains = twin.belt_forces(mesh, RIG.belt, s.q, stretch, s.strains_old, rate)
+    pulley, last = model.system.pulley, s.last
+    c = twin.contact_forces(mesh, pulley, SURFACE, motion, s.q, stretch, last, status)
+    mass = stretch * RIG.belt.rhoA * rate**2 * np.einsum("eij,kl->eikjl", mesh.M, np.eye(2))
+    mass = mass.reshape(-1, 8, 8)
+    dof = 4 * np.arange(mesh.h.size)[:, None] + np.arange(8)
+    late = (s.q - s.q_old - (s.q_dot / rate if rate else 0.0))[dof]
+    r, tangent = twin.assembled(
+        mesh, [f, c[0], np.einsum("eij,ej->ei", mass, late)], [K, c[1], mass]
+    )
+    clamp, ends = model.system.clamp, (slice(2, 4), slice(-2, None))
+    for end, d in zip(ends, model.system.across, strict=True):
+        r[end] += clamp * (s.q[end] @ d) * d
+        tangent[end, end] += clamp * np.outer(d, d)
+    np.testing.assert_allclose(s.r, r, atol=1e-11 * np.abs(r).max())
+    np.testing.assert_allclose(dense(s.A), tangent, atol=1e-11 * np.abs(tangent).max())
+    r_s, _ = twin.assembled(mesh, [f_s, c[2]], [])
+    np.testing.assert_allclose(s.columns[0], r_s, atol=1e-11 * np.abs(r_s).max())
+    np.testing.assert_allclose(s.strains, strains, atol=1e-12)
+    for key, value in c[3].items():
+        touching = s.now["F_N"] > 0
+        np.testing.assert_allclose(s.now[key][touching], value[touching], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("rate", "v0"), [(0.0, 0.0), (300.0, 0.0), (0.0, 1.1)])
+def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> None:
+    """Central differences in random directions: at rest, in a step, of a flowing belt."""
+    model, motion, s = disturbed(rate)
+    motion = motion._replace(v0=v0, scale=1e-2 * v0)
+    s.u[1] = v0 / 0.0499 if v0 else 0.0
+    status, q, u = s.now.copy(), s.q.copy(), s.u.copy()
+
+    def residual(dq: np.ndarray, du: np.ndarray) -> np.ndarray:
+        s.now[:], s.q[:], s.u[:] = status, q + dq, u + du
+        assemble(model.system, motion, s, False)
+        return s.r.copy()
+
+    residual(0 * q, 0 * u)
+    tangent, columns = dense(s.A), s.columns.copy()
+    rng, units = np.random.default_rng(1), np.tile([1, 1, 100, 100], q.size // 4)
+    for _ in range(4):
+        dq = 1e-9 * rng.normal(size=q.size) * units
+        found = 0.5 * (residual(dq, 0 * u) - residual(-dq, 0 * u))
+        expected = tangent @ dq
+        np.testing.assert_allclose(found, expected, atol=3e-5 * np.abs(expected).max())
+    for k, step in enumerate((1e-8, 1e-6)):
+        du = np.zeros(2)
+        du[k] = step
+        found = 0.5 * (residual(0 * q, du) - residual(0 * q, -du)) / step
+        if (k == 0 and not rate) or v0:
+            np.testing.assert_allclose(found, columns[k], atol=1e-5 * np.abs(columns[k]).max())
+
+
+def test_what_touches_dissipates_only_while_approaching() -> None:
+    """Eqs. (1), (2), (4): C_P times the rate of approach on top of the elastic force."""
+    model, motion, s = disturbed(300.0)
+    s.last["rho"] += np.where(np.arange(s.last.shape[1]) % 2, 1e-6, -1e-6) - 2e-7
+    assemble(model.system, motion, s, False)
+    part = model.system.mesh.w_c * s.u[0]
+    approach = (s.last["rho"] - s.now["rho"]) * motion.rate
+    more = s.now["F_N"] - s.now["f_N"] * part
+    touching = s.now["F_N"] > 0.0
+    expected = model.system.pulley.C_P * part * np.maximum(approach, 0.0)
+    np.testing.assert_allclose(more[touching], expected[touching], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_banded_system_is_solved_with_exchanges(seed: int) -> None:
+    """Backward error of an elimination with partial pivoting; a zero diagonal needs exchanges."""
+    rng, n = np.random.default_rng(seed), 40
+    A = np.zeros((n, WIDTH))
+    A[:, : 2 * HALF + 1] = rng.normal(size=(n, 2 * HALF + 1))
+    A[:, HALF] = 0.0
+    full, b = dense(A), rng.normal(size=n)
+    x, pivots = b.copy(), np.zeros(n, dtype=np.int64)
+    for i in range(n):  # nothing is stored outside the matrix
+        for j in range(2 * HALF + 1):
+            A[i, j] *= 0 <= i + j - HALF < n
+    assert factorize(A, pivots)
+    solve(A, pivots, x)
+    error = np.abs(full @ x - b).max()
+    assert error < 1e-13 * np.abs(full).sum(axis=1).max() * np.abs(x).max()
+
+
+def test_a_singular_matrix_is_not_factorized() -> None:
+    assert not factorize(np.zeros((9, WIDTH)), np.zeros(9, dtype=np.int64))

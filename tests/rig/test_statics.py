@@ -1,0 +1,190 @@
+"""Full sliding: closed forms, identities, given forces, and failures that say what failed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rig_bench import LAW_5PK, at, bench, slid, surface_5pk
+from scipy.optimize import brentq
+
+from beltid.errors import ConvergenceError, InputError, NumericsError
+from beltid.laws.capstan import friction_coefficient
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.laws.penalty import NormalLaw
+from beltid.params import Contact
+from beltid.rig.mesh import Path, graded_nodes, touchdown
+from beltid.rig.runs import SimulationSettings, campaign, simulate
+
+STEADY = SimulationSettings(method="steady")
+STIFF = NormalLaw(1e9)
+HOPELESS = at(82, 1e-3)  # a stiff belt needs some newtons to lie on the pulley at all
+
+
+@pytest.mark.parametrize(("R", "span", "arc_deg"), [(0.05, 0.1, 82.0), (0.02, 0.05, 170.0)])
+def test_the_path_is_the_integral_of_its_tangent(R: float, span: float, arc_deg: float) -> None:
+    path = Path(R, span, math.radians(arc_deg))
+    s = np.linspace(0.0, path.length, 20001)
+    r, t = np.hsplit(path.coordinates(s), 2)
+    steps = 0.5 * (t[1:] + t[:-1]) * np.diff(s)[:, None]
+    np.testing.assert_allclose(r[0] + np.cumsum(steps, axis=0), r[1:], atol=1e-7)
+
+
+def test_a_mesh_moves_with_the_path() -> None:
+    """Part by part in proportion: the ends of the arc stay between the same nodes."""
+    path, other = Path(0.05, 0.1, 1.4), Path(0.051, 0.11, 1.3)
+    corners = np.array([0.0, 0.1, 0.1 + 0.05 * 1.4, path.length])
+    moved = path.stretched(other, corners)
+    np.testing.assert_allclose(moved, [0.0, 0.11, 0.11 + 0.051 * 1.3, other.length])
+
+
+@pytest.mark.parametrize("EI", [0.002, 0.02])
+def test_the_belt_touches_down_where_the_closed_form_says(EI: float) -> None:
+    """A linear bed, laid on without friction; the form neglects the change of geometry."""
+    rig, point = bench(EI), at()
+    model, laid, _ = slid(rig, point, 200)
+    offset, layer, slope = touchdown(rig.belt, rig.rig, rig.law, point.T_0)
+    first = np.flatnonzero(laid.touching.ravel())[0]
+    phi = laid.points["theta"].ravel()[first] + 0.5 * point.beta
+    assert rig.rig.R * phi == pytest.approx(offset, abs=0.1 * layer)
+    depth = rig.rig.R - laid.points["rho"].ravel()[first + 1 : first + 4]
+    s = np.cumsum(np.full(3, float(model.system.mesh.w_c.ravel()[first])))
+    assert np.polyfit(s, depth, 1)[0] == pytest.approx(slope, rel=0.35)
+
+
+def test_the_mesh_is_symmetric_and_fine_where_the_contact_ends() -> None:
+    rig, point = bench(), at()
+    nodes = graded_nodes(rig.belt, rig.rig, rig.law, point.beta, point.T_0)
+    h = np.diff(nodes)
+    np.testing.assert_allclose(h, h[::-1], rtol=1e-9)
+    shortest = nodes[int(np.argmin(h[: h.size // 2]))]
+    offset, layer, _ = touchdown(rig.belt, rig.rig, rig.law, point.T_0)
+    assert shortest == pytest.approx(rig.rig.span + offset, abs=layer)
+    assert h.min() < 0.5 * layer
+
+
+@pytest.mark.parametrize("arc", [40.0, 180.0])
+@pytest.mark.parametrize("given", ["none", "tight", "slack", "hub"])
+def test_a_string_on_a_stiff_pulley_obeys_euler_eytelwein(given: str, arc: float) -> None:
+    """T_tight = T_slack exp(mu beta), but for penetration and bending, 2e-4 of the radius."""
+    mu, W = 0.4, 270.0
+    rig = bench(1e-5, EA=1e6, law=STIFF, mu=mu, given_force=given)
+    _, _, state = slid(rig, at(arc, W))
+    ratio = math.exp(mu * math.radians(arc))
+    assert pytest.approx(ratio, rel=1e-3) == state.T_A / state.T_B
+    of = {"tight": state.T_A, "slack": state.T_B, "hub": 0.5 * (state.T_A + state.T_B)}
+    assert of.get(given, W) == pytest.approx(W, rel=1e-8)
+
+
+@pytest.mark.parametrize("given", ["tight", "slack", "hub"])
+def test_a_given_force_is_the_held_rig_that_ends_at_it(given: str) -> None:
+    """Another initial tension of the held rig gives the same end, wherever the ends have moved."""
+    rig, W = bench(law=LAW_5PK), 270.0
+    _, _, state = slid(replace(rig, rig=replace(rig.rig, given_force=given)), at(82, W))
+
+    def held(T_0: float) -> tuple[float, float]:
+        _, _, s = slid(rig, at(82, T_0))
+        return s.T_A, s.T_B
+
+    pick: Any = {"tight": lambda a, b: a, "slack": lambda a, b: b, "hub": lambda a, b: (a + b) / 2}
+    T_0 = brentq(lambda T: pick[given](*held(T)) - W, 0.5 * W, 2 * W, xtol=1e-3)
+    assert pytest.approx(held(T_0), rel=2e-3) == (state.T_A, state.T_B)
+
+
+def test_supports_balance_the_contact_forces() -> None:
+    model, _, state = slid(bench(law=LAW_5PK), at(), 16)
+    points = state.points[state.touching]
+    n = np.stack([np.sin(points["theta"]), np.cos(points["theta"])])
+    t = np.stack([n[1], -n[0]])
+    contact = (points["F_N"] * n + points["F_T"] * t).sum(axis=1)
+    supports = state.force[:2] + state.force[2:]
+    np.testing.assert_allclose(contact, -supports, atol=1e-6 * state.T_A)
+    moment = np.sum(points["rho"] * points["F_T"])
+    x, y = state.q[[0, -4]], state.q[[1, -3]]
+    of_supports = np.sum(x * state.force[1::2] - y * state.force[::2])
+    assert moment == pytest.approx(of_supports, rel=1e-6)
+    assert pytest.approx(moment, rel=0.02) == model.path.R * (state.T_A - state.T_B)
+
+
+def test_the_profile_shows_the_peaks_where_the_belt_enters_and_leaves() -> None:
+    """First row of the reference table: 9695 N/m at the peak, 5308 N/m in the mean, 65.8 mm."""
+    run = simulate(bench(law=LAW_5PK), at(), STEADY)
+    profile = run.profile
+    assert profile["normal_force_N_m"].max() == pytest.approx(9695, rel=5e-3)
+    assert run.normal_force_N_m == pytest.approx(5308 * 378 / 378, rel=0.05)
+    assert np.ptp(profile["arc_position_m"]) == pytest.approx(0.0658, abs=8e-4)
+    assert profile["tension_N"][[0, -1]] == pytest.approx([371.1, 182.0], rel=0.02)
+    assert not profile["sticks"].any()
+    np.testing.assert_allclose(profile["slip_speed_m_s"], 0.21 * 0.05)
+
+
+def test_results_do_not_depend_on_the_mesh_that_is_chosen() -> None:
+    rig = bench(law=LAW_5PK, mu=surface_5pk())
+    for arc, T_0 in ((40, 120), (82, 300)):
+        _, _, fine = slid(rig, at(arc, T_0), 240)
+        _, _, default = slid(rig, at(arc, T_0))
+        assert pytest.approx((fine.T_A, fine.T_B), rel=5e-4) == (default.T_A, default.T_B)
+
+
+def test_friction_is_looked_up_at_the_force_and_the_speed_of_the_point() -> None:
+    surface = surface_5pk()
+    _, _, state = slid(bench(law=LAW_5PK, mu=surface), at())
+    points = state.points[state.touching]
+    expected = surface.mu(points["f_N"], 0.21 * 0.05) * points["F_N"]
+    np.testing.assert_allclose(points["F_T"], expected, rtol=1e-9)
+
+
+def test_look_ups_outside_the_measured_range_are_counted() -> None:
+    surface = FrictionSurface([4000.0, 8000.0], [0.01, 0.02], [[0.5, 0.5], [0.5, 0.5]])
+    record = simulate(bench(law=LAW_5PK, mu=surface), at(), STEADY).record
+    assert 0 < record.clamped_lookups < record.lookups
+    other = simulate(bench(law=LAW_5PK, mu=surface), at(omega=1.0), STEADY).record
+    assert other.clamped_lookups == other.lookups
+
+
+def test_a_static_failure_names_the_run_its_iterations_and_residual() -> None:
+    with pytest.raises(ConvergenceError, match=r"arc 82 deg, T0 0\.001 N, omega") as found:
+        simulate(bench(law=LAW_5PK), HOPELESS)
+    assert found.value.iterations > 0
+    assert found.value.residual > 1e-9
+
+
+def test_what_is_meaningless_is_refused() -> None:
+    hung = bench(law=LAW_5PK, mu=1.8, given_force="slack")
+    with pytest.raises(NumericsError, match=r"stretches the belt by more than 20\s?%"):
+        simulate(hung, at(160, 300), STEADY)
+    with pytest.raises(NumericsError, match="sinks"):
+        simulate(bench(law=NormalLaw(5e5)), at(), STEADY)
+    with pytest.raises(InputError, match="20 %"):
+        bench().model(at(T_0=3e4))
+
+
+def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_fails() -> None:
+    points = [at(40, 270), HOPELESS, at(82, 270), at(82, 270, 0.5), at(82, 150)]
+    rig = bench(law=LAW_5PK, mu=surface_5pk())
+    one, two = (dict(campaign(rig, points, STEADY, jobs)) for jobs in (1, 2))
+    assert isinstance(one.pop(1), ConvergenceError)
+    assert isinstance(two.pop(1), ConvergenceError)
+    for i, run in one.items():
+        alone = simulate(rig, points[i], STEADY)
+        assert run.tension_tight_N == two[i].tension_tight_N == alone.tension_tight_N
+        T_A, T_B = alone.tension_tight_N, alone.tension_slack_N
+        assert run.mu == pytest.approx(float(friction_coefficient(T_A, T_B, points[i].beta)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"method": "fast"}, "method"),
+        ({"friction_solver": "gauss"}, "friction_solver"),
+        ({"elements": 7}, "elements"),
+        ({"steps": 10}, "steps"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, Any], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        SimulationSettings(**settings)
+    assert Contact().points_per_element == 5

@@ -1,0 +1,201 @@
+"""Runs in time: published build-up, laws of friction, both solvers, convergence in the step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from rig_bench import LAW_5PK, at, bench, slid, surface_5pk
+
+from beltid.errors import ConvergenceError
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import Contact
+from beltid.rig import lcp
+from beltid.rig.model import Bench
+from beltid.rig.newton import STEP, march
+from beltid.rig.runs import SimulationSettings, simulate
+from beltid.rig.transient import at_rest, run_transient
+
+FALLING = FrictionSurface([1000.0, 20000.0], [0.001, 0.1], [[0.9, 0.5], [0.8, 0.45]])
+
+
+def travelled(rig: Bench, travel: float, steps: int, omega: float = 0.05) -> tuple[Any, Any]:
+    """Tensions (2, steps) of equal steps of travel from rest, and the record."""
+    model, laid, _ = slid(rig, at(omega=omega))
+    s = at_rest(model, laid)
+    record = np.zeros(steps, dtype=STEP)
+    record["dt"], record["omega"] = travel / steps / (rig.rig.R * omega), omega
+    assert march(model.system, model.border, s, record, 0, steps) == steps
+    force = record["force"]
+    return np.hypot(force[:, ::2], force[:, 1::2]).T, record
+
+
+@pytest.mark.parametrize("omega", [0.005, 0.5])
+def test_build_up_of_the_reference_model(omega: float) -> None:
+    """Tensions over travel, with the share that sticks; 0.5 % of the rise, whatever the speed."""
+    T, record = travelled(bench(damping_time=0.0, contact=Contact(C_P=0.0)), 150e-6, 60, omega)
+    rise = 370.97 - 270.0
+    table = ((20, 311.6, 230.4, 0.64), (40, 350.1, 197.8, 0.22), (60, 370.97, 181.94, 0.0))
+    for k, tight, slack, sticking in table:
+        inertia = 0.005 if omega < 0.1 else 0.02
+        assert T[:, k - 1] == pytest.approx((tight, slack), abs=inertia * rise)
+        assert record["sticking"][k - 1] == pytest.approx(sticking, abs=0.03)
+
+
+def test_no_force_leaves_its_cone_and_sticking_points_hardly_move() -> None:
+    """Certificate of a whole run on a surface with more friction at rest."""
+    contact = Contact(sticking_ratio=1.1)
+    rig = bench(law=LAW_5PK, mu=surface_5pk(), contact=contact)
+    record = simulate(rig, at()).record
+    assert record.cone <= 2e-9
+    assert record.slip_m < 1e-7
+    assert record.residual < 1e-8
+
+
+def test_more_friction_at_rest_gives_a_peak_above_the_same_plateau() -> None:
+    runs = [
+        simulate(bench(law=LAW_5PK, contact=Contact(sticking_ratio=ratio)), at(omega=0.02))
+        for ratio in (1.0, 1.2)
+    ]
+    peaks = [run.recording["tension_tight_N"].max() for run in runs if run.recording]
+    assert runs[0].mu == pytest.approx(runs[1].mu, rel=1e-6)
+    assert peaks[1] > 1.001 * runs[1].tension_tight_N
+    assert peaks[0] == pytest.approx(runs[0].tension_tight_N, rel=1e-4)
+
+
+def test_the_plateau_is_the_steady_limit_whatever_damping_and_steps() -> None:
+    rig, steady = bench(law=LAW_5PK, mu=surface_5pk()), SimulationSettings("steady")
+    expected = simulate(rig, at(), steady).tension_tight_N
+    for contact, steps in ((Contact(C_P=0.0), 60), (Contact(C_P=3000.0), 130)):
+        other = bench(law=LAW_5PK, mu=surface_5pk(), contact=contact)
+        run = simulate(other, at(), SimulationSettings(steps=steps))
+        assert run.tension_tight_N == pytest.approx(expected, rel=1e-4)
+
+
+def test_steps_converge_with_the_first_power_of_the_time_step() -> None:
+    """Quasi-static: the mean tension over the build-up against that of 320 steps."""
+    rig = bench(law=LAW_5PK, damping_time=0.0, contact=Contact(C_P=0.0))
+
+    def half_way(steps: int) -> float:
+        return float(travelled(rig, 80e-6, steps, 0.005)[0][0, -1])
+
+    fine = half_way(320)
+    errors = [abs(half_way(steps) - fine) for steps in (10, 40)]
+    assert errors[1] < 0.35 * errors[0] + 1e-3
+
+
+def test_turning_back_and_forth_ends_where_it_slid_before() -> None:
+    rig = bench(law=LAW_5PK)
+    model, laid, sliding = slid(rig, at())
+    s = at_rest(model, laid)
+    record = np.zeros(120, dtype=STEP)
+    record["dt"] = 1e-5 / (0.05 * 0.21)
+    record["omega"] = np.repeat([0.21, -0.21, 0.21], 40)
+    assert march(model.system, model.border, s, record, 0, 120) == 120
+    T = np.hypot(record["force"][:, 0], record["force"][:, 1])
+    assert T[[39, 119]] == pytest.approx([sliding.T_A] * 2, rel=2e-4)
+    assert T[79] == pytest.approx(sliding.T_B, rel=2e-4)
+
+
+def test_a_belt_below_its_friction_limit_does_not_creep() -> None:
+    """A tenth of the travel, then rest: the tensions stay."""
+    rig = bench(law=LAW_5PK)
+    model, laid, _ = slid(rig, at())
+    s = at_rest(model, laid)
+    record = np.zeros(60, dtype=STEP)
+    record["dt"], record["omega"][:10] = 2e-6 / (0.05 * 0.21), 0.21
+    record["dt"][10:] *= 20.0
+    assert march(model.system, model.border, s, record, 0, 60) == 60
+    T = np.hypot(record["force"][:, 0], record["force"][:, 1])
+    assert T[-1] == pytest.approx(T[40], rel=1e-5)
+    assert T[-1] > 1.02 * laid.T_A
+
+
+@pytest.mark.parametrize("given", ["tight", "slack", "hub"])
+def test_a_run_with_a_given_force_ends_at_steady_sliding(given: str) -> None:
+    rig = bench(law=LAW_5PK, mu=surface_5pk(), given_force=given)
+    run, steady = simulate(rig, at()), simulate(rig, at(), SimulationSettings("steady"))
+    assert run.tension_tight_N == pytest.approx(steady.tension_tight_N, rel=1e-4)
+    assert run.tension_slack_N == pytest.approx(steady.tension_slack_N, rel=1e-4)
+
+
+def test_where_mu_falls_with_the_speed_the_plateau_is_the_steady_one() -> None:
+    rig = bench(law=LAW_5PK, mu=FALLING)
+    steady = simulate(rig, at(), SimulationSettings("steady"))
+    assert simulate(rig, at()).mu == pytest.approx(steady.mu, rel=1e-3)
+
+
+def test_a_step_without_solution_names_the_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, laid, sliding = slid(bench(law=LAW_5PK), at())
+
+    def stops(*_: Any) -> int:
+        return 30
+
+    with pytest.raises(ConvergenceError, match=r"the step at [\d.]+ s found no solution"):
+        run_transient(model, laid, sliding, 130, marcher=stops)
+
+
+GOLDEN = [(arc, T_0, law) for arc in (40, 68, 82) for T_0 in (120, 310) for law in (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("arc", "T_0", "law"),
+    [
+        case if case[:2] == (40, 120) else pytest.param(*case, marks=pytest.mark.long)
+        for case in GOLDEN
+    ],
+)
+def test_return_mapping_agrees_with_the_papers_complementarity_problem(
+    arc: float, T_0: float, law: int
+) -> None:
+    """Ten elements of five points: within 0.1 % of the rise at any time, plateau within 1e-6."""
+    rig = bench(law=LAW_5PK, mu=0.5 if law else surface_5pk())
+    newton, exact = (
+        simulate(rig, at(arc, T_0, 0.2), SimulationSettings(elements=10, friction_solver=solver))
+        for solver in ("newton", "lemke")
+    )
+    assert newton.mu == pytest.approx(exact.mu, rel=1e-6)
+    assert newton.recording is not None
+    assert exact.recording is not None
+    rise = exact.tension_tight_N - T_0
+    for span in ("tension_tight_N", "tension_slack_N"):
+        apart = np.abs(newton.recording[span] - exact.recording[span])
+        assert apart.max() < 1e-3 * rise
+
+
+@pytest.mark.parametrize("given", ["tight", "hub"])
+def test_the_complementarity_problem_holds_a_given_force(given: str) -> None:
+    rig = bench(law=LAW_5PK, given_force=given)
+    settings = SimulationSettings(elements=10, steps=52, friction_solver="lemke")
+    steady = simulate(rig, at(40, 120), SimulationSettings("steady", elements=10))
+    assert simulate(rig, at(40, 120), settings).mu == pytest.approx(steady.mu, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lemke_solves_what_has_a_solution(seed: int) -> None:
+    """Positive definite and semi-definite problems: w, z >= 0 and z.w = 0."""
+    rng = np.random.default_rng(seed)
+    n = 8
+    factor = rng.normal(size=(n, n if seed % 2 else 3))
+    M = factor @ factor.T
+    q = rng.normal(size=n) if seed % 2 else M @ rng.normal(size=n) + rng.random(n)
+    z, _ = lcp.lemke(M, q)
+    w = M @ z + q
+    assert z.min() >= 0.0
+    assert w.min() > -1e-9
+    assert abs(z @ w) < 1e-9
+
+
+def test_a_problem_without_solution_is_refused() -> None:
+    with pytest.raises(ConvergenceError, match="ray"):
+        lcp.lemke(np.array([[0.0]]), np.array([-1.0]))
+
+
+def test_one_contact_by_hand() -> None:
+    """Compliance 2 m/N, free slip 1 m: sticks at F = 0.5 N below the limit, else slides."""
+    G, free = np.array([[2.0]]), np.array([1.0])
+    force, slip, _ = lcp.friction_lcp(G, free, np.array([0.6]))
+    assert (force[0], slip[0]) == pytest.approx((0.5, 0.0))
+    force, slip, _ = lcp.friction_lcp(G, free, np.array([0.2]))
+    assert (force[0], slip[0]) == pytest.approx((0.2, 0.6))
