@@ -203,7 +203,7 @@ def slow_noise(newtons: float, memory_s: float) -> Fault:
 
 
 def seam(share: float, width_rad: float = 0.25) -> Fault:
-    """The friction rises where the seam of the pulley's coating passes, about its mean of a turn."""
+    """Friction that rises where the seam of the coating passes, about its mean of a turn."""
     mean = width_rad / np.sqrt(2.0 * np.pi)
 
     def change(runs: list[Run]) -> None:

@@ -26,7 +26,7 @@ SPHINX = (sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "dum
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 ONWARD = (TUTORIAL, ROOT / "docs" / "drive.md", ROOT / "docs" / "plan.md")
 """The tutorial and the pages that go on from it, in their order."""
-OTHERS = ROOT / "docs" / "measured_by_others.md"
+OTHERS = ROOT / "docs" / "verification.md"
 README = ROOT / "README.md"
 CAMPAIGN = ((40, 82), (100, 270, 411), (0.05, 0.21))
 """Arcs, tensions and speeds of the runs that the tutorial is called with."""
@@ -124,8 +124,8 @@ def test_the_session_in_python_runs(project: Path) -> None:
     assert read_artifact("friction.parquet").origin == "synthetic"
 
 
-def test_the_page_on_real_numbers_prints_what_it_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_the_tables_that_others_measured_are_reduced_as_their_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
@@ -138,13 +138,10 @@ def test_the_page_on_real_numbers_prints_what_it_shows(
             said += done.output
         else:
             subprocess.run(command, shell=True, check=True)
-    (shown,) = blocks("text", OTHERS)
-    words = " ".join(said.split())
-    assert [line for line in shown.splitlines() if " ".join(line.split()) not in words] == []
-    for block in blocks("python", OTHERS):
-        exec(block, {})
-    verdicts = capsys.readouterr().out.splitlines()
-    assert ["None of the fitted formulas holds" in line for line in verdicts] == [True, False, True]
+    page = OTHERS.read_text()
+    for number in ("0.093 ± 0.017", "0.071 ± 0.045"):  # the exponent; the zero of the cell
+        assert number in " ".join(said.split())
+        assert number in page
 
 
 def shown_in_readme() -> list[tuple[str, list[str]]]:
