@@ -155,9 +155,17 @@ class Posterior:
     level_shift : ndarray, shape (R, k)
         Change of the levels by errors of the coefficients.
     residual : ndarray, shape (R, m)
-        Data without the shared columns; the levels are still in it.
+        Data without the shared columns, about their levels, which `P` takes out.
     misfit : ndarray, shape (R,)
         e' P e of every group: a chi-square, given the sizes.
+    model : Mixed
+        The model.
+    prior : ndarray, shape (k, k)
+        Precision of the prior of the coefficients.
+    P, PX : ndarray, shape (R, m, m), (R, m, k)
+        Projection of (M2), at a scale of one, and its product with X, at the scale of the group.
+    level_weights : ndarray, shape (R, m)
+        Weights of the data in the level.
     converged : bool
         Whether the sizes are those of the largest posterior density.
     """
@@ -173,7 +181,9 @@ class Posterior:
     misfit: Array
     model: Mixed
     prior: Array
+    P: Array
     PX: Array
+    level_weights: Array
     converged: bool = True
 
     def of(self, name: str) -> tuple[Array, Array]:
@@ -241,9 +251,13 @@ class Mixed:
         self.X = np.concatenate([np.zeros((R, m, 0)), *columns], axis=2)
         ends = np.cumsum([0, *(c.shape[2] for c in columns)])
         self.places = {t.name: slice(a, b) for t, a, b in zip(shared, ends, ends[1:], strict=False)}
-        self.one: Array | None = (
-            None if level is None else np.asarray(level, dtype=float).reshape(R, m)
-        )
+        self.one: Array | None = None
+        self.offset = np.zeros(R)  # levels that are taken off the data: fewer digits are lost
+        if level is not None:
+            self.one = np.asarray(level, dtype=float).reshape(R, m)
+            squares = np.sum(self.one**2, axis=1)
+            self.offset = np.sum(self.one * self.y, axis=1) / np.where(squares > 0.0, squares, 1.0)
+            self.y = self.y - self.offset[:, None] * self.one
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), (R,))
         self.parts = np.array([term.per_unit(R, m) for term in self.own])
         # a row without any variance is padding: it gets a variance of its own and tells nothing
@@ -361,14 +375,16 @@ class Mixed:
             mean=mean,
             covariance=C,
             log_evidence=log_z + log_likelihood - 0.5 * float(away @ away),
-            level=np.einsum("ri,ri->r", weights, residual) / precision,
+            level=self.offset + np.einsum("ri,ri->r", weights, residual) / precision,
             level_variance=scale / precision,
             level_shift=np.einsum("ri,rik->rk", weights, self.X) / precision[:, None],
             residual=residual,
             misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
             model=self,
             prior=prior,
+            P=P,
             PX=PX,
+            level_weights=weights / precision[:, None],
         )
         return posterior, slope
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -102,17 +101,21 @@ class Checker:
         """Report runs in another unit than the others."""
         idle = self.columns.get("idle")
         order = np.argsort(self.codes, kind="stable")
-        runs = np.split(order, np.flatnonzero(np.diff(self.codes[order])) + 1)
+        starts = np.flatnonzero(np.diff(self.codes[order], prepend=-1))
         believed = {*NOMINAL, *units_stated, *self.suspects}
         for column in self.table.columns:
             if column.unit not in ("N", "mm") or column.name in believed:
                 continue
-            values = [v[np.isfinite(v)] for v in (self.columns[column.name][r] for r in runs)]
-            shift = 0.5 if column.unit == "mm" else 0.0  # a travel may begin anywhere
-            sizes = [np.abs(v - shift * (v.min() + v.max())).max() if v.size else 0 for v in values]
-            for rows, finite, size in zip(runs, values, sizes, strict=True):
-                is_small = 0.0 < OTHER_RUN * size < max(sizes)
-                guess = other_unit(column, self.table.kind, finite) if is_small else ""
+            values = self.columns[column.name][order]
+            low, high = (f.reduceat(values, starts) for f in (np.fmin, np.fmax))
+            sizes = np.maximum(np.abs(low), np.abs(high))
+            if column.unit == "mm":  # a travel may begin anywhere
+                sizes = 0.5 * (high - low)
+            for run in np.flatnonzero((sizes > 0.0) & (OTHER_RUN * sizes < np.fmax.reduce(sizes))):
+                rows = order[starts[run] : [*starts, len(order)][run + 1]]
+                finite = self.columns[column.name][rows]
+                finite = finite[np.isfinite(finite)]
+                guess = other_unit(column, self.table.kind, finite)
                 if guess and (idle is None or "true" not in idle[rows]):
                     where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
                     advice = f"is this run alone in {guess}? If it is not, say so"
@@ -126,22 +129,24 @@ class Checker:
             if values is None:
                 continue
             is_text = values.dtype == object
-            given = np.flatnonzero(~absent(values) & (codes >= 0))
-            _, first = np.unique(codes[given], return_index=True)
+            stated = ~absent(values) & (codes >= 0)
             nominal = np.full(codes.max(initial=-1) + 2, None if is_text else np.nan, values.dtype)
-            nominal[codes[given[first]]] = values[given[first]]
+            backwards = np.flatnonzero(stated)[::-1]  # the first row of a run is written last
+            nominal[codes[backwards]] = values[backwards]
             expected = nominal[codes]
-            same = np.equal if is_text else partial(np.isclose, rtol=1e-6, atol=0.0)
-            rows = given[~np.asarray(same(values[given], expected[given]), dtype=bool)]
+            rows = np.flatnonzero((values != expected) & stated)
+            if not is_text:
+                rows = rows[~np.isclose(values[rows], expected[rows], rtol=1e-6, atol=0.0)]
             _, at = np.unique(codes[rows], return_index=True)  # report the first of every run
             self._report(
-                np.sort(rows[at]),
+                rows[np.sort(at)],
                 lambda i, v=values, e=expected, c=column: (  # type: ignore[misc]
                     f"{c} = {shown_value(v[i])}, must stay {shown_value(e[i])} within "
                     f"{self.table.label} {self.label[i]} (is the label used twice?)"
                 ),
             )
-            np.copyto(values, expected, where=absent(values) & (codes >= 0))
+            if not stated.all():
+                self.columns[column] = np.where(stated | (codes < 0), values, expected)
 
     def _numbers(self, column: Column) -> list[str]:
         """Check the numbers of a column: range, infinite and missing values."""

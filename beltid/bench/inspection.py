@@ -178,13 +178,13 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
 
 def _not_reduced(columns: dict[str, np.ndarray], needs: Needs) -> tuple[str, ...]:
     """Return why the command does not reduce what it reads."""
-    spans = [columns[name] for name in FORCES[:2] if name in columns]
+    spans = [columns[name] for name in FORCES[:3] if name in columns]
     is_torque = needs.table.kind == "rig" and needs.options.rig[0] == "torque"
     if not is_torque or any(np.isfinite(tension).any() for tension in spans):
         return ()
     return (
-        "rig.kind: torque needs the tension of one span: column tension_tight_N or "
-        "tension_slack_N; a weight beside a torque is read, but not reduced",
+        "rig.kind: torque needs the tension of one span: column tension_tight_N, tension_slack_N "
+        "or weight_N",
     )
 
 

@@ -409,7 +409,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
 
 def refuse_missing(
     channels: Sequence[Channel],
-    found: Collection[str],
+    found: Mapping[str, Found],
     needs: Needs,
     place: str,
     elsewhere: Collection[str],
@@ -421,7 +421,8 @@ def refuse_missing(
     """
     table, names = needs.table, needs.options.names
     has = {*found, *elsewhere}
-    free = [c.name for c in channels if c.name not in found]
+    used = {match.channel.name for match in found.values()}
+    free = [c.name for c in channels if c.name not in used]
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
     missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
     close = {

@@ -299,8 +299,7 @@ def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
             p.columns.pop(column.name) if column.name in p.columns else np.full(n, missing, kind)
             for p, n in zip(parts, lengths, strict=True)
         ]
-        is_one = len(pieces) == 1 and pieces[0].flags.writeable
-        columns[column.name] = pieces[0] if is_one else np.concatenate(pieces)
+        columns[column.name] = pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
     return columns
 
 

@@ -63,7 +63,9 @@ def read(
     if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
-    names = distinct_names(head.names)
+    names = distinct_names(
+        [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
+    )
     body = _without_asides(body, top[max(head.row, 0) : head.first_row], separator, names, notes)
     if separator == " " or b'"' in body:
         body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
@@ -284,6 +286,8 @@ def _rows(
 
 def _lines(body: bytes, first_line: int, *, quoted: bool) -> Sequence[int] | np.ndarray:
     """Return the line in which every row begins; a row in quotation marks may have several."""
+    if b"\n\n" not in body and not (quoted and b'"' in body):
+        return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
     text = np.frombuffer(body, np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
     if not body.endswith(b"\n"):

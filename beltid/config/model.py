@@ -68,8 +68,8 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    kind: RigKind = key("two_cells", "what the rig measures, see docs/cases.md")
-    weight_on: Span = key("tight", "dead_weight: the span that carries the weight")
+    kind: RigKind = key("two_cells", "what the rig measures, see docs/formats.md")
+    weight_on: Span = key("tight", "the span that carries a weight, also beside a torque")
     torque_with: Span = key("slack", "torque: the span whose tension is also measured")
     slide: Literal["free", "held"] = key("free", "torque_hub: constant force, or held by its cell")
     running_measures: MeasuredKind = key("two_cells", "running: what it measures")
@@ -88,13 +88,18 @@ class RigSection(Section):
         return self.running_measures if self.kind == "running" else self.kind
 
     @property
+    def states_weight(self) -> bool:
+        """Whether the config says which span carries a weight."""
+        return "weight_on" in self.model_fields_set
+
+    @property
     def given_force(self) -> params.GivenForce:
         """Force that stays constant while the pulley turns.
 
-        A dead weight fixes the tension of one span. A hub force fixes the sum of both, unless the
-        pulley slide is held.
+        A weight fixes the tension of one span, also beside a torque if it is stated. A hub force
+        fixes the sum of both, unless the pulley slide is held.
         """
-        if self.kind == "dead_weight":
+        if self.kind == "dead_weight" or (self.kind == "torque" and self.states_weight):
             return self.weight_on
         gives_way = self.kind == "torque_hub" and self.slide == "free"
         return "hub" if gives_way else "none"
@@ -156,7 +161,7 @@ class UncertaintySection(Section):
     """
 
     tension_gain_rel: float = _share(0.002, "calibration that both load cells share")
-    cell_gain_rel: float = _share(0.001, "calibration of each load cell")
+    cell_gain_rel: float = _share(0.002, "calibration of each load cell")
     cell_offset_N: float = number(0.05, 0, 1e3, "N", "zero of each load cell")
     torque_gain_rel: float = _share(0.005, "torque of the friction rig")
     bearing_drag_N_m: float = number(0.01, 0, 1e3, "N m", "drag and zero left in that torque")
@@ -185,6 +190,7 @@ class FrictionSection(Section):
     tension_slack_tare_N: float = number(0.0, -1e4, 1e4, "N", "of the slack cell")
     tension_tight_gain: float = number(1.0, 0.1, 10, "", "of the tight cell")
     tension_slack_gain: float = number(1.0, 0.1, 10, "", "of the slack cell")
+    free_at_rest: bool = key(False, "the pulley was rocked free before the rest: it shows gains")
     correct_temperature: bool = key(False, "refine-surface refers all runs to one temperature")
     reference_temperature_degC: float | None = number(None, -60, 200, "°C", "null: their mean")
 

@@ -110,8 +110,9 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
             f"tension (median of {counted(len(shares), 'run')} of {len(good)}): "
             "friction held in the belt, or gains of the cells that differ by as much; neither is "
-            "corrected. Turn the pulley back and forth before the rest, or add a few runs in the "
-            "other direction; state what the gains may be off as uncertainty.cell_gain_rel"
+            "corrected. Turn the pulley back and forth before the rest and state "
+            "friction.free_at_rest: true, or add a few runs in the other direction; state what the "
+            "gains may be off as uncertainty.cell_gain_rel"
         )
     touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
     if touching:

@@ -51,6 +51,7 @@ def rig_kind(config: Config) -> RigKind:
     return RigKind(
         measures=rig.measures,
         weight_on=rig.weight_on,
+        weight_stated=rig.states_weight,
         torque_with=rig.torque_with,
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
@@ -74,7 +75,12 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
     config : Config
         Kind of the rig, radius of the pulley.
     """
-    return reduce_records(records_of(rig, config), config.rig.pulley_radius_m)
+    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
+    if rig.is_artifact:  # from perfect cells
+        return reduce_records(records, radius)
+    return reduce_records(
+        records, radius, config.uncertainty.cell_gain_rel, config.friction.free_at_rest
+    )
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:

@@ -71,7 +71,7 @@ _SPELLINGS: Final[dict[str, str]] = {
         "in": 'inch inches "',
         "mm": "millimeter",
         "m": "meter",
-        "s": "sec second seconds Sekunde Sekunden seconde secondes",
+        "s": "sec Sek second seconds Sekunde Sekunden seconde secondes",
         "ms": "millisecond milliseconds msec",
         "min": "minute minutes",
         "h": "hour hours",

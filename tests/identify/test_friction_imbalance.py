@@ -20,13 +20,25 @@ UP = np.array([0.5, -0.5])[:, None, None]
 """Halves of a difference of the tight and the slack cell."""
 
 
-def bench(held: float = 0.0, decays_s: float = np.inf, zero_N: Any = 0.0, gain: float = 0.0) -> Any:
-    """Twenty runs; held friction, difference of the zeros (n,) or () and of the gains."""
+def bench(
+    held: Any = 0.0,
+    decays_s: float = np.inf,
+    zero_N: Any = 0.0,
+    gain: float = 0.0,
+    reversed_runs: bool = False,
+) -> Any:
+    """Twenty runs; held friction (n,) or (), difference of the zeros likewise, and of the gains.
+
+    The columns name the cells: in a reversed run the tight span pulls at the slack cell.
+    """
     rng = np.random.default_rng(5)
     n, t = TENSIONS.size, np.arange(300) / 50.0
     built = 1.0 - np.exp(-np.maximum(t - REST_S, 0.0) / 0.05)
+    held = np.broadcast_to(held, n)[:, None]
     z = held * np.exp(-np.minimum(t, REST_S) / decays_s) * (1.0 - built)
     z = z + MU * np.radians(BETA_DEG) * built
+    back = reversed_runs * (np.arange(n) % 2)[:, None]
+    z = np.where(back, -z, z)
     tensions = TENSIONS[:, None] * np.exp(UP * z)
     cells = tensions * (1.0 + UP * gain) + UP * np.broadcast_to(zero_N, n)[:, None]
     cells = cells + 0.3 * rng.normal(size=cells.shape)
@@ -41,9 +53,15 @@ def bench(held: float = 0.0, decays_s: float = np.inf, zero_N: Any = 0.0, gain: 
     }
 
 
-def reduced(recording: Any, **uncertainty: float) -> tuple[Any, np.ndarray, np.ndarray]:
+def reduced(
+    recording: Any, free: bool = False, **uncertainty: float
+) -> tuple[Any, np.ndarray, np.ndarray]:
     """Outcome of `fit-friction`, errors of mu and their standard errors, both relative."""
-    config = {"rig": {"pulley_radius_m": RADIUS_M}, "uncertainty": uncertainty}
+    config = {
+        "rig": {"pulley_radius_m": RADIUS_M},
+        "friction": {"free_at_rest": free},
+        "uncertainty": uncertainty,
+    }
     outcome = beltid.fit_friction(recording, config)
     table = outcome.to_frame()
     assert (table["status"] == "ok").all()
@@ -77,6 +95,36 @@ def test_a_gain_of_the_cells_is_an_uncertainty_that_is_stated() -> None:
     outcome, error, _ = reduced(bench(gain=0.012), cell_gain_rel=0.006)
     assert np.all(np.abs(error) < 1.96 * outcome.to_frame()["mu_sliding_u"] / MU)
     assert any("1.2 %" in line and "cell_gain_rel" in line for line in outcome.warnings)
+
+
+@pytest.mark.parametrize(("gain", "held"), [(0.02, 0.0), (-0.02, 0.03), (0.0, 0.02)])
+def test_a_gain_is_found_by_runs_in_both_directions(gain: float, held: float) -> None:
+    outcome, error, se = reduced(bench(held, gain=gain, reversed_runs=True))
+    assert rms(error) < 0.003
+    assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
+    notes = outcome.to_frame()["notes"].fillna("")
+    assert notes.str.contains("gains of the cells differ").any() == bool(gain)
+
+
+def test_a_gain_is_found_at_rest_where_the_belt_was_rocked_free() -> None:
+    _, error, se = reduced(bench(gain=0.012), free=True)
+    assert rms(error) < 0.0015
+    assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
+
+
+def test_held_friction_that_differs_from_run_to_run_is_no_zero_either() -> None:
+    held = np.random.default_rng(2).normal(0.01, 0.01, TENSIONS.size)
+    _, error, se = reduced(bench(held))
+    assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
+
+
+@pytest.mark.parametrize("held", [0.0025, 0.02, -0.1])
+def test_one_run_does_not_tell_held_friction_from_a_zero_and_says_so(held: float) -> None:
+    """Its interval holds either."""
+    recording = bench(held)
+    one = recording["run"] == "R02"
+    _, error, se = reduced({name: values[one] for name, values in recording.items()})
+    assert np.all(np.abs(error) < 1.96 * se)
 
 
 @pytest.mark.parametrize(

@@ -32,10 +32,10 @@ BASE = Recipe()
 @pytest.mark.parametrize(
     ("recipe", "allowed"),
     [
-        (BASE, 0.0015),
+        (BASE, 0.002),
         (BASE.but(noise=2.0), 0.006),
         (BASE.but(ripple=0.01, ripple_period=2.3), 0.002),
-        (BASE.but(peak=0.0), 0.0015),
+        (BASE.but(peak=0.0), 0.002),
         (BASE.but(tail=2.0), 0.005),
         (BASE.but(rate=2000.0, duration=3.0, tail=0.3), 0.0005),
         (BASE.but(rate=200.0, duration=2.0, rest=0.3, build_up=0.05, tail=0.2), 0.0015),
@@ -59,8 +59,8 @@ def test_noise_free_record_with_a_constant_plateau_is_exact() -> None:
     quiet = BASE.but(noise=0.0, ripple=0.0, peak=0.0)
     run = reduce_recipe(quiet)
     assert run.status == "ok"
-    # the model takes 2e-5 of a tension for rounding, whatever is recorded
-    assert run.mu_sliding == pytest.approx(0.8, rel=2e-5)
+    # the spectrum of a tail is positive: none at all is at the edge of its prior
+    assert run.mu_sliding == pytest.approx(0.8, rel=2e-4)
     assert run.initial_tension_N == pytest.approx(270.0, rel=1e-12)
     assert run.imbalance_N == 0.0
     assert abs(run.mu_sliding - 0.8) < run.mu_sliding_se < 1.6e-3
@@ -192,8 +192,8 @@ def test_a_tail_longer_than_the_record_is_a_reason_or_in_the_error() -> None:
     for seed in range(4):
         run = reduce_recipe(BASE.but(tail=6.0, seed=seed))
         if run.ok:
-            assert abs(run.mu_sliding - 0.8) < 3.0 * run.mu_sliding_se
-            assert run.mu_sliding_se > 0.004
+            assert abs(run.mu_sliding - 0.8) < 4.0 * run.mu_sliding_se
+            assert run.mu_sliding_se > 0.002
         else:
             assert run.status.startswith(("never settles", "drifts"))
 

@@ -165,6 +165,23 @@ def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
         )
 
 
+@pytest.mark.parametrize("span", ["slack", pytest.param("tight", marks=pytest.mark.long)])
+def test_a_weight_beside_a_torque_gives_the_plateau_of_two_cells(two_cells, span):
+    cells = plateaus(two_cells)
+    weighed = by_weight(cells, span)
+    other = f"tension_{'slack' if span == 'tight' else 'tight'}_N"
+    sign = 1.0 if span == "tight" else -1.0
+    torque = sign * (weighed["weight_N"] - weighed[other]) * R
+    columns = {**without(weighed, other), "torque_N_m": torque}
+    runs = reduce_runs(columns, R, RigKind("torque", weight_on=span))
+    assert np.abs(mu(runs) - mu(reduce_runs(cells, R))).max() < 1e-6
+    for run in runs:
+        tension = run.tension_tight_N if span == "tight" else run.tension_slack_N
+        assert tension == run.initial_tension_N == run.nominal_tension_N
+    with pytest.raises(InputError, match=r"rig\.weight_on"):
+        reduce_runs(columns, R, RigKind("torque", weight_stated=False))
+
+
 def one_of(columns: Columns, n: int = 8) -> Columns:
     labels = list(dict.fromkeys(columns["run"]))[:n]
     rows = np.isin(columns["run"], labels)

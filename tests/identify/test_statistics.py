@@ -6,13 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.signal import lfilter
-from scipy.stats import norm
 
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
-    interval_sd,
     mad_sigma,
     outlier_mask,
     robust_mean_with_se,
@@ -136,25 +133,3 @@ def test_settings_are_distinguished_by_their_relative_gap():
     assert snap_to_settings(np.array([100.0, 103.1])) == pytest.approx([100.0, 103.1])
     assert snap_to_settings(np.array([100.0, 103.1]), gap=0.04) == pytest.approx([101.55, 101.55])
     assert np.isnan(snap_to_settings(np.array([np.nan]))).all()
-
-
-# --- intervals of mixtures ---
-
-
-def test_the_interval_of_one_gaussian_is_its_standard_deviation():
-    found = interval_sd(
-        np.array([0.3, 0.7]), np.zeros((3, 2)), np.array([[2.0, 2.0], [0.5, 0.5], [0.0, 0.0]])
-    )
-    np.testing.assert_allclose(found, [2.0, 0.5, 0.0], atol=1e-6)
-
-
-def test_the_interval_of_a_mixture_holds_95_percent_of_it():
-    rng = np.random.default_rng(0)
-    p, mean, sd = rng.dirichlet(np.ones(6)), rng.normal(size=(4, 6)), rng.uniform(0.2, 2.0, (4, 6))
-
-    def missing(half: float, k: int) -> float:
-        held = norm.cdf(half, mean[k], sd[k]) - norm.cdf(-half, mean[k], sd[k])
-        return float(p @ held) - 0.95
-
-    expected = [brentq(missing, 0.0, 20.0, args=(k,)) / norm.ppf(0.975) for k in range(4)]
-    np.testing.assert_allclose(interval_sd(p, mean, sd), expected, rtol=3e-4)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,11 +22,6 @@ MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
 OUTLIER = 6.0
 """Distance from the median, in robust spreads, beyond which a sample is an outlier."""
-
-INTERVAL = 0.95
-"""Coverage probability of an interval."""
-NEGLIGIBLE = 1e-4
-"""Probability that may be cut off a mixture: it changes the interval by 1/500."""
 
 
 class MeanWithError(NamedTuple):
@@ -211,35 +205,3 @@ def snap_to_settings(values: np.ndarray, gap: float = 0.03) -> np.ndarray:
     medians = [np.median(known[labels == k]) for k in np.unique(labels)]
     settings[finite] = np.array(medians)[labels]
     return settings
-
-
-def interval_sd(probability: Array, mean: Array, sd: Array) -> Array:
-    """Return the half-width of the 95 % interval about zero of a Gaussian mixture, over 1.96.
-
-    For a single Gaussian of mean zero this is its standard deviation. If a mixture contains a
-    large but improbable component, its standard deviation describes neither part; this interval
-    has the stated coverage nevertheless.
-
-    Parameters
-    ----------
-    probability : ndarray, shape (K,)
-        Probabilities of the Gaussians.
-    mean, sd : ndarray, shape (R, K)
-        Their means and standard deviations for R quantities.
-
-    Returns
-    -------
-    ndarray, shape (R,)
-    """
-    order = np.argsort(-probability, kind="stable")
-    total = np.cumsum(probability[order]) / np.sum(probability)
-    kept = order[: int(np.searchsorted(total, 1.0 - NEGLIGIBLE)) + 1]
-    p = probability[kept] / np.sum(probability[kept])
-    mean, sd = mean[:, kept], np.maximum(sd[:, kept], 1e-300)
-    low = np.zeros(len(mean))
-    high = np.sqrt((mean**2 + sd**2) @ p / (1.0 - INTERVAL))  # Chebyshev
-    for _ in range(24):
-        half = 0.5 * (low + high)
-        inside = (ndtr((half[:, None] - mean) / sd) - ndtr((-half[:, None] - mean) / sd)) @ p
-        low, high = np.where(inside < INTERVAL, half, low), np.where(inside < INTERVAL, high, half)
-    return np.asarray(0.5 * (low + high) / ndtri(0.5 + 0.5 * INTERVAL))

@@ -9,6 +9,7 @@ Kind        Measured                       Errors of the tensions
 two_cells   both tensions                  independent errors of the two cells
 dead_weight one tension; the other is W    none in W
 torque      torque and one tension         torque: in the other tension; cell: in both
+            torque and a weight            torque: in the other tension; none in the weight
 torque_hub  torque and hub force           torque: half in each; hub force: in their sum
 =========== ============================== ==================================================
 
@@ -152,7 +153,7 @@ class Treatment:
         drag_N_m = None
         if drag is not None and stated.has_torque:
             drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-        other_span = found.torque_with != stated.torque_with
+        other_span = found.torque_with != stated.torque_with and not found.weighs
         return cls(stated.cells, drag_N_m, other_span, n_marks=n_marks)
 
 
@@ -169,6 +170,10 @@ class RigKind:
         Measured channels.
     weight_on : {"tight", "slack"}
         Span that carries the dead weight.
+    weight_stated : bool
+        Whether the user said which span that is: a weight beside a torque does not show it.
+    weighs : bool
+        Whether the tension measured in addition to a torque is a weight.
     torque_with : {"tight", "slack"}
         Span whose tension is measured in addition to a torque.
     running : bool
@@ -196,6 +201,8 @@ class RigKind:
     mass_per_length_kg_m: float = 0.0
     cells: KnownCells = field(default_factory=KnownCells)
     spans: Spans = STRAIGHT
+    weight_stated: bool = True
+    weighs: bool = False
 
     def __post_init__(self) -> None:
         without = {"dead_weight": [self.weight_on], "torque_hub": list(SPANS)}
@@ -237,7 +244,7 @@ class RigKind:
     @property
     def weight(self) -> Span | None:
         """Span whose tension is a dead weight; None for other kinds."""
-        return self.weight_on if self.measures == "dead_weight" else None
+        return self.weight_on if self.measures == "dead_weight" or self.weighs else None
 
     def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
         """Return the momentum part of the measured tensions [N]; zero with a hub force."""
@@ -280,11 +287,19 @@ class RigKind:
             for span in (self.torque_with, other(self.torque_with))
             if _has_values(columns, f"tension_{span}_N")
         ]
+        weighs = self.measures == "torque" and not spans and _has_values(columns, "weight_N")
+        if weighs and not self.weight_stated:
+            raise InputError(
+                "a weight beside a torque: state the span that carries it, rig.weight_on: tight or "
+                "rig.weight_on: slack"
+            )
+        if weighs:
+            spans = [self.weight_on]
         if self.measures == "torque" and not spans:
             raise InputError(
-                "rig.kind: torque needs the tension of one span: column tension_tight_N or "
-                "tension_slack_N is missing; with the force on the axis (hub_force_N) it is "
-                "rig.kind: torque_hub"
+                "rig.kind: torque needs the tension of one span: column tension_tight_N, "
+                "tension_slack_N or weight_N is missing; with the force on the axis (hub_force_N) "
+                "it is rig.kind: torque_hub"
             )
         if self.running:
             self.belt_speed(columns)
@@ -293,7 +308,9 @@ class RigKind:
                 f"rig.kind: {self.name}, but according to column belt_speed_m_s the belt moves; "
                 f"must be rig.kind: running, with rig.running_measures: {self.measures}"
             )
-        return replace(self, torque_with=spans[0]) if self.measures == "torque" else self
+        if self.measures != "torque":
+            return self
+        return replace(self, torque_with=spans[0], weighs=weighs)
 
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
@@ -303,10 +320,10 @@ class RigKind:
         table : {"rig", "points"}
             Name under which the config maps the columns of the recording.
         """
-        if self.weight is not None:
+        if self.measures == "dead_weight":
             return (
-                f"the cell shows that the weight hangs on the {other(self.weight)} span while the "
-                f"pulley turns, but the config states rig.weight_on: {self.weight}"
+                f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
+                f"the pulley turns, but the config states rig.weight_on: {self.weight_on}"
             )
         if self.has_torque:
             return (

@@ -47,7 +47,6 @@ from beltid.identify.friction.run import (
     RunReduction,
     RunRejected,
 )
-from beltid.identify.friction.shared import SLOW_TAKE_UP, tail_basis
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -224,13 +223,16 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
     return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
 
 
-GROWTH = 0.1
+GROWTH = 0.15
 """Ratio of the length of a block to the length of the record before it."""
 FINEST = 256
 """Records of up to so many samples start with blocks of one sample; longer records with more."""
 TAKE_UP = np.geomspace(0.06, 0.35, 5)
 """Decay lengths of the rest of the build-up, over its travel: spaced so closely that a noise-free
 recording resolves no other decay between two of them."""
+SLOW_TAKE_UP = np.geomspace(0.5, 5.0, 4)
+"""Lengths of slow decays of the build-up, over its travel: if friction grows strongly with speed,
+part of a build-up may take several times as long as the rest. It resembles the tail of the peak."""
 LINES = 3
 """Largest number of ripples fitted to a run."""
 OUTLIER = 6.0
@@ -251,8 +253,6 @@ class SlidingRecord:
         Mean travel of the pulley's surface since the end of the build-up [m].
     z, log_mean : ndarray
         ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N.
-    basis : ndarray, shape (m, RANK)
-        Basis functions of the tails.
     waves : ndarray, shape (m, 2 k)
         Cosine and sine of the detected ripples.
     take_up : ndarray, shape (m, TAKE_UP.size)
@@ -294,7 +294,6 @@ class SlidingRecord:
     travel: Array
     z: Array
     log_mean: Array
-    basis: Array
     waves: Array
     take_up: Array
     slow_take_up: Array
@@ -380,7 +379,6 @@ def sliding_record(
         travel=block_means(travel, starts),
         z=block_means(z, starts),
         log_mean=block_means(log_mean, starts),
-        basis=block_means(tail_basis(travel), starts),
         waves=block_means(wave, starts),
         take_up=block_means(np.exp(-relative_travel / TAKE_UP), starts),
         slow_take_up=block_means(np.exp(-relative_travel / SLOW_TAKE_UP), starts),

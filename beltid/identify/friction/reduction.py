@@ -1,8 +1,9 @@
 """Reduce the runs of the friction rig from tensions over time to one friction coefficient each.
 
 Two passes: each run is prepared alone (:mod:`prepare`), then all runs are reduced together
-(:mod:`campaign`). Bench and simulated rig use the same functions, which do not depend on the origin
-of the recording. A run that cannot be reduced is marked with the reason, never dropped.
+(:mod:`bench_model`, :mod:`cells`). Bench and simulated rig use the same functions, which do not
+depend on the origin of the recording. A run that cannot be reduced is marked with the reason, never
+dropped.
 
 The sticking peak is not the largest sample: among many noisy samples near a flat maximum, that is
 the noisiest one. Instead the model of the sliding is extrapolated back to the time at which the
@@ -17,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import interval_sd
-from beltid.identify.friction.campaign import BATCH, RunLevel, reduce_bench
+from beltid.identify.friction.bench_model import RunLevel, fit_bench
+from beltid.identify.friction.cells import Readings, cell_errors
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
-from beltid.identify.friction.rest import CellErrors, Rest, against_stated, cell_errors
+from beltid.identify.friction.rest import Rest, against_stated
 from beltid.identify.friction.run import (
     MAX_MU,
     RunRecord,
@@ -29,7 +30,6 @@ from beltid.identify.friction.run import (
     RunRejected,
     run_records,
 )
-from beltid.identify.friction.shared import Shared, tail_basis
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ MAX_DRIFT = 0.1
 """Largest relative drift of mu over the sliding phase."""
 MAX_MISFIT = 4.0
 """Largest ratio of the noise about the model of the bench to that of the other runs."""
-MAX_PEAK_ERROR = 0.015
+MAX_PEAK_ERROR = 0.02
 """Largest relative standard error of mu_sticking of a resolved peak."""
 JOINED = 3.0
 """Largest distance of a sample on the model, in standard deviations of the noise."""
@@ -100,7 +100,9 @@ def reduce_runs(
     return reduce_records(records, pulley_radius_m)
 
 
-def reduce_records(records: Iterable[RunRecord], R: float) -> tuple[RunReduction, ...]:
+def reduce_records(
+    records: Iterable[RunRecord], R: float, gain_rel: float = 2e-3, free_at_rest: bool = False
+) -> tuple[RunReduction, ...]:
     """Reduce the runs of a bench together.
 
     Parameters
@@ -109,6 +111,10 @@ def reduce_records(records: Iterable[RunRecord], R: float) -> tuple[RunReduction
         The runs.
     R : float
         Radius of the belt's centreline on the pulley [m], > 0.
+    gain_rel : float
+        Stated standard uncertainty of the gain of a load cell, relative.
+    free_at_rest : bool
+        Whether the belt holds no friction at rest, so that the rest shows the gains, too.
 
     Returns
     -------
@@ -125,7 +131,7 @@ def reduce_records(records: Iterable[RunRecord], R: float) -> tuple[RunReduction
     prepared = [prepare_run(record, R) for record in records]
     sliding = [run for run in prepared if run.sliding is not None]
     if sliding:
-        _reduce_together(sliding, R)
+        _reduce_together(sliding, R, gain_rel, free_at_rest)
     results = tuple(run.found for run in prepared)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
@@ -144,27 +150,36 @@ def _check_radius(R: float) -> None:
         raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
 
 
-def _reduce_together(prepared: Sequence[PreparedRun], R: float) -> None:
+def _reduce_together(
+    prepared: Sequence[PreparedRun], R: float, gain_rel: float, free_at_rest: bool
+) -> None:
     """Reduce all sliding runs of a bench together."""
     runs = [run.found for run in prepared]
     records = [run.sliding for run in prepared if run.sliding is not None]
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    common, probability, levels = reduce_bench(records)
+    levels = fit_bench(records).levels
+    own = np.array([level.variance for level in levels])
+    own += np.square([record.rounding for record in records])
     cells = cell_errors(
-        difference=np.array([rest.imbalance_N for rest in rests]),
-        se=np.array([rest.imbalance_se_N for rest in rests]),
-        tension=initial,
-        sliding=np.array([record.tensions_N for record in records]),
+        Readings(
+            difference_N=np.array([rest.imbalance_N for rest in rests]),
+            se_N=np.array([rest.imbalance_se_N for rest in rests]),
+            tension_N=initial,
+            sliding_N=np.array([record.tensions_N for record in records]),
+            level=np.array([level.y for level in levels]),
+            level_se=np.sqrt(own),
+            direction=np.where([run.swapped for run in runs], -1.0, 1.0),
+            arc=np.radians([run.arc_deg for run in runs]),
+            speed=np.array([run.pulley_speed_rad_s for run in runs]),
+        ),
+        gain_rel,
+        free_at_rest,
     )
     relaxed = 1.0 + _relaxation(rests)
     shared = np.array([[level.shared_tail, level.shared_drift] for level in levels])
     shared = np.column_stack([shared, cells.shared])
-    rounding = np.array([record.rounding for record in records])
-    independent = np.array([level.variance for level in levels]) + cells.variance + rounding**2
-    y_ses = _standard_errors(probability, levels, cells, rounding)
-    # scale the shared parts so that all parts add up to the stated interval
-    shared *= (y_ses / np.sqrt(independent + np.sum(shared**2, axis=1)))[:, None]
+    y_ses = np.sqrt(own + cells.variance + np.sum(shared**2, axis=1))
     for k, (run, record, level) in enumerate(zip(runs, records, levels, strict=True)):
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
@@ -182,26 +197,7 @@ def _reduce_together(prepared: Sequence[PreparedRun], R: float) -> None:
             run.status = str(reason)
             continue
         run.status = "ok"
-        run.mu_sticking_reason = _set_peak(run, record, level, y, common)
-
-
-def _standard_errors(
-    of_bench: Array, levels: Sequence[RunLevel], cells: CellErrors, rounding: Array
-) -> Array:
-    """Compute the standard errors of the levels over all hypotheses on bench and cells, (R,)."""
-    probability = np.multiply.outer(of_bench, cells.probability).ravel()
-    errors = []
-    for k in range(0, len(levels), BATCH):
-        batch = slice(k, k + BATCH)
-        away = np.array([level.away for level in levels[batch]])[:, :, None]
-        spread = np.array([level.spread for level in levels[batch]])[:, :, None]
-        away = away - cells.away[batch, None, :]
-        variance = spread**2 + cells.spread[batch, None, :] ** 2
-        variance = variance + rounding[batch, None, None] ** 2
-        shape = len(away), probability.size
-        sd = np.sqrt(variance).reshape(shape)
-        errors.append(interval_sd(probability, away.reshape(shape), sd))
-    return np.concatenate(errors)
+        run.mu_sticking_reason = _set_peak(run, record, level, y)
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:
@@ -223,7 +219,7 @@ def _set_plateau(
     run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, y_se: float, R: float
 ) -> None:
     """Determine the plateau and its tensions; `y` is its ln(T_tight/T_slack)."""
-    tail = record.basis @ level.tail
+    tail = level.tail(record.travel)
     unsettled = np.flatnonzero(np.abs(tail - tail[-1]) > STEADY * abs(y))
     start = int(unsettled[-1]) + 1 if unsettled.size else 0
     count, temperature = record.count[start:], record.temperature[start:]
@@ -307,9 +303,7 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
         )
 
 
-def _set_peak(
-    run: RunReduction, record: SlidingRecord, level: RunLevel, y: float, shared: Shared
-) -> str:
+def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: float) -> str:
     """Set the sticking peak from the model of the sliding, or return why there is none.
 
     The peak is corrected for errors of the cells like the level, which becomes `y`.
@@ -317,7 +311,7 @@ def _set_peak(
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond
-    model = level.y + tail_basis(np.maximum(travel, 0.0)) @ level.tail
+    model = level.y + level.tail(np.maximum(travel, 0.0))
     ripple = record.ripple_N / record.tensions_N[0]
     limit = JOINED * record.noise_N * record.sensitivity + ripple
     off_model = np.flatnonzero(~(np.abs(z[:-1] - model[:-1]) <= limit))
@@ -327,13 +321,13 @@ def _set_peak(
     before = max(join - 1, 0)
     run.peak_time_s = 0.5 * float(t[before] + t[join])
     last_off, first_on = (max(float(travel[k]), 0.0) for k in (before, join))
-    peak, error = level.at(0.5 * (last_off + first_on), shared, record.level)
+    peak, error = level.at(0.5 * (last_off + first_on))
     # noise may hide the end of the build-up in the tail, which makes the time more uncertain
     rise = max(peak - float(np.nanmin(z)), limit)
     margin = float(travel[join] - travel[0]) * limit / rise
     step = first_on - last_off
     ahead = 0.1 * max(step, margin)
-    tail = tail_basis(np.array([first_on, first_on + ahead])) @ level.tail
+    tail = level.tail(np.array([first_on, first_on + ahead]))
     rate = abs(tail[0] - tail[1]) / max(ahead, 1e-12)
     timing = rate * float(np.hypot(step, margin)) / np.sqrt(12.0)
     se = float(np.linalg.norm([error, timing, record.rounding]))

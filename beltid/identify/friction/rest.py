@@ -1,25 +1,8 @@
-"""Evaluate the rest phase: tension, slopes, and errors of the cells.
-
-The difference of the cells at rest (tight less slack) is
-
-    D_r = zeta + w_r + (gamma + f_r) T_r + noise.                                            (S4)
-
-The zero points differ by zeta in all runs and by w in each. Friction holds shares of the tension
-in a belt that stands on its pulley: gamma in all runs, f in each; sliding removes them. One run
-cannot separate these four; runs at several tensions can. Each has an unknown standard deviation,
-possibly zero; the errors of ln(T_tight/T_slack)
-
-    e_r = q_r (zeta + w_r),   q_r = (1/T_tight + 1/T_slack)/2                                 (S5)
-
-are averaged over all of them. A difference of the gains looks like gamma: rest does not tell it
-from friction, so that it is not corrected. A common error of both zeros is never visible at rest;
-it has the prior of half their difference, independent of the measured difference.
-"""
+"""Evaluate the rest phase of a run: tension, readings of the cells, their slopes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,11 +29,6 @@ AGREE, LARGE = 0.7, 0.1
 """Relative scatter of the levels of tension up to which they agree; share of the lowest stated
 tension, or of the factor 1, above which the readings contradict the stated tensions."""
 ROUGH = "If only the stated tensions are wrong, correct initial_tension_N"
-SIZES = (0.0, 3e-4, 1e-3, 3e-3, 1e-2)
-"""Standard deviations allowed for zeta, gamma, w and f, in units of the median initial tension;
-zero has half the probability."""
-NOTED = 0.003
-"""Ratio of correction to initial tension above which a note mentions it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,115 +187,3 @@ def _median_level(values: Array, stated: Array) -> tuple[float, float]:
     of_levels = np.array([median(values[stated == level]) for level in np.unique(stated)])
     middle = median(of_levels)
     return middle, mad_sigma(of_levels) / max(abs(middle), 1e-300)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CellErrors:
-    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,).
-
-    Attributes
-    ----------
-    mean : ndarray
-        Correction to subtract.
-    variance : ndarray
-        Variance of its part that is independent between runs.
-    shared : ndarray
-        Standard deviation of its part that is common to all runs.
-    probability : ndarray, shape (K,)
-        Probabilities of the hypotheses about the sizes of the errors.
-    away, spread : ndarray, shape (R, K)
-        Difference from `mean` and standard deviation under each hypothesis.
-    held : ndarray
-        Difference at rest that zeros do not explain, as a share of the tension.
-    notes : tuple of str
-        Note to the user on each run; empty if there is none.
-    """
-
-    mean: Array
-    variance: Array
-    shared: Array
-    probability: Array
-    away: Array
-    spread: Array
-    held: Array
-    notes: tuple[str, ...]
-
-
-def cell_errors(difference: Array, se: Array, tension: Array, sliding: Array) -> CellErrors:
-    """Average the errors (S5) over all combinations of standard deviations in (S4).
-
-    Parameters
-    ----------
-    difference, se : ndarray
-        Difference of the cells at rest (tight less slack) and its standard error [N], shape (R,).
-    tension : ndarray
-        Tension at rest [N], shape (R,).
-    sliding : ndarray
-        Tight and slack tension while sliding [N], shape (R, 2).
-    """
-    D, T = difference, tension
-    inverse_tight, inverse_slack = 1.0 / sliding.T
-    # effects of the difference and of the sum of the zeros [1/N]
-    q, q_common = 0.5 * (inverse_tight + inverse_slack), 0.5 * (inverse_slack - inverse_tight)
-    unit = float(np.median(T))
-    sizes = np.array(SIZES)
-    noise = np.square(np.maximum(se, 1e-5 * T))
-    X = np.column_stack([np.ones(D.size), T / unit])
-    pairs = np.array(list(product(sizes, sizes)))
-    n_present = np.count_nonzero(pairs, axis=1)
-    # first axis: sizes of w and f; second axis: sizes of zeta and gamma
-    variance = noise + (pairs[:, :1] * unit) ** 2 + (pairs[:, 1:] * T) ** 2
-    weighted = X / variance[:, :, None]
-    M, b = X.T @ weighted, weighted.transpose(0, 2, 1) @ D
-    S = np.square(pairs * unit)
-    A = np.eye(2) + S[:, :, None] * M[:, None]
-    C = np.linalg.solve(A, S[:, :, None] * np.eye(2))  # posterior covariances
-    means = (C @ b[:, None, :, None])[..., 0]  # of zeta and gamma
-    log_p = 0.5 * ((means @ b[:, :, None])[..., 0] - np.linalg.slogdet(A)[1])
-    log_p -= 0.5 * np.sum(D**2 / variance + np.log(variance), axis=1, keepdims=True)
-    log_p -= np.add.outer(n_present, n_present) * np.log(4.0)
-    weights = np.exp(log_p - np.max(log_p))
-    weights /= weights.sum()
-    n = sizes.size
-    # indexed by the sizes of constant and wandering zeros; summed over those of the friction
-    by_size = np.zeros((3, n, n, D.size))
-    independent, expected = np.zeros(D.size), np.zeros(2)
-    for k, p in enumerate(weights):
-        wander_N = pairs[k, 0] * unit
-        part = wander_N**2 / variance[k]
-        zero = means[k, :, :1] + part * (D - means[k] @ X.T)
-        error = q * zero
-        slopes = q[:, None] * np.column_stack([1.0 - part, -part * T / unit])
-        # the common error of both zeros has the prior of their difference, not its posterior
-        wandering = wander_N**2 * (q**2 * (1.0 - part) + q_common**2)
-        common = np.einsum("rk,hkl,rl->hr", slopes, C[k], slopes) + q_common**2 * S[:, :1]
-        moments = np.stack([np.ones_like(error), error, error**2 + wandering + common])
-        by_size[:, k // n] += (p[:, None] * moments).reshape(3, n, n, -1).sum(axis=2)
-        independent += p.sum() * wandering
-        expected += [p @ means[k, :, 0], p.sum() * wander_N]
-    probability, first, second = by_size.reshape(3, n * n, -1)
-    mean = first.sum(axis=0)
-    probability = np.maximum(probability, 1e-300)
-    error = first / probability
-    zeros = mean / q
-    shared = second.sum(axis=0) - mean**2 - independent
-    return CellErrors(
-        mean=mean,
-        variance=independent,
-        shared=np.where(mean < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(shared, 0.0)),
-        probability=probability[:, 0],
-        away=(error - mean).T,
-        spread=np.sqrt(np.maximum(second / probability - error**2, 0.0)).T,
-        held=(D - zeros) / T,
-        notes=tuple(_note(zero, t, *expected) for zero, t in zip(zeros, T, strict=True)),
-    )
-
-
-def _note(zero_N: float, tension_N: float, zeta: float, wander: float) -> str:
-    """Describe the zeros of the cells if their difference in a run, `zero_N`, is large."""
-    if min(abs(zeta) + wander, abs(zero_N)) <= NOTED * tension_N:
-        return ""
-    wandering = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
-    return (
-        f"the zero points of the cells differ by {zeta:+.3g} N over all runs{wandering}: corrected"
-    )

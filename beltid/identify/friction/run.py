@@ -114,9 +114,8 @@ class RunReduction(RunHeader):
     mu_sliding: float = NAN
     """Eq. (6) of the two plateau tensions [-]."""
     mu_sliding_se: float = NAN
-    """Half-width of the 95 % interval over 1.96, from the noise of the record and its
-    correlation, the shape of the tail, drift and the cells; includes errors common to all runs
-    [-]."""
+    """Standard deviation, from the noise of the record and its correlation, the shape of the tail,
+    drift and the cells; includes errors common to all runs [-]."""
     mu_sticking: float = NAN
     """Peak of mu at the end of the build-up [-]; nan if the record does not resolve it."""
     mu_sticking_se: float = NAN
@@ -134,7 +133,7 @@ class RunReduction(RunHeader):
     """Tight minus slack cell at rest, as recorded [N]."""
     imbalance_se_N: float = NAN
     held: float = NAN
-    """Imbalance that zeros of the cells do not explain, over the initial tension [-]."""
+    """Imbalance that the cells do not explain, over the initial tension [-]."""
     rest_N: tuple[float, float] = (NAN, NAN)
     """Readings of the tight and the slack span at rest [N]."""
     take_up_m: float = NAN
@@ -158,7 +157,7 @@ class RunReduction(RunHeader):
     shared_drift: float = NAN
     """The same for a drift of the cells common to all runs [-]."""
     shared_cells: float = NAN
-    """The same for the zeros of the cells [-]."""
+    """The same for zeros and gains of the cells [-]."""
     swapped: bool = False
     """Whether the columns of the tight and the slack cell were swapped."""
     notes: tuple[str, ...] = ()

@@ -1,0 +1,378 @@
+"""All runs of a bench in one mixed model: the level of each run, and what the runs share.
+
+The block means z of ln(T_tight/T_slack) of run r follow (M1) of :mod:`beltid.mixed`,
+
+    z_r = y_r [1 + T_r(x)] + L_r + N_r + c_r (w + u),  T_r(x) = sum_k A_k exp(-x/(l_k s_r^p)),  (S2)
+
+with the level y = mu beta (flat prior) and, shared by all runs, the spectrum A_k = exp(eta_k) of
+the sticking peak's tail, whose logarithm eta is smooth: rubber relaxes along a mixture of
+exponentials over the travel x. The length of the tail is a power p of the settings s (speed,
+tension, level). L holds the drifts that all runs share: of the zero of either cell, of mu, and
+slow decays of the build-up; N what is a run's own: ripples, the rest of the build-up, height and
+length of its tail, a ripple once per turn. The noise is white, w, plus zeros that wander, u:
+Ornstein–Uhlenbeck processes of several memories, the longest counted from the rest. c is the
+sensitivity of z to a newton at a cell. The slopes of the cells at rest are data of a run, too:
+those of their sum and difference that go with the tension are relaxation, and friction released.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.identify.friction.prepare import SlidingRecord
+from beltid.mixed import Mixed, Own, Posterior, Shared, Size
+
+Array = NDArray[np.float64]
+
+MEMORIES_S = np.array([0.04, 0.16, 0.64, 2.5, 20.0])
+"""Correlation times of the wandering zeros; the longest is a walk, measured from the rest."""
+LENGTHS_M = np.geomspace(3e-4, 0.3, 20)
+"""Lengths l_k of the exponentials of a tail."""
+FREE = 0.1
+"""Standard deviation of ripples and of the rest of the build-up, in z: practically free."""
+POWER = 0.4
+"""Standard deviation of the powers of the settings in the length of the tail."""
+RUNS = 32
+"""Evenly chosen runs that determine the sizes; more would add nothing."""
+FREEDOM = 20.0
+"""Degrees of freedom of the prior that ties the noise of a run to that of its bench."""
+ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
+"""Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
+RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
+"""The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
+DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
+"""The same of a drift of mu over a run, relative."""
+DECAY = ((1e-3, 0.95), (5e-2, 0.05))
+"""The same of slow decays of the build-up, relative to the level."""
+SWEEPS = 2
+"""Turns between the sizes and the shape of the tail."""
+
+
+def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
+    """Compute the covariance of block means of unit Ornstein–Uhlenbeck processes.
+
+    Parameters
+    ----------
+    first, last : ndarray, shape (m,)
+        Times of the first and last sample of each block [s], in order.
+    count : ndarray, shape (m,)
+        Number of evenly spaced samples of each block.
+    tau : ndarray, shape (k,)
+        Correlation times [s].
+
+    Returns
+    -------
+    ndarray, shape (k, m, m)
+    """
+    memory = np.asarray(tau, dtype=float)[:, None]
+    step = np.where(count > 1, (last - first) / np.maximum(count - 1, 1), 1.0) / memory
+    rho, left = np.exp(-step), -np.expm1(-step)
+    total = -np.expm1(-count * step) / left  # sum of rho^k over the block
+    share = total / count
+    gap = np.maximum(first[None, :] - last[:, None], 0.0) / memory[..., None]
+    upper = np.triu(share[:, :, None] * share[:, None, :] * np.exp(-gap), 1)
+    covariance, i = upper + np.swapaxes(upper, 1, 2), np.arange(count.size)
+    within = (count * (1.0 + rho) / left - 2.0 * rho * total / left) / count**2
+    covariance[:, i, i] = np.where(count > 1, within, 1.0)
+    return np.asarray(covariance)
+
+
+def log_settings(records: Sequence[SlidingRecord]) -> Array:
+    """Return ln of the settings that may affect the length of the tail (R, 3)."""
+    return np.log([[r.speed_m_s, np.sqrt(np.prod(r.tensions_N)), r.level] for r in records])
+
+
+class Bench:
+    """Records of several runs as arrays of the model, over the sensitivity c: newtons at a cell.
+
+    Each run has as many rows as the longest record, and two for the slopes at rest.
+    """
+
+    def __init__(self, records: Sequence[SlidingRecord], centre: Array) -> None:
+        R, m, k = len(records), max(r.z.size for r in records) + 2, MEMORIES_S.size
+        self.records, self.settings = records, log_settings(records) - centre
+        self.level = np.array([r.level for r in records])
+        self.c = np.array([r.sensitivity for r in records])
+        self.T0 = float(np.median([r.rest.tension_N for r in records]))
+        self.y, self.one, self.white, self.travel = np.zeros((4, R, m))
+        self.zeros, self.drift, self.decay = (np.zeros((R, m, n)) for n in (2, 1, 4))
+        self.release, self.relaxation = np.zeros((2, R, m, 1))
+        self.fixed, self.memory = np.zeros((R, m, m)), np.zeros((k, R, m, m))
+        self.turn, self.rest = np.zeros((2, R, m, 2))
+        middle_level = np.median(self.level)
+        for i, r in enumerate(records):
+            b, c, rest, unit = (
+                slice(2, r.z.size + 2),
+                r.sensitivity,
+                r.rest,
+                r.level / r.sensitivity,
+            )
+            mid = 0.5 * (r.first_s + r.last_s)
+            self.y[i, b], self.one[i, b], self.travel[i, b] = r.z / c, 1.0 / c, r.travel
+            self.white[i, b] = r.noise_N / np.sqrt(r.count)
+            since_rest = mid - 0.5 * (rest.first_s + rest.last_s)
+            self.zeros[i, b] = np.outer(since_rest, r.zero_shifts / c)
+            # if friction drifts, mu_sliding is that of the middle of the second half of the run
+            elapsed = (mid - r.first_s[0]) / (r.last_s[-1] - r.first_s[0])
+            self.drift[i, b, 0] = unit * (elapsed - 0.75)
+            self.decay[i, b] = unit * r.slow_take_up
+            free = np.column_stack([r.waves, r.take_up])
+            self.fixed[i, b, b] = (FREE / c) ** 2 * free @ free.T
+            V = block_covariance(
+                np.append(rest.first_s, r.first_s),
+                np.append(rest.last_s, r.last_s),
+                np.append(rest.n_samples, r.count),
+                MEMORIES_S,
+            )
+            self.memory[:, i, b, b] = V[:, 1:, 1:]
+            walk = V[-1]
+            self.memory[-1, i, b, b] += walk[0, 0] - walk[0, 1:] - walk[0, 1:, None]
+            # a ripple once per turn may go with the friction, thus the level, or with the tensions
+            self.turn[i, b] = np.hypot(r.level, middle_level) / np.sqrt(2.0) / c * r.turn
+            # difference and sum of the slopes at rest, in units of their errors
+            error = np.maximum(rest.slope_ses_N_s, 1e-6 * rest.tension_N)
+            self.y[i, :2] = rest.slopes_N_s / error
+            self.zeros[i, :2] = np.array([[1.0, -1.0], [1.0, 1.0]]) / error[:, None]
+            self.release[i, 0, 0] = rest.tension_N / error[0]
+            self.relaxation[i, 1, 0] = rest.tension_N / error[1]
+            self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
+            self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
+        white = [r.noise_N / np.sqrt(r.count.sum()) for r in records]
+        self.typical_N = float(np.median(white))
+        longest = max(float(r.travel[-1]) for r in records)
+        log_l = np.log(LENGTHS_M)
+        self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
+        near = np.exp(-0.5 * (np.subtract.outer(log_l, log_l) / 0.8) ** 2)
+        self.smooth = np.asarray(np.linalg.inv(4.0 * near + 0.3 * np.eye(log_l.size)), dtype=float)
+
+    @property
+    def slow_noise(self) -> list[tuple[str, Array]]:
+        """Names and covariances of the zeros that wander over most of a run."""
+        return [(f"memory {MEMORIES_S[-2]:g} s", self.memory[-2]), ("walk", self.memory[-1])]
+
+    def tail(self, powers: Array) -> tuple[Array, Array]:
+        """Return the exponentials and their derivatives by ln of the length, (R, m, K) each."""
+        u = self.travel[..., None] / (LENGTHS_M * np.exp(self.settings @ powers)[:, None, None])
+        columns = np.exp(-u) * (self.one * self.level[:, None])[..., None]
+        return columns, u * columns
+
+    def model(self, powers: Array, A: Array, scale: Array | float = 1.0) -> Mixed:
+        """Return the model, linear in the powers, with runs' own tails about the spectrum A."""
+        columns, slopes = self.tail(powers)
+        height, length = columns @ A, slopes @ A
+        typical, typical_z = self.typical_N, self.typical_N * float(np.median(self.c / self.level))
+        zeros = [(s * self.T0, p) for s, p in ZEROS]
+        shared = [
+            Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
+            Shared("powers", length[..., None] * self.settings[:, None], Size(POWER), mean=-powers),
+            Shared("zeros", self.zeros, choices=zeros),
+            Shared("drift", self.drift, choices=DRIFT),
+            Shared("decay", self.decay, choices=DECAY),
+            Shared("release", self.release, choices=RELEASE),
+            Shared("relaxation", self.relaxation, Size(1e-5, 3.0)),
+        ]
+        own = [
+            Own("free", Size(1.0), covariance=self.fixed),
+            Own("white", Size(1.0, 0.15), diagonal=self.white),
+            *(
+                Own(f"memory {tau:g} s", Size(0.5 * typical, 2.0), covariance=V)
+                for tau, V in zip(MEMORIES_S[:-1], self.memory[:-1], strict=True)
+            ),
+            Own("walk", Size(4.0 * typical, 1.5), covariance=self.memory[-1]),
+            Own("turn", Size(typical_z, 1.5), columns=self.turn),
+            Own("own decay", Size(3e-3, 1.5), columns=self.decay),
+            Own("height", Size(0.15, 1.0), columns=height),
+            Own("length", Size(0.10, 1.0), columns=length),
+            Own("rest", Size(1e-6, 2.0), columns=self.rest),
+        ]
+        return Mixed(self.y, shared, own, level=self.one, scale=scale)
+
+
+@dataclass(frozen=True, eq=False)
+class RunLevel:
+    """Level of a run and its uncertainty; all in units of z.
+
+    Attributes
+    ----------
+    y : float
+        Level ln(T_tight/T_slack) after the tail has decayed.
+    variance : float
+        Variance of `y` that is independent between runs.
+    shared_tail, shared_drift : float
+        Standard deviations of `y` by errors that all runs share, with their common sign.
+    misfit : float
+        Ratio of the noise of the run about the model to that of the bench, standard deviations.
+    drift : float
+        Visible change by wandering zeros and drift of the friction over the sliding.
+    fit : BenchFit
+        The bench.
+    k : int
+        Number of the run.
+    """
+
+    y: float
+    variance: float
+    shared_tail: float
+    shared_drift: float
+    misfit: float
+    drift: float
+    fit: BenchFit
+    k: int
+
+    def tail(self, travel: Array) -> Array:
+        """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
+        columns, slopes = self.fit.exponentials(self.k, travel)
+        own = np.column_stack([columns @ self.fit.A, slopes @ self.fit.A])
+        return np.asarray(columns @ self.fit.A + own @ self.fit.own[0][self.k])
+
+    def at(self, travel: float) -> tuple[float, float]:
+        """Return z of the model and its error at a travel since the end of the build-up [m]."""
+        fit, k = self.fit, self.k
+        columns, slopes = fit.exponentials(k, np.array([travel]))
+        _, covariance, lean = (part[k] for part in fit.own)
+        h = np.array([columns[0] @ fit.A, slopes[0] @ fit.A])
+        variance = self.variance - 2.0 * float(lean @ h) + float(h @ covariance @ h)
+        # an error of what all runs share moves level and tail together
+        place = fit.posterior.model.places["tail"]
+        change = -fit.posterior.level_shift[k]
+        change[place] += columns[0]
+        common = float(change @ fit.posterior.covariance @ change)
+        return self.y + float(self.tail(np.array([travel]))[0]), np.sqrt(
+            max(variance, 0.0) + common
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BenchFit:
+    """What all runs of a bench share.
+
+    Attributes
+    ----------
+    bench : Bench
+        The runs.
+    posterior : Posterior
+        Of their model.
+    powers, A : ndarray
+        Powers of the settings in the length of the tail; spectrum.
+    scale : ndarray, shape (R,)
+        Noise variance of each run over that of the bench.
+    """
+
+    bench: Bench
+    posterior: Posterior
+    powers: Array
+    A: Array
+    scale: Array
+
+    def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
+        """Return the exponentials of run k and their derivatives by ln of the length, in z."""
+        length = LENGTHS_M * np.exp(self.bench.settings[k] @ self.powers)
+        u = travel[:, None] / length
+        columns = self.bench.level[k] * np.exp(-u)
+        return columns, u * columns
+
+    @cached_property
+    def own(self) -> tuple[Array, Array, Array]:
+        """Own height and length of the tails: mean (R, 2), covariance, and that with the level."""
+        p, bench = self.posterior, self.bench
+        columns, slopes = bench.tail(self.powers)
+        Z = np.stack([columns @ self.A, slopes @ self.A], axis=2)
+        S = np.diag([p.sizes["height"] ** 2, p.sizes["length"] ** 2])
+        PZ = p.P @ Z
+        mean = np.einsum("rij,ri->rj", PZ, p.residual) @ S
+        covariance = S - S @ (Z.transpose(0, 2, 1) @ PZ) @ S
+        lean = np.einsum("ri,rij->rj", p.level_weights, Z) @ S
+        return mean, covariance * self.scale[:, None, None], lean * self.scale[:, None]
+
+    @property
+    def levels(self) -> list[RunLevel]:
+        """Levels of the runs."""
+        p, bench = self.posterior, self.bench
+        places = p.model.places
+        drifts = slice(places["zeros"].start, places["drift"].stop)
+        error = -p.level_shift @ p.factor
+        drift = -p.level_shift[:, drifts] @ p.factor[drifts]
+        # one column stands for all directions: its sign is that of the correlation with the mean
+        size = np.linalg.norm(error, axis=1)
+        share = np.clip(np.sum(drift * error, axis=1) / np.maximum(size**2, 1e-300), 0.0, 1.0)
+        size = np.where(error @ error.sum(axis=0) < 0.0, -size, size)
+        Pe = np.einsum("rij,rj->ri", p.P, p.residual)
+        slow = sum(p.sizes[name] ** 2 * V for name, V in self.bench.slow_noise)
+        wander = np.einsum("rij,rj->ri", slow, Pe) * bench.c[:, None]
+        ends = [(2, int(np.flatnonzero(one)[-1])) for one in bench.one]
+        of_mu = float(p.of("drift")[0][0])
+        return [
+            RunLevel(
+                y=float(p.level[k]),
+                variance=float(p.level_variance[k]),
+                shared_tail=float(size[k] * np.sqrt(1.0 - share[k])),
+                shared_drift=float(size[k] * np.sqrt(share[k])),
+                misfit=float(np.sqrt(self.scale[k])),
+                drift=float(wander[k, last] - wander[k, first]) + of_mu * float(bench.level[k]),
+                fit=self,
+                k=k,
+            )
+            for k, (first, last) in enumerate(ends)
+        ]
+
+
+def noise_scale(bench: Bench, posterior: Posterior) -> Array:
+    """Estimate the noise of the runs: a restless run gets less weight, none is set aside."""
+    freedom = np.sum(bench.one > 0.0, axis=1) - 2.0
+    found = (FREEDOM + posterior.misfit) / (FREEDOM + freedom)
+    return np.asarray(found / np.median(found))
+
+
+def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
+    """Fit sizes to some runs, then levels and common effects to all."""
+    settings = log_settings(records)
+    centre = settings.mean(axis=0)
+    chosen = np.linspace(0, len(records) - 1, min(len(records), RUNS)).astype(int)
+    some = Bench([records[i] for i in chosen], centre)
+    clocks = [np.zeros(3)]
+    if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
+        clocks.append(np.array([1.0, 0.0, 0.0]))
+    turns = [_turn(some, _Turn(powers, np.exp(some.eta))) for powers in clocks]
+    turn = max(turns, key=lambda turn: turn.log_evidence)
+    for _ in range(SWEEPS - 1):
+        turn = _turn(some, turn)
+    powers, A = turn.powers, turn.A
+    bench = some if len(chosen) == len(records) else Bench(records, centre)
+    scale = np.ones(len(records))
+    for _ in range(2):
+        found = bench.model(powers, A, scale).at(turn.sizes)
+        A, _ = found.of("tail")
+        scale = noise_scale(bench, found)
+    found = bench.model(powers, A, scale).at(turn.sizes)
+    return BenchFit(bench, found, powers, A, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _Turn:
+    """State of a fit: powers, spectrum, sizes, noise of the runs."""
+
+    powers: Array
+    A: Array
+    sizes: dict[str, float] = field(default_factory=dict)
+    scale: Array | float = 1.0
+    log_evidence: float = -np.inf
+
+
+def _turn(bench: Bench, before: _Turn) -> _Turn:
+    """Improve the shape of the tail and the noise of the runs, then the sizes."""
+    powers, A, scale = before.powers, before.A, before.scale
+    # slow noise from above: a size that is too small has no slope
+    above = {f"memory {tau:g} s": 3.0 * bench.typical_N for tau in MEMORIES_S[:-1]}
+    sizes = before.sizes or above
+    for _ in range(2):
+        posterior = bench.model(powers, A, scale).at(sizes)
+        powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
+        A = posterior.of("tail")[0]
+        scale = noise_scale(bench, posterior)
+    posterior = bench.model(powers, A, scale).fit(start=sizes, steps=40, tolerance=1e-7)
+    return _Turn(powers, A, posterior.sizes, scale, posterior.log_evidence)

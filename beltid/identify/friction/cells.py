@@ -1,0 +1,192 @@
+"""Errors of the load cells: their zeros from the rest, their gains from runs in both directions.
+
+The difference of the cells of run r at rest (tight less slack) is
+
+    D_r = d_r (zeta + w_r + gamma T_r) + (h + f_r) T_r + noise.                                (S3)
+
+The zeros differ by zeta in all runs and by w in each, the gains by gamma; d = -1 where the pulley
+turns the other way, so that the cells change places. Friction holds shares of the tension in a belt
+that stands on its pulley: h in all runs, f in each; sliding removes them. So the rest shows zeros
+(newtons, whatever the tension); shares of the tension may be held friction or a gain, and no gain
+is corrected by them, unless the belt was rocked free (`free_at_rest`). A gain shows where runs turn
+in both directions: it changes the sign of its effect on ln(T_tight/T_slack),
+
+    e_r = d_r [q_r (zeta + w_r) + gamma],   q_r = (1/T_tight + 1/T_slack)/2,                   (S4)
+
+friction does not. A common error of both zeros is never visible at rest; it has the size of their
+difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.mixed import Mixed, Own, Shared, Size
+
+Array = NDArray[np.float64]
+
+ZEROS = ((1e-5, 0.5), (3e-4, 0.125), (1e-3, 0.125), (3e-3, 0.125), (1e-2, 0.125))
+"""Sizes of zeta over the median initial tension, with their probabilities."""
+HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 0.1))
+"""The same of h."""
+OWN_ZERO, OWN_HELD = Size(5e-4, 1.5), Size(5e-4, 1.5)
+"""Sizes of w, over the median initial tension, and of f."""
+GAIN_WIDTH = 1.5
+"""Width of the prior of the size of gamma about what is stated."""
+SETTINGS, ARCS, SCATTER = 0.3, 0.03, Size(3e-3, 1.0)
+"""How mu of the runs in both directions may change: powers of tension and speed, between the arcs,
+from run to run (relative)."""
+NOTED = 0.003
+"""Ratio of correction to initial tension above which a note mentions it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """What the runs tell of the cells, shape (R,) unless stated otherwise.
+
+    Attributes
+    ----------
+    difference_N, se_N, tension_N : ndarray
+        Difference of the cells at rest (tight less slack), its standard error, mean of both.
+    sliding_N : ndarray, shape (R, 2)
+        Tight and slack tension while sliding.
+    level, level_se : ndarray
+        ln(T_tight/T_slack) while sliding, and its standard error.
+    direction : ndarray
+        1, or -1 where the cells have changed places.
+    arc, speed : ndarray
+        Contact arc [rad], pulley speed [rad/s].
+    """
+
+    difference_N: Array
+    se_N: Array
+    tension_N: Array
+    sliding_N: Array
+    level: Array
+    level_se: Array
+    direction: Array
+    arc: Array
+    speed: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellErrors:
+    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,).
+
+    Attributes
+    ----------
+    mean : ndarray
+        Correction to subtract.
+    variance : ndarray
+        Variance of its part that is independent between runs.
+    shared : ndarray
+        Standard deviation of its part that all runs share, with its sign.
+    held : ndarray
+        Difference at rest that zeros and gains do not explain, as a share of the tension.
+    gain : float
+        Difference of the gains that was found; 0 if nothing shows it.
+    notes : tuple of str
+        Note to the user on each run; empty if there is none.
+    """
+
+    mean: Array
+    variance: Array
+    shared: Array
+    held: Array
+    gain: float
+    notes: tuple[str, ...]
+
+
+def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False) -> CellErrors:
+    """Estimate the errors (S4).
+
+    Parameters
+    ----------
+    r : Readings
+        The runs.
+    gain_rel : float
+        Stated standard uncertainty of the gain of a cell.
+    free_at_rest : bool
+        Whether the belt holds no friction at rest.
+    """
+    T, d, D = r.tension_N, r.direction, r.difference_N
+    unit = float(np.median(T))
+    size = Size(max(np.sqrt(2.0) * gain_rel, 1e-6), GAIN_WIDTH if gain_rel > 0.0 else 0.0)
+    shared = [Shared("zero", d[:, None] * unit, choices=ZEROS)]
+    if both_ways := bool(np.ptp(d) > 0.0):
+        gain, gain_sd = _gain_by_directions(r, size)
+        shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
+    elif free_at_rest:
+        shared.append(Shared("gain", (d * T)[:, None], size))
+    own = [
+        Own("noise", Size(1.0), diagonal=np.maximum(r.se_N, 1e-5 * T)),
+        Own("own zero", OWN_ZERO, diagonal=np.full(D.size, unit)),
+    ]
+    if not free_at_rest:
+        shared.append(Shared("held", T[:, None], choices=HELD))
+        own.append(Own("own held", OWN_HELD, diagonal=T))
+    model = Mixed(D, shared, own)
+    posterior = model.fit()
+    own_zero_N = posterior.sizes["own zero"] * unit
+    held = posterior.sizes.get("own held", 0.0) * T
+    part = own_zero_N**2 / (np.square(np.maximum(r.se_N, 1e-5 * T)) + own_zero_N**2 + held**2)
+    zeta = posterior.mean[0] * unit
+    zeros = zeta + d * part * posterior.residual[0]
+    inverse = 1.0 / r.sliding_N
+    q, q_common = 0.5 * inverse.sum(axis=1), 0.5 * (inverse[:, 1] - inverse[:, 0])
+    # changes of e by the coefficients: through zeta, and through w, which the residual gives
+    slopes = -(q * part)[:, None] * model.X[0]
+    slopes[:, 0] += d * q * unit
+    gain = 0.0
+    if both_ways or free_at_rest:
+        gain = float(posterior.of("gain")[0][0])
+        slopes[:, 1] += d
+    # the common error of both zeros has the size of their difference
+    zero_size = np.hypot(posterior.mean[0], np.sqrt(posterior.covariance[0, 0])) * unit
+    columns = np.column_stack([slopes @ posterior.factor, q_common * zero_size])
+    mean = d * (q * zeros + gain)
+    sign = np.where(mean < 0.0, -1.0, 1.0)
+    return CellErrors(
+        mean=mean,
+        variance=own_zero_N**2 * (q**2 * (1.0 - part) + q_common**2),
+        shared=sign * np.linalg.norm(columns, axis=1),
+        held=(D - d * (zeros + gain * T)) / T,
+        gain=gain,
+        notes=tuple(_note(z, t, zeta, own_zero_N, gain) for z, t in zip(zeros, T, strict=True)),
+    )
+
+
+def _gain_by_directions(r: Readings, size: Size) -> tuple[float, float]:
+    """Return the difference of the gains and its error from ln mu over the settings."""
+    log_mu = np.log(np.maximum(r.level, 1e-6) / r.arc)
+    x, v = (np.log(a) - np.log(a).mean() for a in (r.tension_N, r.speed))
+    arcs = (np.round(r.arc, 3)[:, None] == np.unique(np.round(r.arc, 3))).astype(float)
+    model = Mixed(
+        log_mu,
+        [
+            Shared("mean", np.ones((x.size, 1))),
+            Shared("powers", np.column_stack([x, v, x**2, v**2, x * v]), Size(SETTINGS)),
+            Shared("arcs", arcs, Size(ARCS)),
+            Shared("gain", (r.direction / r.level)[:, None], size),
+        ],
+        [
+            Own("noise", Size(1.0), diagonal=r.level_se / r.level),
+            Own("scatter", SCATTER, diagonal=np.ones(x.size)),
+        ],
+    )
+    mean, covariance = model.fit().of("gain")
+    return float(mean[0]), float(np.sqrt(covariance[0, 0]))
+
+
+def _note(zero_N: float, tension_N: float, zeta: float, wander: float, gain: float) -> str:
+    """Describe the errors of the cells if they are large."""
+    found = []
+    if min(abs(zeta) + wander, abs(zero_N)) > NOTED * tension_N:
+        own = f" and wander by {wander:.2g} N" if wander > 0.1 * abs(zeta) else ""
+        found.append(f"the zero points of the cells differ by {zeta:+.3g} N over all runs{own}")
+    if abs(gain) > NOTED:
+        found.append(f"the gains of the cells differ by {100 * gain:+.3g} %")
+    return f"{'; '.join(found)}: corrected" if found else ""

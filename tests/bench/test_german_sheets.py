@@ -1,0 +1,68 @@
+"""A small laboratory: 120 sheets with German signs, read without a line that has to be pasted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import german_sheets
+import numpy as np
+import pandas as pd
+import pytest
+from golden.door import beltid as call
+from golden.door import done
+
+from beltid.bench.recording import read_recording
+from beltid.config import load_config
+
+CHANNELS = ["time_s", "torque_N_m", "pulley_speed_rad_s", "weight_N", "arc_deg"]
+
+
+def test_init_states_all_that_the_sheets_of_weight_and_torque_hold(tmp_path: Path) -> None:
+    """Columns, units, runs, arcs, weights and speeds; what is guessed has a comment."""
+    truth = german_sheets.write_rig(tmp_path / "versuche", samples=60)
+    german_sheets.write_press(tmp_path / "presse.xlsx")
+    call(tmp_path, "init", "5pk", "versuche", "presse.xlsx")
+    config, text = load_config(tmp_path / "5pk.yaml"), (tmp_path / "5pk.yaml").read_text()
+    assert {kind: path.name for kind, path in config.data.files.items()} == {
+        "rig": "versuche",
+        "press": "presse.xlsx",
+    }
+    assert [*config.rig.arcs_deg] == [40.0, 68.0, 82.0]
+    weights = [mass * german_sheets.G for mass in german_sheets.WEIGHTS_KG]
+    np.testing.assert_allclose(config.rig.initial_tensions_N, weights, 1e-3)
+    np.testing.assert_allclose(config.rig.pulley_speeds_rad_s, german_sheets.SPEEDS_RAD_S, 1e-3)
+    assert 'Grad.xlsx"  # guessed' in text
+    assert "Zeit  # recognised by its name" in text
+    read = read_recording(tmp_path / "versuche", "rig", config)
+    assert len(set(read.columns["run"])) == 120
+    assert any("sheet Übersicht left out" in note for note in read.notes)
+    found = pd.DataFrame({name: read.columns[name] for name in ("run", *CHANNELS)})
+    found = found.set_index(["run", "time_s"]).sort_index()
+    true = truth[["run", *CHANNELS]].set_index(["run", "time_s"]).sort_index()
+    for name in CHANNELS[1:]:
+        np.testing.assert_allclose(found[name], true[name], 1e-4, 1e-4, err_msg=name)
+
+
+@pytest.mark.long
+def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path: Path) -> None:
+    truth = german_sheets.write_rig(tmp_path / "versuche", "tension_tight_N", 150)
+    german_sheets.write_press(tmp_path / "presse.xlsx")
+    done(tmp_path, "inspect", "presse.xlsx")
+    done(tmp_path, "init", "5pk", "versuche", "presse.xlsx")
+    assert call(tmp_path, "run", "5pk.yaml").status in (0, 4)  # the verdict is not the subject
+    done(tmp_path, "report", "runs/5pk")
+    results = tmp_path / "runs" / "5pk"
+    assert (results / "surface_refined.parquet").exists()
+    assert list(results.glob("report*"))
+    friction = pd.read_parquet(results / "friction.parquet")
+    assert set(friction["run"]) == set(truth["run"])
+    runs = german_sheets.bench().runs()
+    expected = runs.set_index(["arc_deg", "initial_tension_N", "pulley_speed_rad_s"])["mu"]
+    good = friction[friction["status"] == "ok"]
+    assert len(good) > 110
+    keys = zip(good["arc_deg"], good["tension_slack_N"], good["pulley_speed_rad_s"], strict=True)
+    near = [
+        expected[[np.argmin(np.abs(np.array([[*k] for k in expected.index]) / key - 1).sum(1))]]
+        for key in keys
+    ]
+    np.testing.assert_allclose(good["mu_sliding"], [float(mu.iloc[0]) for mu in near], 0.02)

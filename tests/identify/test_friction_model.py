@@ -1,0 +1,180 @@
+"""Pieces of the friction model against sums and least squares written out by brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltid.identify.friction.bench_model import (
+    FREE,
+    LENGTHS_M,
+    MEMORIES_S,
+    Bench,
+    block_covariance,
+    fit_bench,
+    log_settings,
+)
+from beltid.identify.friction.channels import SlidingPhase
+from beltid.identify.friction.prepare import block_starts, sliding_record
+from beltid.identify.friction.rest import rest_state
+
+# --- noise of block means ---
+
+BLOCKS = [(0.0, 1), (0.02, 1), (0.04, 3), (0.10, 7), (0.24, 20)]
+"""First time and number of samples of each block; 50 samples per second."""
+
+
+def sample_times():
+    return [first + 0.02 * np.arange(n) for first, n in BLOCKS]
+
+
+def mean_product(s, t, tau):
+    return float(np.mean(np.exp(-np.abs(s[:, None] - t[None, :]) / tau)))
+
+
+def test_covariance_of_block_means_is_the_mean_over_pairs_of_samples():
+    memories = np.array([0.005, 0.06, 0.5, 20.0, 1e5])
+    times = sample_times()
+    first, last = np.array([(t[0], t[-1]) for t in times]).T
+    found = block_covariance(first, last, np.array([float(n) for _, n in BLOCKS]), memories)
+    expected = [[[mean_product(s, t, tau) for t in times] for s in times] for tau in memories]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+# --- the record of a run ---
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 255, 256, 257, 600, 5000, 60_000])
+def test_blocks_hold_every_sample_once_and_grow(n):
+    starts = block_starts(n)
+    count = np.diff(np.append(starts, n))
+    assert starts[0] == 0
+    assert count.sum() == n
+    assert count.min() >= 1
+    if n >= 256:
+        assert count[0] == -(-n // 256)
+        assert 20 <= starts.size <= 100
+    # none but the last, which takes in the rest, is longer than a twelfth of what came before
+    assert np.all(count[1:-1] <= np.maximum(count[0], 0.15 * starts[1:-1]))
+
+
+AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
+
+
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None, rest=None):
+    """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
+    rng = np.random.default_rng(seed)
+    t = 1.0 + 0.02 * np.arange(n + 11)
+    tensions = np.array([400.0, 150.0]) + noise * rng.normal(size=(n + 11, 2))
+    tensions[:, 0] += ripple * np.sin(2.0 * np.pi * t / 0.31)
+    tensions[211] += 30.0
+    angle = 0.2 * (t - t[0])
+    phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
+    record = sliding_record(phase, rest or AT_REST, np.array(steps), weight, 0.05)
+    return record, np.delete(tensions, 211, axis=0)[11:]
+
+
+def test_block_means_keep_the_mean_of_the_logarithm_to_first_order():
+    record, tensions = recorded()
+    assert (record.n_outliers, record.count.sum()) == (1, 399)
+    tight, slack = tensions.mean(axis=0)
+    found = np.average(record.z, weights=record.count)
+    # of second order in the noise, (0.5/150)²/2: the plain mean of logarithms is off by it
+    assert found == pytest.approx(math.log(tight / slack), abs=1e-6)
+    assert record.noise_N == pytest.approx(0.5, rel=0.15)
+    assert record.speed_m_s == pytest.approx(0.01, rel=0.01)
+    assert record.waves.shape[1] == 0
+    waving = recorded(ripple=4.0)[0]
+    assert waving.ripple_N == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("weight", "shifts"),
+    [(None, (1 / 400, -1 / 150)), ("tight", (0.0, -1 / 150)), ("slack", (1 / 400, 0.0))],
+)
+def test_only_a_cell_has_errors_and_a_dead_weight_none(weight, shifts):
+    record, _ = recorded(weight=weight)
+    assert record.zero_shifts == pytest.approx(shifts, rel=1e-3)
+    assert record.sensitivity == pytest.approx(math.hypot(*shifts), rel=1e-3)
+
+
+def test_coarse_converters_round_the_level():
+    record, _ = recorded(noise=0.0, steps=(1.0, 2.0))
+    # a uniform distribution as wide as a step, in either cell
+    assert record.rounding == pytest.approx(math.hypot(1 / 400, 2 / 150) / math.sqrt(12), rel=2e-3)
+    assert recorded()[0].rounding == 0.0
+
+
+def test_the_level_of_one_run_is_that_of_generalised_least_squares():
+    record, _ = recorded()
+    bench = Bench([record], log_settings([record])[0])
+    A = np.exp(bench.eta)
+    sizes = {"walk": 0.3, "turn": 2e-4, "height": 0.15, "length": 0.1, "own decay": 3e-3}
+    short = {f"memory {tau:g} s": 0.1 for tau in MEMORIES_S[:-1]}
+    found = bench.model(np.zeros(3), A).at({**sizes, **short, "white": 1.0})
+    c, rest = record.sensitivity, record.rest
+    V = c**2 * np.diag(record.noise_N**2 / record.count)
+    blocks = (record.first_s, record.last_s, record.count)
+    ends = (rest.first_s, rest.last_s, rest.n_samples)
+    V += (c * 0.1) ** 2 * block_covariance(*blocks, MEMORIES_S[:-1]).sum(axis=0)
+    walk = block_covariance(
+        *(np.append(a, b) for a, b in zip(ends, blocks, strict=True)), MEMORIES_S[-1:]
+    )[0]
+    moved = np.hstack([-np.ones((record.z.size, 1)), np.eye(record.z.size)])
+    V += (c * 0.3) ** 2 * moved @ walk @ moved.T
+    # half of a ripple goes with the level, half with the middle one, here the same
+    V += (record.level * 2e-4) ** 2 * record.turn @ record.turn.T
+    V += FREE**2 * record.take_up @ record.take_up.T
+    V += (record.level * 3e-3) ** 2 * record.slow_take_up @ record.slow_take_up.T
+    u = record.travel[:, None] / LENGTHS_M
+    own = record.level * np.column_stack([np.exp(-u) @ A, (u * np.exp(-u)) @ A])
+    V += own * [0.15**2, 0.1**2] @ own.T
+    one = np.ones(record.z.size)
+    precision = one @ np.linalg.solve(V, one)
+    residual = record.z - c * bench.model(np.zeros(3), A).X[0, 2:] @ found.mean
+    assert found.level[0] == pytest.approx(one @ np.linalg.solve(V, residual) / precision, rel=1e-9)
+    assert found.level_variance[0] == pytest.approx(1.0 / precision, rel=1e-9)
+
+
+def several(n_runs, noise):
+    """Runs at 400 and 150 N with a tail of two lengths; true level without it."""
+    records = []
+    for k in range(n_runs):
+        rng, t = np.random.default_rng(k), 1.0 + 0.02 * np.arange(411)
+        x = 0.01 * (t - t[0])
+        level = math.log(400.0 / 150.0)
+        z = level * (1.0 + 0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
+        tensions = math.sqrt(6e4) * np.exp(np.outer(z, [0.5, -0.5]))
+        tensions += noise * rng.normal(size=tensions.shape)
+        phase = SlidingPhase(t, tensions, 20 * x, np.full(411, 22.0), first=0, built=9, slide=11)
+        records.append(sliding_record(phase, AT_REST, np.zeros(2), None, 0.05))
+    return records, level
+
+
+def test_errors_fall_with_the_noise_and_are_as_stated():
+    errors = []
+    for noise in (3.0, 0.1):
+        records, level = several(6, noise)
+        found = fit_bench(records).levels
+        error = np.array([run.y - level for run in found])
+        shared = [np.hypot(run.shared_tail, run.shared_drift) for run in found]
+        se = np.sqrt([run.variance for run in found] + np.square(shared))
+        assert np.all(np.abs(error) < 2.5 * se)
+        errors.append(np.sqrt(np.mean(error**2)) / level)
+    assert errors[0] < 4e-3
+    assert errors[1] < 6e-4
+
+
+def test_the_tail_of_the_model_is_that_of_the_runs():
+    records, level = several(6, 0.1)
+    run = fit_bench(records).levels[0]
+    x = np.array([0.006, 0.01, 0.03])
+    true = level * (0.03 * np.exp(-x / 0.006) + 0.02 * np.exp(-x / 0.02))
+    # travel counts from the end of the build-up, a ninth further than its nine tenths
+    shift = 0.01 * 0.02 * 9 / 0.9
+    for at, tail in zip(x - shift, true, strict=True):
+        z, error = run.at(float(at))
+        assert abs(z - level - tail) < 3.0 * error
+        assert error < 3e-3
