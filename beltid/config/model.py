@@ -68,7 +68,7 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    kind: RigKind = key("two_cells", "what the rig measures, see docs/formats.md")
+    kind: RigKind = key("two_cells", "what the rig measures, see docs/cases.md")
     weight_on: Span = key("tight", "the span that carries a weight, also beside a torque")
     torque_with: Span = key("slack", "torque: the span whose tension is also measured")
     slide: Literal["free", "held"] = key("free", "torque_hub: constant force, or held by its cell")
