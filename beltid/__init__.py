@@ -38,7 +38,6 @@ Module                 Responsibility                                         Pa
 ``identify.agreement`` measured against simulated                             section 4
 ``drive``              belt drive from the identified laws: speed loss, forces section 2.2
 ``rig``                the simulated rig: ANCF belt, contact, stick-slip      Eqs. (9) to (12)
-``rigsim``             the rig of the drive                                   Eqs. (9) to (12)
 ``mixed``              estimation: linear mixed model, sizes by likelihood
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds

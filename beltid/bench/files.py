@@ -97,14 +97,12 @@ def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
     """Note the subfolders that hold files of the same kind but are not read."""
     from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
-    if not path.is_dir():
-        return []
-    ending = glob.escape(sources[0].path.suffix)
+    inside = path.rglob(f"*{glob.escape(sources[0].path.suffix)}") if path.is_dir() else ()
+    found = {f.relative_to(path).parts[0] for f in inside if f.parent != path}
     folders = [
-        folder.name
-        for folder in sorted(path.iterdir())
-        if folder.is_dir() and not folder.name.startswith((".", "_"))
-        if any(not may_be_artifact(file) for file in folder.rglob(f"*{ending}"))
+        name
+        for name in sorted(found)
+        if name[0] not in "._" and not all(map(may_be_artifact, (path / name).rglob("*.*")))
     ]
     return [f"folders with further files left out: {', '.join(folders[:12])}"] if folders else []
 

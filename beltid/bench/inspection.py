@@ -277,7 +277,7 @@ class _View:
 
     def rig(self) -> dict[str, str]:
         """Return the `rig` keys that the channels require and the config does not state."""
-        stated = self.config.rig.model_fields_set & {"kind", "weight_on"}
+        stated = self.config.rig.model_fields_set & {"kind", "holds"}
         return {} if stated else rig_of(self.columns("rig"), self.needs("rig"))
 
     def columns(self, kind: str) -> set[str]:

@@ -494,7 +494,7 @@ def rig_of(has: Collection[str], needs: Needs) -> dict[str, str]:
     if (tight and slack) or not lacking(needs.table, has):
         return {}
     if weight and (tight or slack):
-        return {"kind": "dead_weight", "weight_on": "slack" if tight else "tight"}
+        return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     return (
         {"kind": "torque_hub" if hub else "torque"}
         if torque and (tight or slack or hub or weight)

@@ -71,18 +71,13 @@ def read(
         body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
     cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
-    columns = {
-        n: [c for c in column if c not in MISSING]
-        for n, column in zip(names, cells, strict=False)
-        if n
-    }
-    signs = _signs(columns, dialect, f"{place}:{head.row + 1}", notes)
-    is_plain = {
-        n: bool(c) and not signs.thousands and all(map(is_number, c)) for n, c in columns.items()
-    }
-    problems = Problems()
+    pairs = zip(names, cells, strict=False)
+    columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
+    signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
+    plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
+    parse = pa_csv.ParseOptions(delimiter=separator, newlines_in_values=b'"' in body)
     frame, lines = _rows(
-        body, names, is_plain, separator, signs.decimal, (place, head.first_row + 1), problems
+        body, names, plain, parse, signs.decimal, (place, head.first_row + 1), problems
     )
     yield Raw(
         place,
@@ -102,11 +97,8 @@ def read(
 
 def _program(top: Sequence[str]) -> str:
     """Recognise the program that wrote a text file from its first lines."""
-    head = "\n".join(top[:60])
-    if head.startswith("MTS793|"):
-        return "MTS 793 text"
-    words = ("Standardkraft", "Standardweg", "Traversenweg")
-    return "Zwick testXpert text" if any(word in head for word in words) else "CSV"
+    words = re.search("Standardkraft|Standardweg|Traversenweg", "\n".join(top[:60]))
+    return "Zwick testXpert text" if words else "CSV"
 
 
 def _top(data: bytes, place: str, skip: int) -> tuple[list[str], list[int]]:
@@ -257,18 +249,21 @@ def _signs(
 def _rows(
     body: bytes,
     names: Sequence[str],
-    is_plain: Mapping[str, bool],
-    separator: str,
+    plain: Collection[str],
+    parse: pa_csv.ParseOptions,
     decimal: str,
     start: tuple[str, int],
     problems: Problems,
 ) -> tuple[pd.DataFrame, Sequence[int] | np.ndarray]:
-    """Return the columns and the line of every row; `start` is the place of the first one."""
+    """Return the columns and the line of every row; `start` is the place of the first one.
+
+    Columns that are not `plain` numbers are texts, and all columns if one of them is not.
+    """
     place, first_line = start
-    for quoted, numeric in itertools.product((True, False), (is_plain, {})):
-        lines = _lines(body, first_line, quoted=quoted)
-        misfits: list[Any] = []
-        columns = _by_arrow(body, names, numeric, separator, decimal, quoted, len(lines), misfits)
+    for quoted, numeric in itertools.product((True, False), (plain, ())):
+        parse.quote_char = '"' if quoted else False
+        lines, misfits = _lines(body, first_line, quoted=quoted), list[Any]()
+        columns = _by_arrow(body, names, numeric, parse, decimal, len(lines), misfits)
         if columns is not None:
             break
     else:
@@ -286,75 +281,58 @@ def _rows(
 
 def _lines(body: bytes, first_line: int, *, quoted: bool) -> Sequence[int] | np.ndarray:
     """Return the line in which every row begins; a row in quotation marks may have several."""
-    if b"\n\n" not in body and not (quoted and b'"' in body):
+    quoted = quoted and b'"' in body
+    if b"\n\n" not in body and not quoted:
         return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
     text = np.frombuffer(body, np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
     if not body.endswith(b"\n"):
         ends = np.append(ends, len(body))
     begins = np.diff(ends, prepend=-1) > 1  # not a blank line
-    if quoted and b'"' in body:
+    if quoted:
         marks = np.add.reduceat(text == ord('"'), np.append(0, ends[:-1] + 1), dtype=np.int64)
         begins[1:] &= np.cumsum(marks)[:-1] % 2 == 0
-    if begins.all():
-        return range(first_line, first_line + len(ends))
     return np.flatnonzero(begins) + first_line
 
 
 def _by_arrow(
     body: bytes,
     names: Sequence[str],
-    numeric: Mapping[str, bool],
-    separator: str,
+    numeric: Collection[str],
+    parse: pa_csv.ParseOptions,
     decimal: str,
-    quoted: bool,
     n_rows: int,
     misfits: list[Any],
 ) -> dict[str, Any] | None:
     """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
     keys = {f"c{i}": name for i, name in enumerate(names)}
-    types = {k: pa.float64() if numeric.get(n) else pa.string() for k, n in keys.items() if n}
-    columns: dict[str, Any] = {
-        key: np.empty(n_rows) if kind == pa.float64() else [] for key, kind in types.items()
-    }
-
-    def skipped(row: Any) -> str:
-        misfits.append(row)
-        return "skip"
-
+    types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
+    texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}
+    columns: dict[str, Any] = {name: np.empty(n_rows) for name in names if name in numeric}
+    parse.invalid_row_handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]
+    read = pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK, use_threads=False)
+    convert = pa_csv.ConvertOptions(
+        column_types=types,
+        include_columns=list(types),
+        null_values=sorted(MISSING),
+        strings_can_be_null=True,
+        decimal_point=decimal,
+    )
     at = 0
     try:  # block by block, so that memory holds the numbers once
-        for batch in pa_csv.open_csv(
-            pa.BufferReader(body),
-            pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK, use_threads=False),
-            pa_csv.ParseOptions(
-                delimiter=separator,
-                quote_char='"' if quoted else False,
-                newlines_in_values=quoted and b'"' in body,
-                invalid_row_handler=skipped,
-            ),
-            pa_csv.ConvertOptions(
-                column_types=types,
-                include_columns=list(types),
-                null_values=sorted(MISSING),
-                strings_can_be_null=True,
-                decimal_point=decimal,
-            ),
-        ):
-            for key, kind in types.items():
+        for batch in pa_csv.open_csv(pa.BufferReader(body), read, parse, convert):
+            for key in types:
                 values = batch.column(key)
-                if kind == pa.float64():
-                    columns[key][at : at + len(values)] = values.to_numpy(zero_copy_only=False)
+                if key in texts:
+                    texts[key].append(values)
                 else:
-                    columns[key].append(values)
+                    columns[keys[key]][at : at + len(values)] = values.to_numpy(False)
             at += batch.num_rows
     except (pa.ArrowException, ValueError):
         return None
     if at + len(misfits) != n_rows:
         return None
-    return {
-        keys[key]: values[:at]
-        if isinstance(values, np.ndarray)
-        else pd.array(pa.chunked_array(values, pa.string()), dtype="str")
-        for key, values in columns.items()
+    columns |= {
+        keys[k]: pd.array(pa.chunked_array(v, pa.string()), dtype="str") for k, v in texts.items()
     }
+    return {name: columns[name][:at] for name in names if name}

@@ -67,15 +67,10 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _end_children() -> None:
-    """Kill the workers and their fork server, which may still be importing."""
-    if "multiprocessing" not in sys.modules:
-        return
-    for child in sys.modules["multiprocessing"].active_children():
-        child.kill()
-    server = getattr(sys.modules.get("multiprocessing.forkserver"), "_forkserver", None)
-    pid = getattr(server, "_forkserver_pid", None)  # there is no public way to get it
-    if pid is not None:
-        os.kill(pid, signal.SIGKILL)
+    """Kill the processes of a batch."""
+    if "multiprocessing" in sys.modules:
+        for child in sys.modules["multiprocessing"].active_children():
+            child.kill()
 
 
 def prepare_streams() -> None:

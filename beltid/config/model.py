@@ -21,6 +21,7 @@ from beltid.config.layout import COLUMNS, RUNS, UNITS
 
 MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 RigKind = Literal[MeasuredKind, "running"]
+Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
 Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
@@ -52,7 +53,7 @@ class BeltSection(Section):
     mass_per_length_kg_m: float = number(0.1, 1e-4, 1e2, "kg/m", "matters only in motion")
     damping_time_s: float = number(1e-4, 0, 1, "s", "Kelvin-Voigt c/E; matters only in motion")
     shear_stiffness_N_m2: float | None = number(
-        None, 1e5, 1e12, "N/m²", "of the ribs along the belt, in a drive of rods; null: rigid"
+        None, 1e5, 1e12, "N/m²", "of the ribs along the belt; a drive takes them as rigid"
     )
 
 
@@ -69,9 +70,7 @@ class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
     kind: RigKind = key("two_cells", "what the rig measures, see docs/cases.md")
-    weight_on: Span = key("tight", "the span that carries a weight, also beside a torque")
-    torque_with: Span = key("slack", "torque: the span whose tension is also measured")
-    slide: Literal["free", "held"] = key("free", "torque_hub: constant force, or held by its cell")
+    holds: Holds | None = key(None, "what stays while the pulley turns; null: by kind, see docs")
     running_measures: MeasuredKind = key("two_cells", "running: what it measures")
     belt_speed_m_s: float | None = number(None, 0, 1e3, "m/s", "running; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
@@ -88,21 +87,31 @@ class RigSection(Section):
         return self.running_measures if self.kind == "running" else self.kind
 
     @property
+    def weight_on(self) -> Span:
+        """Span that carries a weight."""
+        return "slack" if self.holds == "weight_slack" else "tight"
+
+    @property
     def states_weight(self) -> bool:
         """Whether the config says which span carries a weight."""
-        return "weight_on" in self.model_fields_set
+        return self.holds in ("weight_tight", "weight_slack")
 
     @property
     def given_force(self) -> params.GivenForce:
         """Force that stays constant while the pulley turns.
 
-        A weight fixes the tension of one span, also beside a torque if it is stated. A hub force
-        fixes the sum of both, unless the pulley slide is held.
+        A weight fixes the tension of one span, a hub force the sum of both. Where `holds` is not
+        stated, it is the weight of a `dead_weight`, the hub force of a `torque_hub`, else the
+        stretch of the belt.
         """
-        if self.kind == "dead_weight" or (self.kind == "torque" and self.states_weight):
-            return self.weight_on
-        gives_way = self.kind == "torque_hub" and self.slide == "free"
-        return "hub" if gives_way else "none"
+        by_kind = {"dead_weight": "weight_tight", "torque_hub": "hub_force"}
+        given: dict[str, params.GivenForce] = {
+            "stretch": "none",
+            "weight_tight": "tight",
+            "weight_slack": "slack",
+            "hub_force": "hub",
+        }
+        return given[self.holds or by_kind.get(self.kind, "stretch")]
 
 
 class ConditionsSection(Section):
@@ -225,6 +234,11 @@ class TensionerSection(Section):
     free_angle_deg: float = number(..., -360, 360, "°", "of the pulley about the pivot, at the end")
     preload_N_m: float = number(..., 0, 1e4, "N m", "moment at that angle")
     rate_N_m_deg: float = number(..., 0, 1e3, "N m/°", "its growth")
+    stops_deg: tuple[float, float] | None = key(
+        None,
+        "angles at the stops; null: none",
+        checks.ListOf("[-10, 60]", 2, checks.Number(-720, 720, "°")),
+    )
 
 
 class OperatingPointsSection(Section):
@@ -258,6 +272,12 @@ class DriveSection(Section):
     driver: str | None = key(None, "null: the first pulley", checks.text)
     tensioner: TensionerSection | None = key(None, "with installation: tensioner")
     operating_points: OperatingPointsSection = OperatingPointsSection()
+    belt_length_m: float | None = number(
+        None, 0.05, 100, "m", "stress-free; null: as initial_tension_N or the tensioner ask for"
+    )
+    belt_length_tolerance_m: float = number(
+        0.0, 0, 1, "m", "of its length, with temperature and wear"
+    )
     back_friction: float = number(0.5, 0.01, 5, "", "friction coefficient of the back")
     idler_torque_N_m: float = number(0.0, 0, 1e3, "N m", "drag of a pulley without load")
 

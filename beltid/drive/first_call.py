@@ -1,22 +1,28 @@
-"""Compile the kernels of a drive ahead: ``python -m`` this module calls them once."""
+"""Compile the kernels of a drive by a first call, ahead of use or when they are needed."""
 
 from __future__ import annotations
 
-from beltid.drive.model import Drive, DrivePoint, Pulley
-from beltid.drive.results import Simulator
+import functools
+
+import numpy as np
+
+from beltid.drive.model import Drive, Pulley
+from beltid.drive.string import StringLevel
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.rigsim.kernel_cache import compile_for_caller
+from beltid.rig.compiler import compiled_by
 
 
-def first_call() -> None:
-    """Solve a drive of two pulleys at string and rod level."""
+@functools.cache
+def compiled() -> None:
+    """Make sure that the kernels are compiled; wait for a process that is compiling them."""
+    compiled_by("drive", _first_call)
+
+
+def _first_call() -> None:
     pulleys = (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05))
-    friction = FrictionSurface.constant(0.5)
-    drive = Drive(Belt(1e5, 0.02, 0.1), NormalLaw(1e8), friction, pulleys)
-    Simulator(drive, "rod").solve(DrivePoint(60.0, 300.0, (0.0, 4.0)))
-
-
-if __name__ == "__main__":
-    compile_for_caller("drive", first_call)
+    surface = FrictionSurface.constant(0.5)
+    level = StringLevel(Drive(Belt(1e5, 0.02, 0.1), NormalLaw(1e8), surface, pulleys))
+    forces, wraps = np.array([300.0, 200.0]), np.full(2, np.pi)
+    level.arcs(forces, forces[::-1], 1.0, wraps)

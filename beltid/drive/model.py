@@ -72,6 +72,8 @@ class Tensioner:
         centre about the pivot.
     preload, rate : float
         Moment at the free angle [N m] and its growth [N m/rad].
+    stops : tuple of float
+        Angles between which the arm turns [rad], ascending, within pi of the free angle.
     """
 
     pulley: int
@@ -80,6 +82,7 @@ class Tensioner:
     free_angle: float
     preload: float
     rate: float
+    stops: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +108,12 @@ class Drive:
         Required with the installation "tensioner", not allowed otherwise.
     back_friction : float
         Friction coefficient of the back of the belt, which is assumed to be rigid.
-    shear_stiffness : float
-        Tangential force of the ribs per stress-free length and shear displacement [N/m²]; infinite
-        for ribs that do not shear.
     slow_trend : float
         Share of the trend at the slowest measured speed with which friction is extrapolated below
         it, (D14) [-], 0 to 1. Another share than half of it bounds the uncertainty.
+    belt_length : float
+        Stress-free length of the belt [m], which then determines its tension at rest; nan if the
+        tension determines it.
 
     Attributes
     ----------
@@ -131,14 +134,12 @@ class Drive:
     installation: Installation = "fixed_centres"
     tensioner: Tensioner | None = None
     back_friction: float = 0.5
-    shear_stiffness: float = math.inf
     slow_trend: float = HALF_TREND
+    belt_length: float = math.nan
     friction: SurfaceTables = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         problems = []
-        if not self.shear_stiffness > 0:
-            problems.append(f"shear_stiffness = {self.shear_stiffness:g} N/m², must be > 0")
         if not 0.0 <= self.slow_trend <= 1.0:
             problems.append(f"slow_trend = {self.slow_trend:g}, must be in [0, 1]")
         if len(self.pulleys) < 2:
@@ -168,15 +169,7 @@ class Drive:
         object.__setattr__(self, "friction", continued(self.surface, self.slow_trend))
 
     def stretch(self, P: Array | float, v0: float) -> Array:
-        """Return the stretch 1 + eps of the belt, (D1) [-].
-
-        Parameters
-        ----------
-        P : ndarray or float
-            Effective forces [N].
-        v0 : float
-            Stress-free length of belt per second [m/s].
-        """
+        """Return the stretch 1 + eps, (D1) [-], at effective forces P [N] and a flow v0 [m/s]."""
         return np.asarray((self.belt.EA + P) / (self.belt.EA - self.belt.rhoA * v0**2))
 
     def reversed(self) -> Drive:
@@ -200,7 +193,7 @@ class DrivePoint:
         Speed of the driver [rad/s]; negative if the belt runs against the order of the pulleys.
     T_0 : float
         Belt tension at rest [N]; with a given slack force the effective force P of that span in
-        motion, less than its tension by m v²; nan if the mean position of a tensioner sets it.
+        motion, less than its tension by m v²; nan if a tensioner or the belt's length sets it.
     torque : tuple of float
         Torque taken off at each pulley [N m], braking > 0; the driver's entry is ignored.
     power : tuple of float

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.drive.results import DriveResult
-from beltid.drive.rod import RodState
 from beltid.drive.string import StringLevel
+from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]
 
@@ -46,16 +46,16 @@ def arc_profiles(result: DriveResult) -> list[ArcProfile | None]:
         if state.slack or math.isnan(state.arcs.slip[i]):
             profiles.append(None)
         else:
-            profiles.append(_of_string(result, i) if rod is None else _of_rod(rod))
+            wrap = float(result.rest.laid.wraps[i])
+            profiles.append(_of_string(result, i) if rod is None else _of_rod(rod, wrap))
     return profiles
 
 
-def _of_rod(rod: RodState) -> ArcProfile:
+def _of_rod(rod: FlowState, wrap: float) -> ArcProfile:
     """Read the profile from the contact points of a rod."""
-    contact = rod.contact
-    touches = contact.line_force > 0.0
-    angle = contact.angle[touches] + 0.5 * contact.model.path.beta
-    return ArcProfile(angle, contact.line_force[touches], contact.slip_speed[touches])
+    touches = rod.line_force > 0.0
+    angle = rod.angle[touches] + 0.5 * wrap
+    return ArcProfile(angle, rod.line_force[touches], rod.slip_speed[touches])
 
 
 def _of_string(result: DriveResult, i: int) -> ArcProfile:

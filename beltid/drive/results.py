@@ -10,16 +10,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltid.drive.first_call import compiled
 from beltid.drive.geometry import preceding
-from beltid.drive.loop import LoopState, RestState, rest_state, solve_loop
+from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.rod_level import RodLevel
-from beltid.drive.string import SlidingShares, StringLevel
+from beltid.drive.rest import RestState, rest_state
+from beltid.drive.rods import RodLevel, adhesion_arc
+from beltid.drive.string import StringLevel
 
 Array = NDArray[np.float64]
 
@@ -52,6 +54,32 @@ class SpeedLoss:
     creep: Array
     seating: Array
     slip: Array
+
+
+class SlidingShares(NamedTuple):
+    """Where the friction of the pulleys acts, all arrays (n,).
+
+    Attributes
+    ----------
+    slip_speed_max : ndarray
+        Largest sliding speed [m/s].
+    normal_force_min, normal_force_max : ndarray
+        Smallest and largest line force [N/m].
+    below_speed_range : ndarray
+        Share of the sliding friction below the lowest measured sliding speed [-].
+    outside_force_range : ndarray
+        Share of the sliding friction outside the measured line forces [-].
+    steady_states : ndarray of int
+        Number of states in which the arc carries its forces; more than one only if mu falls with
+        speed.
+    """
+
+    slip_speed_max: Array
+    normal_force_min: Array
+    normal_force_max: Array
+    below_speed_range: Array
+    outside_force_range: Array
+    steady_states: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +151,12 @@ class DriveResult:
         return np.where(self.state.slack, np.nan, forces)
 
     @property
+    def span_frequency(self) -> Array:
+        """Lowest natural frequency of the span behind each pulley, sqrt(P/m)/(2 L) [Hz]."""
+        speed = np.sqrt(np.maximum(self.state.P, 0.0) / self.drive.belt.rhoA)  # of waves
+        return np.where(self.state.slack, np.nan, speed / (2.0 * self.state.laid.spans))
+
+    @property
     def torque(self) -> Array:
         """Torque at each pulley [N m]: delivered by the driver, taken off by the others."""
         on_belt = np.where(self.state.slack, np.nan, self.state.arcs.torque)
@@ -136,46 +170,46 @@ class DriveResult:
 
     @property
     def reserve(self) -> Array:
-        """Wrap over the arc that the change of force needs; infinite on an idler."""
+        """Arc on which the belt can slide over the arc that the change of force needs.
+
+        Below 1 the whole pulley slides; infinite on an idler.
+        """
         arcs = self.state.arcs
         idler = np.full(arcs.needed.size, np.inf)
-        reserve = np.divide(self.state.laid.wraps, arcs.needed, out=idler, where=arcs.needed > 0.0)
+        reserve = np.divide(arcs.room, arcs.needed, out=idler, where=arcs.needed > 0.0)
         return np.where(self.state.slack, np.nan, reserve)
 
     @property
-    def largest_reserve(self) -> Array:
-        """Reserve at the measured sliding speed with the most effective friction.
-
-        Below 1 no measured sliding speed can carry the forces steadily.
-        """
-        state = self.state
-        least = StringLevel(self.drive).least_arcs(state.P_in, state.P, state.v0)
-        idler = np.full(least.size, np.inf)
-        return np.divide(state.laid.wraps, least, out=idler, where=least > 0.0)
-
-    @property
     def arc_used(self) -> Array:
-        """Arc that slides on each pulley [rad]."""
+        """Arc that does not stick on each pulley [rad]."""
         used = np.minimum(self.state.arcs.needed, self.state.laid.wraps)
+        for i, rod in enumerate(self.state.rods):
+            if rod is not None:
+                used[i] = self.state.laid.wraps[i] - adhesion_arc(rod)
         return np.where(self.state.slack, np.nan, used)
 
     @property
     def shares(self) -> SlidingShares:
         """Sliding speeds, line forces, shares outside the measured range; nan if slack."""
-        state = self.state
-        shares = StringLevel(self.drive).shares(
-            state.P_in, state.P, state.v0, state.laid.wraps, state.arcs.slip
-        )
-        for i, rod in enumerate(state.rods):
+        state, string = self.state, StringLevel(self.drive)
+        n = state.P.size
+        if state.slack:
+            nan = np.full(n, np.nan)
+            return SlidingShares(nan, nan, nan, nan, nan, np.zeros(n, dtype=np.int64))
+        rows = []
+        for i, (P_in, P_out) in enumerate(zip(state.P_in.tolist(), state.P.tolist(), strict=True)):
+            x = float(state.arcs.slip[i])
+            f, v, _ = string.along_arc(i, np.array([P_in, P_out]), state.v0, x)
+            slides = string.arcs_by_speed(i, P_in, P_out, state.v0) > state.arcs.room[i]
+            states = int(not slides[0]) + np.count_nonzero(slides[1:] != slides[:-1])
+            outside = string.outside(i, P_in, P_out, state.v0, x)
+            rod = state.rods[i] if state.rods else None
             if rod is not None:
-                touches = rod.points.f_N > 0.0
-                shares.slip_speed_max[i] = np.abs(rod.points.slip[touches]).max()
-                shares.normal_force_min[i] = rod.points.f_N[touches].min()
-                shares.normal_force_max[i] = rod.points.f_N[touches].max()
-        if not state.slack:
-            return shares
-        unknown = np.full(state.P.size, np.nan)
-        return SlidingShares(*(unknown,) * 5, np.zeros(state.P.size, dtype=np.int64))
+                touches = rod.line_force > 0.0
+                f, v = rod.line_force[touches], np.abs(rod.slip_speed[touches])
+            rows.append((v.max(), f.min(), f.max(), *outside, states))
+        v_max, f_min, f_max, below, beyond, counts = np.array(rows).T
+        return SlidingShares(v_max, f_min, f_max, below, beyond, counts.astype(np.int64))
 
     @property
     def friction_power(self) -> Array:
@@ -186,7 +220,8 @@ class DriveResult:
         """
         state = self.state
         taken_along = self._energy_flow(state.P_in) - self._energy_flow(state.P)
-        return state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
+        power = state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
+        return np.where(state.slack, np.nan, power)
 
     def _magnitude(self, state: LoopState) -> Array:
         """Return the absolute speeds of the pulleys [rad/s]."""
@@ -201,8 +236,9 @@ class DriveResult:
     def _logs(self, state: LoopState) -> tuple[Array, Array, Array]:
         """Return the summands of ln(omega / v0): stretch, seating, slip of a whole pulley."""
         stretch = self.drive.stretch(state.P_in, state.v0)
-        rate, W = state.arcs.rate, state.arcs.W
-        return np.log(stretch), np.log(rate / stretch), np.log(W / rate)
+        rate = state.arcs.rate
+        with np.errstate(invalid="ignore", divide="ignore"):  # in gross slip nothing is known
+            return np.log(stretch), np.log(rate / stretch), np.log(state.arcs.W / rate)
 
     def _energy_flow(self, P: Array) -> Array:
         """Integrate (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
@@ -228,6 +264,7 @@ class Simulator:
     """
 
     def __init__(self, drive: Drive, method: Method = "string") -> None:
+        compiled()
         self.drive, self.method = drive, method
         self.level = StringLevel(drive)
         self._rods = RodLevel(drive, self.level) if method == "rod" else None
@@ -255,11 +292,12 @@ class Simulator:
             If no steady state was found.
         """
         if point.omega < 0.0:
-            return self._reversed._forwards(point.reversed(), near)
+            return self.backwards._forwards(point.reversed(), near)
         return self._forwards(point, near)
 
     @cached_property
-    def _reversed(self) -> Simulator:
+    def backwards(self) -> Simulator:
+        """Simulator of the belt that runs the other way."""
         return Simulator(self.drive.reversed(), self.method)
 
     def at_rest(self, point: DrivePoint) -> RestState:

@@ -1,4 +1,4 @@
-"""Model the belt on its pulleys as an extensible string on an elastic bed: one quadrature each.
+"""Model the belt on its pulleys as an extensible string on an elastic bed: one quadrature an arc.
 
 Strain, penetration, angular rate and line force follow from the effective span force
 P = N - m v0^2 (1 + eps) (D1). Where the belt slides, P itself is the coordinate along the arc (D4),
@@ -9,41 +9,38 @@ at its entry (D5).
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from beltid.drive.geometry import Layout
 from beltid.drive.model import Drive
+from beltid.laws import penalty
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.surface_tables import SurfaceTables
-from beltid.rigsim.compiled import kernel, leaf, shared_leaf
-from beltid.rigsim.compiled_laws import (
-    elastic_energy,
-    elastic_force,
-    elastic_stiffness,
-    evaluate_cell,
-    locate,
-)
+from beltid.rig.compiler import kernel
+from beltid.rig.contact import elastic_force, elastic_stiffness, friction
 
 Array = NDArray[np.float64]
 
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
-WIDEST_PANEL = 0.4  # of ln P
+FEWEST_PANELS, MOST_PANELS, PANEL = 4, 32, 0.15  # number, and width in ln P
 SLIP_GRID = 24  # number of sliding speeds of the search for full slip
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
+elastic_energy = kernel(penalty.elastic_energy)
+
 
 class Section(NamedTuple):
-    """Parameters of belt and bed on one pulley, for compiled code.
+    """Belt and bed on one pulley, and the friction there, for compiled code.
 
     ``EA`` [N], ``m`` [kg/m]; ``k_linear`` [N/m²] (infinite on a rigid pulley), ``k_quadratic``
-    [N/m³]; ``R`` [m].
+    [N/m³]; ``R`` [m]; ``surface``; ``speeds`` (n,), sliding speeds of the search for full slip up
+    to the fastest measured one [m/s], none if mu does not depend on the speed.
     """
 
     EA: float
@@ -51,48 +48,8 @@ class Section(NamedTuple):
     k_linear: float
     k_quadratic: float
     R: float
-
-
-class Pulleys(NamedTuple):
-    """The belt on every pulley, as arrays for compiled code; see :class:`Section`.
-
-    Attributes
-    ----------
-    EA, m : float
-        Axial stiffness [N] and mass per length [kg/m] of the belt.
-    beds : ndarray (n, 2)
-        k1 and k2 of each contact.
-    R : ndarray (n,)
-        Radius of the centreline without load [m].
-    ribs : ndarray (n,) of bool
-        Whether the ribs touch the pulley, rather than the back.
-    """
-
-    EA: float
-    m: float
-    beds: Array
-    R: Array
-    ribs: NDArray[np.bool_]
-
-
-@leaf
-def _section(pulleys: Pulleys, i: int) -> Section:
-    """Return the parameters of pulley i."""
-    return Section(pulleys.EA, pulleys.m, pulleys.beds[i, 0], pulleys.beds[i, 1], pulleys.R[i])
-
-
-class Friction(NamedTuple):
-    """Friction law for compiled code: tables, measured limits, and whether mu falls with speed.
-
-    Unless mu ``falls`` with the speed somewhere, an arc has at most one steady state.
-    """
-
-    tables: SurfaceTables
-    f_low: float
-    f_high: float
-    v_low: float
-    v_high: float
-    falls: bool
+    surface: SurfaceTables
+    speeds: Array
 
 
 class Arcs(NamedTuple):
@@ -112,6 +69,8 @@ class Arcs(NamedTuple):
         Arc that the change of force needs if the entry sticks [rad], (D4).
     slip : ndarray
         Sliding speed at the entry [m/s]: 0 with an adhesion arc, nan in gross slip.
+    room : ndarray
+        Part of the arc on which the belt can slide towards its exit [rad].
     """
 
     torque: Array
@@ -120,92 +79,31 @@ class Arcs(NamedTuple):
     length: Array
     needed: Array
     slip: Array
+    room: Array
 
 
-class SlidingShares(NamedTuple):
-    """Where the friction of the pulleys acts, all arrays (n,).
-
-    Attributes
-    ----------
-    slip_speed_max : ndarray
-        Largest sliding speed, at the exit [m/s].
-    normal_force_min, normal_force_max : ndarray
-        Line force at the two ends of the arc [N/m], sorted.
-    below_speed_range : ndarray
-        Share of the sliding friction below the lowest measured sliding speed [-].
-    outside_force_range : ndarray
-        Share of the sliding friction outside the measured line forces [-].
-    steady_states : ndarray of int
-        Number of states in which the arc carries its forces; more than one only if mu falls with
-        speed.
-    """
-
-    slip_speed_max: Array
-    normal_force_min: Array
-    normal_force_max: Array
-    below_speed_range: Array
-    outside_force_range: Array
-    steady_states: NDArray[np.int64]
-
-
-class Bracket(NamedTuple):
-    """Two points between which a function changes sign, the newer one ``high``, and its values.
-
-    The Illinois rule: a secant, with the value halved at an end that does not move.
-    """
-
-    low: float
-    at_low: float
-    high: float
-    at_high: float
-
-
-@leaf
-def _secant(b: Bracket) -> float:
-    """Return the zero of the line through both values."""
-    return (b.low * b.at_high - b.high * b.at_low) / (b.at_high - b.at_low)
-
-
-@leaf
-def _narrowed(b: Bracket, place: float, value: float) -> Bracket:
-    """Narrow the bracket with a new point."""
-    if value * b.at_high <= 0.0:
-        return Bracket(b.high, b.at_high, place, value)
-    return Bracket(b.low, 0.5 * b.at_low, place, value)
-
-
-@leaf
-def strain(P: float, v0: float, EA: float, m: float) -> float:
-    """Return the strain under an effective force: P = EA eps - m v0^2 (1 + eps), (D1) [-]."""
-    flow = m * v0 * v0
-    return (P + flow) / (EA - flow)
-
-
-@leaf
-def penetration(load: float, R: float, k_linear: float, k_quadratic: float) -> float:
-    """Solve f(delta) (R - delta) = load = P (1 + eps) for the penetration, (D2) [m]."""
-    if math.isinf(k_linear):
-        return 0.0
-    delta = 2.0 * load / R
-    delta /= k_linear + math.sqrt(k_linear * k_linear + 2.0 * k_quadratic * delta)
-    for _ in range(20):
-        f = elastic_force(delta, k_linear, k_quadratic)
-        slope = elastic_stiffness(delta, k_linear, k_quadratic) * (R - delta) - f
-        step = (f * (R - delta) - load) / slope
-        delta -= step
-        if abs(step) <= 1e-15 * R:
-            break
-    return delta
-
-
-@leaf
+@kernel
 def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
-    """Return stretch 1 + eps [-] and radius R - delta [m] of the belt under an effective force."""
-    stretch = 1.0 + strain(P, v0, s.EA, s.m)
-    return stretch, s.R - penetration(P * stretch, s.R, s.k_linear, s.k_quadratic)
+    """Return stretch 1 + eps [-], (D1), and radius R - delta [m], (D2), under an effective force.
+
+    The penetration solves f(delta) (R - delta) = P (1 + eps).
+    """
+    stretch = (s.EA + P) / (s.EA - s.m * v0 * v0)
+    if math.isinf(s.k_linear):
+        return stretch, s.R
+    delta = 2.0 * P * stretch / s.R
+    delta /= s.k_linear + math.sqrt(s.k_linear * s.k_linear + 2.0 * s.k_quadratic * delta)
+    for _ in range(20):
+        f = elastic_force(delta, s.k_linear, s.k_quadratic)
+        slope = elastic_stiffness(delta, s.k_linear, s.k_quadratic) * (s.R - delta) - f
+        step = (f * (s.R - delta) - P * stretch) / slope
+        delta -= step
+        if abs(step) <= 1e-15 * s.R:
+            break
+    return stretch, s.R - delta
 
 
-@leaf
+@kernel
 def lever(P: float, radius: float, s: Section) -> float:
     """Return the lever of a span force about the axis, (D6) [m]."""
     if math.isinf(s.k_linear):
@@ -213,95 +111,22 @@ def lever(P: float, radius: float, s: Section) -> float:
     return radius * (1.0 + elastic_energy(s.R - radius, s.k_linear, s.k_quadratic) / P)
 
 
-@leaf
-def force_and_speed(P: float, v0: float, entry: float, s: Section) -> tuple[float, float]:
-    """Return line force [N/m] and creep speed relative to the entry [m/s], (D3)."""
-    stretch, radius = seat(P, v0, s)
-    return P * stretch / radius, s.R * v0 * abs(entry - stretch / radius)
+@kernel
+def contact(P: float, entry: float, v0: float, x: float, s: Section) -> tuple[float, float, float]:
+    """Return line force [N/m] and sliding speed [m/s], (D3), and length per angle [m] at P.
 
-
-@leaf
-def _coefficient(f: float, v: float, tables: SurfaceTables) -> float:
-    """Look up the friction coefficient at a line force [N/m] and a sliding speed [m/s]."""
-    i, s, _ = locate(tables.x_nodes, tables.f_ref, f)
-    j, t, _ = locate(tables.y_nodes, tables.v_ref, v)
-    mu, _, _ = evaluate_cell(tables.C, i, j, s, t)
-    return float(mu)
-
-
-@shared_leaf
-def crossing(
-    limit: float, P_in: float, P_out: float, v0: float, s: Section, of_speed: int
-) -> float:
-    """Find where line force or creep speed crosses a limit, as a fraction of the range of ln P.
-
-    Both are monotonic in P.
-
-    Returns
-    -------
-    float
-        In (0, 1); 1 if the limit is not crossed.
+    The belt's angular rate at the entry is ``entry`` times v0 [1/m]; there it slides with x.
     """
-    fall = math.log(P_out / P_in)
-    stretch, radius = seat(P_in, v0, s)
-    entry = stretch / radius
-    at_in = force_and_speed(P_in, v0, entry, s)[of_speed] - limit
-    at_out = force_and_speed(P_out, v0, entry, s)[of_speed] - limit
-    if at_in * at_out >= 0.0:
-        return 1.0
-    b = Bracket(0.0, at_in, 1.0, at_out)
-    for _ in range(60):
-        share = _secant(b)
-        P = P_in * math.exp(fall * share)
-        b = _narrowed(b, share, force_and_speed(P, v0, entry, s)[of_speed] - limit)
-        if b.at_high == 0.0 or abs(b.high - b.low) < 1e-12:
-            break
-    return b.high
+    stretch, radius = seat(P, v0, s)
+    f, v = P * stretch / radius, x + s.R * v0 * abs(entry - stretch / radius)
+    return f, v, radius / stretch
 
 
-@leaf
-def _breaks(
-    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
-) -> tuple[float, float, float, float, float, float]:
-    """Return the ends of the panels on which mu is smooth, as fractions of ln P, ascending."""
-    f_low = crossing(friction.f_low, P_in, P_out, v0, s, 0)
-    f_high = crossing(friction.f_high, P_in, P_out, v0, s, 0)
-    v_low = crossing(friction.v_low - x, P_in, P_out, v0, s, 1)
-    v_high = crossing(friction.v_high - x, P_in, P_out, v0, s, 1)
-    # sort each pair, then the two inner points
-    f_1, f_2, v_1, v_2 = (
-        min(f_low, f_high),
-        max(f_low, f_high),
-        min(v_low, v_high),
-        max(v_low, v_high),
-    )
-    second, third = max(f_1, v_1), min(f_2, v_2)
-    return 0.0, min(f_1, v_1), min(second, third), max(second, third), max(f_2, v_2), 1.0
+@kernel
+def sliding_arc(P_in: float, P_out: float, v0: float, x: float, s: Section) -> tuple[float, float]:
+    """Integrate angle [rad], (D4), and stress-free length [m] of an arc from P_in to P_out.
 
-
-@shared_leaf
-def sliding_arc(
-    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
-) -> tuple[float, float]:
-    """Integrate angle (D4) and stress-free length of an arc that slides from P_in to P_out.
-
-    Parameters
-    ----------
-    P_in, P_out : float
-        Effective forces at the two ends [N], > 0.
-    v0 : float
-        Stress-free length of belt per second [m/s].
-    x : float
-        Sliding speed at the entry [m/s].
-    s : Section
-        Belt and bed on this pulley.
-    friction : Friction
-        mu as a function of line force and sliding speed.
-
-    Returns
-    -------
-    angle, length : float
-        [rad], [m].
+    The effective forces are > 0 [N]; the belt slides with x at the entry [m/s].
     """
     fall = math.log(P_out / P_in)
     angle, length = 0.0, 0.0
@@ -309,37 +134,19 @@ def sliding_arc(
         return angle, length
     stretch, radius = seat(P_in, v0, s)
     entry = stretch / radius
-    ends = _breaks(P_in, P_out, v0, x, s, friction)
-    tables = friction.tables
-    for panel in range(5):
-        width = ends[panel + 1] - ends[panel]
-        if width <= 0.0:
-            continue
-        pieces = int(abs(fall) * width / WIDEST_PANEL) + 1
-        for piece in range(pieces):
-            for q in range(GAUSS_NODES.size):
-                share = (piece + GAUSS_NODES[q]) / pieces
-                P = P_in * math.exp(fall * (ends[panel] + width * share))
-                stretch, radius = seat(P, v0, s)
-                creep = s.R * v0 * abs(entry - stretch / radius)
-                mu = _coefficient(P * stretch / radius, x + creep, tables)
-                turn = GAUSS_WEIGHTS[q] * abs(fall) * width / (pieces * mu)
-                angle += turn
-                length += turn * radius / stretch
+    panels = min(FEWEST_PANELS + int(abs(fall) / PANEL), MOST_PANELS)
+    for panel in range(panels):
+        for q in range(GAUSS_NODES.size):
+            P = P_in * math.exp(fall * (panel + GAUSS_NODES[q]) / panels)
+            f, v, per_angle = contact(P, entry, v0, x, s)
+            turn = GAUSS_WEIGHTS[q] * abs(fall) / (panels * friction(s.surface, f, v)[0])
+            angle += turn
+            length += turn * per_angle
     return angle, length
 
 
-@leaf
-def _slip_of_grid(k: int, friction: Friction) -> float:
-    """Return speed k of the full-slip search, geometric up to the fastest measured one [m/s]."""
-    first = SLOWEST_SLIP * friction.tables.v_ref
-    return first * (friction.v_high / first) ** (k / (SLIP_GRID - 1.0))
-
-
-@shared_leaf
-def full_slip(
-    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
-) -> float:
+@kernel
+def full_slip(P_in: float, P_out: float, v0: float, wrap: float, falls: bool, s: Section) -> float:
     """Find the sliding speed at the entry at which the arc (D4) equals the whole wrap, (D5).
 
     Returns
@@ -347,169 +154,57 @@ def full_slip(
     float
         The smallest such speed [m/s]; nan if there is none within the measured speeds.
     """
-    if friction.tables.y_nodes.size == 1:  # mu does not depend on the speed
-        return math.nan
-    low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] - wrap
+    low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s)[0] - wrap
     high, at_high = low, at_low
-    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
-        high = _slip_of_grid(k, friction)
-        at_high = sliding_arc(P_in, P_out, v0, high, s, friction)[0] - wrap
+    # without friction that falls with the speed there is one such speed at most
+    for k in range(0 if falls else max(s.speeds.size - 1, 0), s.speeds.size):
+        high = s.speeds[k]
+        at_high = sliding_arc(P_in, P_out, v0, high, s)[0] - wrap
         if at_high <= 0.0:
             break
         low, at_low = high, at_high
     if at_high > 0.0:
         return math.nan
-    b = Bracket(low, at_low, high, at_high)
+    # the Illinois rule, in a coordinate over which friction laws are nearly straight
+    v = s.surface.v_ref
+    low, high = math.log1p(low / v), math.log1p(high / v)
     for _ in range(60):
-        x = _secant(b)
-        b = _narrowed(b, x, sliding_arc(P_in, P_out, v0, x, s, friction)[0] - wrap)
-        if abs(b.at_high) < 1e-13 * wrap or abs(b.high - b.low) < 1e-13 * b.high:
-            break
-    return b.high
-
-
-@shared_leaf
-def least_arc(P_in: float, P_out: float, v0: float, s: Section, friction: Friction) -> float:
-    """Find the smallest arc, (D4), that holds the forces at any measured sliding speed.
-
-    Returns
-    -------
-    float
-        [rad].
-    """
-    if P_in == P_out:
-        return 0.0
-    least = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0]
-    if friction.tables.y_nodes.size == 1:
-        return least
-    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
-        x = _slip_of_grid(k, friction)
-        least = min(least, sliding_arc(P_in, P_out, v0, x, s, friction)[0])
-    return least
-
-
-@shared_leaf
-def steady_states(
-    P_in: float, P_out: float, v0: float, wrap: float, s: Section, friction: Friction
-) -> int:
-    """Count the steady states of an arc: more than one only if mu falls with the speed."""
-    above = sliding_arc(P_in, P_out, v0, 0.0, s, friction)[0] > wrap
-    count = 0 if above else 1
-    if friction.tables.y_nodes.size == 1:
-        return count
-    for k in range(0 if friction.falls else SLIP_GRID - 1, SLIP_GRID):
-        x = _slip_of_grid(k, friction)
-        now = sliding_arc(P_in, P_out, v0, x, s, friction)[0] > wrap
-        if now != above:
-            count += 1
-        above = now
-    return count
-
-
-@kernel
-def arcs_of_pulleys(
-    P_in: Array,
-    P_out: Array,
-    v0: float,
-    wraps: Array,
-    pulleys: Pulleys,
-    of_ribs: Friction,
-    of_back: Friction,
-    arcs: Arcs,
-) -> None:
-    """Write the state of the belt on every pulley into ``arcs``."""
-    for i in range(wraps.size):
-        s = _section(pulleys, i)
-        friction = of_ribs if pulleys.ribs[i] else of_back
-        stretch, radius = seat(P_in[i], v0, s)
-        out = seat(P_out[i], v0, s)[1]
-        arcs.torque[i] = P_in[i] * lever(P_in[i], radius, s) - P_out[i] * lever(P_out[i], out, s)
-        arcs.rate[i] = stretch / radius
-        needed, sliding = sliding_arc(P_in[i], P_out[i], v0, 0.0, s, friction)
-        x = slip = 0.0
-        if needed <= wraps[i]:
-            arcs.length[i] = sliding + (wraps[i] - needed) * radius / stretch
+        y = (low * at_high - high * at_low) / (at_high - at_low)
+        at_y = sliding_arc(P_in, P_out, v0, v * math.expm1(y), s)[0] - wrap
+        if at_y * at_high <= 0.0:
+            low, at_low = high, at_high
         else:
-            slip = full_slip(P_in[i], P_out[i], v0, wraps[i], s, friction)
-            # in gross slip the torque sets the forces, with mu at the fastest measured speed
-            fastest = friction.v_high if math.isfinite(friction.v_high) else 0.0
-            x = fastest if math.isnan(slip) else slip
-            angle, sliding = sliding_arc(P_in[i], P_out[i], v0, x, s, friction)
-            arcs.length[i] = sliding * wraps[i] / angle
-        ahead = x / (s.R * v0)
-        arcs.W[i] = arcs.rate[i] + (ahead if P_in[i] > P_out[i] else -ahead)
-        arcs.needed[i], arcs.slip[i] = needed, slip
+            at_low *= 0.5
+        high, at_high = y, at_y
+        if abs(at_high) < 1e-12 * wrap or abs(high - low) < 1e-13 * high:
+            break
+    return v * math.expm1(high)
 
 
 @kernel
-def least_arcs_of_pulleys(
-    P_in: Array,
-    P_out: Array,
-    v0: float,
-    pulleys: Pulleys,
-    of_ribs: Friction,
-    of_back: Friction,
-    least: Array,
-) -> None:
-    """Write the smallest arc of every pulley [rad] into ``least`` (n,); see :func:`least_arc`."""
-    for i in range(least.size):
-        friction = of_ribs if pulleys.ribs[i] else of_back
-        least[i] = least_arc(P_in[i], P_out[i], v0, _section(pulleys, i), friction)
+def arc(
+    P_in: float, P_out: float, v0: float, wrap: float, room: float, falls: bool, s: Section
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return the values of :class:`Arcs` for one pulley with a ``wrap`` [rad]."""
+    stretch, radius = seat(P_in, v0, s)
+    torque = P_in * lever(P_in, radius, s) - P_out * lever(P_out, seat(P_out, v0, s)[1], s)
+    rate = stretch / radius
+    needed, length = sliding_arc(P_in, P_out, v0, 0.0, s)
+    x = slip = 0.0
+    if needed <= room:
+        length += (wrap - needed) * radius / stretch
+    else:
+        slip = full_slip(P_in, P_out, v0, room, falls, s)
+        # in gross slip the torque sets the forces, with mu at the fastest measured speed
+        x = slip
+        if math.isnan(slip):
+            x = s.speeds[-1] if s.speeds.size else 0.0
+        angle, length = sliding_arc(P_in, P_out, v0, x, s)
+        length *= wrap / angle
+    W = rate + math.copysign(x, P_in - P_out) / (s.R * v0)
+    return torque, W, rate, length, needed, slip, room
 
 
-@leaf
-def _share_before(u: float, P_in: float, P_out: float) -> float:
-    """Return the share of the change of P up to a fraction u of ln P."""
-    return (1.0 - (P_out / P_in) ** u) / (1.0 - P_out / P_in)
-
-
-@leaf
-def _shares(
-    P_in: float, P_out: float, v0: float, x: float, s: Section, friction: Friction
-) -> tuple[float, float]:
-    """Return the shares of friction below the measured speeds and outside the measured forces."""
-    if P_in == P_out:
-        return 0.0, 0.0
-    below = 0.0
-    if x < friction.v_low:
-        below = _share_before(crossing(friction.v_low - x, P_in, P_out, v0, s, 1), P_in, P_out)
-    to_low = _share_before(crossing(friction.f_low, P_in, P_out, v0, s, 0), P_in, P_out)
-    to_high = _share_before(crossing(friction.f_high, P_in, P_out, v0, s, 0), P_in, P_out)
-    f_in = force_and_speed(P_in, v0, 0.0, s)[0]
-    outside = to_low if f_in < friction.f_low else 1.0 - to_low
-    outside += to_high if f_in > friction.f_high else 1.0 - to_high
-    return below, outside
-
-
-@kernel
-def shares_of_pulleys(
-    P_in: Array,
-    P_out: Array,
-    v0: float,
-    wraps: Array,
-    slip: Array,
-    pulleys: Pulleys,
-    of_ribs: Friction,
-    of_back: Friction,
-    shares: SlidingShares,
-) -> None:
-    """Write force, speed and range shares of every pulley's friction into ``shares``."""
-    for i in range(wraps.size):
-        s = _section(pulleys, i)
-        friction = of_ribs if pulleys.ribs[i] else of_back
-        stretch, radius = seat(P_in[i], v0, s)
-        f_in = P_in[i] * stretch / radius
-        f_out, creep = force_and_speed(P_out[i], v0, stretch / radius, s)
-        shares.slip_speed_max[i] = slip[i] + creep
-        shares.normal_force_min[i] = f_in if f_in < f_out else f_out
-        shares.normal_force_max[i] = f_out if f_in < f_out else f_in
-        below, outside = _shares(P_in[i], P_out[i], v0, slip[i], s, friction)
-        shares.below_speed_range[i], shares.outside_force_range[i] = below, outside
-        states = steady_states(P_in[i], P_out[i], v0, wraps[i], s, friction)
-        shares.steady_states[i] = states
-
-
-@dataclass(frozen=True, slots=True)
 class StringLevel:
     """The pulleys of a drive at string level.
 
@@ -519,25 +214,24 @@ class StringLevel:
         Belt, laws and pulleys.
     """
 
-    drive: Drive
-    _laws: tuple[Pulleys, Friction, Friction] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        law, pulleys = self.drive.law, self.drive.pulleys
+    def __init__(self, drive: Drive) -> None:
+        law, belt = drive.law, drive.belt
         rigid = (math.inf, 0.0)
         soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
-        arrays = Pulleys(
-            self.drive.belt.EA,
-            self.drive.belt.rhoA,
-            np.array([soft if p.ribs else rigid for p in pulleys]),
-            np.array([p.R for p in pulleys]),
-            np.array([p.ribs for p in pulleys]),
-        )
-        of_ribs = _friction(self.drive.surface, self.drive.friction)
-        of_back = _friction_of_back(self.drive.back_friction)
-        object.__setattr__(self, "_laws", (arrays, of_ribs, of_back))
+        back = FrictionSurface.constant(drive.back_friction)
+        self.measured = [drive.surface if p.ribs else back for p in drive.pulleys]
+        self.falls = [surface.falls_with_speed for surface in self.measured]
+        self.sections = []
+        for pulley, surface in zip(drive.pulleys, self.measured, strict=True):
+            k_linear, k_quadratic = map(float, soft if pulley.ribs else rigid)
+            tables = drive.friction if pulley.ribs else back.tables()
+            R, speeds = float(pulley.R), _slip_speeds(surface)
+            section = Section(belt.EA, belt.rhoA, k_linear, k_quadratic, R, tables, speeds)
+            self.sections.append(section)
 
-    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
+    def arcs(
+        self, P_in: Array, P_out: Array, v0: float, wraps: Array, room: Array | None = None
+    ) -> Arcs:
         """Compute the state of the belt on every pulley.
 
         Parameters
@@ -548,65 +242,72 @@ class StringLevel:
             Stress-free length of belt per second [m/s], > 0.
         wraps : ndarray (n,)
             Arcs between tangent points [rad].
+        room : ndarray (n,), optional
+            Part of them on which the belt can slide [rad]; by default the whole arc.
         """
-        arcs = Arcs(*np.empty((6, wraps.size)))
-        arcs_of_pulleys(P_in, P_out, v0, wraps, *self._laws, arcs)
-        return arcs
+        most = wraps if room is None else room
+        given = P_in.tolist(), P_out.tolist(), wraps.tolist(), most.tolist()
+        rows = [
+            arc(P, Q, v0, wrap, most, falls, s)
+            for P, Q, wrap, most, falls, s in zip(*given, self.falls, self.sections, strict=True)
+        ]
+        return Arcs(*np.array(rows).T)
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return zero: a string does not bend, so (D15) does not apply."""
+        """Return zero: a string has no length beyond that of spans and arcs."""
         return 0.0
-
-    def least_arcs(self, P_in: Array, P_out: Array, v0: float) -> Array:
-        """Return the arcs [rad] needed at the most effective measured sliding speed, shape (n,).
-
-        Parameters are those of :meth:`arcs`.
-        """
-        least = np.empty(P_in.size)
-        least_arcs_of_pulleys(P_in, P_out, v0, *self._laws, least)
-        return least
 
     def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
         """Return line force [N/m], sliding speed [m/s] and mu on pulley i at forces P (n,) [N].
 
         ``P[0]`` is the force at the entry, where the belt slides with x [m/s].
         """
-        pulleys, of_ribs, of_back = self._laws
-        friction, s = of_ribs if pulleys.ribs[i] else of_back, _section(pulleys, i)
-        stretch, radius = seat(P[0], v0, s)
-        contact = []
-        for force in P.tolist():
-            f, creep = force_and_speed(force, v0, stretch / radius, s)
-            contact.append((f, x + creep, _coefficient(f, x + creep, friction.tables)))
-        f, v, mu = np.array(contact).T
-        return f, v, mu
+        s = self.sections[i]
+        stretch, radius = seat(float(P[0]), v0, s)
+        rows = [contact(force, stretch / radius, v0, x, s)[:2] for force in P.tolist()]
+        mu = [friction(s.surface, f, v)[0] for f, v in rows]
+        return *np.array(rows).T, np.array(mu)
 
-    def shares(
-        self, P_in: Array, P_out: Array, v0: float, wraps: Array, slip: Array
-    ) -> SlidingShares:
-        """Compute sliding speeds, line forces, and the shares of friction outside measurements.
+    def arcs_by_speed(self, i: int, P_in: float, P_out: float, v0: float) -> Array:
+        """Return the arcs (D4) of pulley i without slip at the entry and at measured speeds."""
+        s = self.sections[i]
+        # friction that does not fall with the speed needs the least arc at the fastest one
+        speeds = (0.0, *s.speeds.tolist()[0 if self.falls[i] else -1 :])
+        return np.array([sliding_arc(P_in, P_out, v0, x, s)[0] for x in speeds])
 
-        Parameters
-        ----------
-        P_in, P_out, v0, wraps
-            As in :meth:`arcs`.
-        slip : ndarray (n,)
-            Sliding speeds at the entries [m/s], as :meth:`arcs` gives them.
+    def outside(
+        self, i: int, P_in: float, P_out: float, v0: float, x: float
+    ) -> tuple[float, float]:
+        """Return shares of the friction of pulley i below the measured speeds, outside the forces.
+
+        Both change monotonically along the arc.
         """
-        speeds, least, most, below, outside = np.empty((5, wraps.size))
-        states = np.empty(wraps.size, dtype=np.int64)
-        shares = SlidingShares(speeds, least, most, below, outside, states)
-        shares_of_pulleys(P_in, P_out, v0, wraps, slip, *self._laws, shares)
-        return shares
+        if P_in == P_out:
+            return 0.0, 0.0
+        s, validity = self.sections[i], self.measured[i].validity
+        stretch, radius = seat(P_in, v0, s)
+
+        def share_below(limit: float, of_speed: int) -> float:
+            """Share of the change of force on the part of the arc below a limit."""
+
+            def over(P: float) -> float:
+                return contact(P, stretch / radius, v0, x, s)[of_speed] - limit
+
+            if over(P_in) * over(P_out) >= 0.0:
+                return 1.0 if over(P_in) + over(P_out) < 0.0 else 0.0
+            at = brentq(over, P_in, P_out, xtol=1e-13 * P_in)
+            before = (P_in - at) / (P_in - P_out)
+            return before if over(P_in) < 0.0 else 1.0 - before
+
+        low, high = validity["normal_force_N_m"]
+        # in gross slip the sliding speed is not known
+        below_speed = 0.0 if math.isnan(x) else share_below(validity["slip_speed_m_s"][0], 1)
+        return below_speed, share_below(low, 0) + 1.0 - share_below(high, 0)
 
 
-@functools.cache
-def _friction_of_back(mu: float) -> Friction:
-    surface = FrictionSurface.constant(mu)
-    return _friction(surface, surface.tables())
-
-
-def _friction(measured: FrictionSurface, tables: SurfaceTables) -> Friction:
-    validity = measured.validity
-    limits = (*validity["normal_force_N_m"], *validity["slip_speed_m_s"])
-    return Friction(tables, *limits, measured.falls_with_speed)
+def _slip_speeds(surface: FrictionSurface) -> Array:
+    """Return the sliding speeds of the search for full slip [m/s], none without a dependence."""
+    fastest = surface.validity["slip_speed_m_s"][1]
+    if surface.slip_speed_m_s.size == 1:
+        return np.zeros(0)
+    return np.geomspace(SLOWEST_SLIP * surface.tables().v_ref, fastest, SLIP_GRID)

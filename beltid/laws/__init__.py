@@ -3,8 +3,8 @@
 =====================  ==============================================================  ==========
 Module                 Responsibility                                                  Equation
 =====================  ==============================================================  ==========
-``penalty``            Normal contact: elastic force of a penetration, dissipation     (1) to (4)
-                       while approaching; ``NormalLaw`` holds the coefficients
+``penalty``            Normal contact: elastic force of a penetration; ``NormalLaw``   (3)
+                       holds the coefficients
 ``capstan``            Equations of the friction rig: mu from two tensions, sliding    (5) to (8)
                        speed, normal force along the arc and its mean
 ``kelvin_voigt``       Material of the belt: force and moment of a section             (9)

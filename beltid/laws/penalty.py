@@ -1,4 +1,4 @@
-"""Normal contact between belt and pulley: the penalty law, Eqs. (1) to (4).
+"""Normal contact between belt and pulley: the penalty law, Eq. (3).
 
 The paper uses the gap g_N, which is *negative* in contact, and mixes centimetres of belt with
 metres of deformation. This module uses the penetration ``delta = -g_N >= 0`` in SI units per metre
@@ -34,26 +34,6 @@ def elastic_stiffness(delta: Number, k_linear: float, k_quadratic: float) -> Num
 def elastic_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
     """Integrate Eq. (3) over the penetration: energy per length [J/m]."""
     return (k_linear / 2.0 + k_quadratic * delta / 3.0) * delta * delta
-
-
-def integral_of_energy(delta: Number, k_linear: float, k_quadratic: float) -> Number:
-    """Integrate :func:`elastic_energy` over the penetration, for its mean over a wedge [J]."""
-    return (k_linear / 6.0 + k_quadratic * delta / 12.0) * delta * delta * delta
-
-
-def stiffness_under(
-    force: NDArray[np.float64], k_linear: float, k_quadratic: float
-) -> NDArray[np.float64]:
-    """Compute the stiffness of Eq. (3) [N/m²] at a line force ``force`` >= 0 [N/m]."""
-    return np.sqrt(k_linear * k_linear + 4.0 * k_quadratic * force)
-
-
-def dissipative_force(g_N_dot: float, C_P: float) -> float:
-    """Compute the force that pushes approaching bodies apart [N], Eqs. (1), (2) and (4).
-
-    ``H(g_N_dot) F_diss`` with the rate of the gap [m/s] and the damping of a point [N s/m].
-    """
-    return -C_P * g_N_dot if g_N_dot <= 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,5 +92,5 @@ class NormalLaw:
         if np.any(f < 0):
             raise InputError(f"force_N_m = {float(np.min(f)):g}, must be >= 0: contact only pushes")
         k1, k2 = self.k_linear_N_m2, self.k_quadratic_N_m3
-        root = k1 + stiffness_under(f, k1, k2)  # no cancellation as k2 goes to zero
+        root = k1 + np.sqrt(k1 * k1 + 4.0 * k2 * f)  # no cancellation as k2 goes to zero
         return np.divide(2.0 * f, root, out=np.zeros_like(f), where=root > 0.0)

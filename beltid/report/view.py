@@ -100,7 +100,7 @@ VIEWS: Final = {
         "pulley",
         "driver_speed_rad_s torque_N_m speed_loss_rad_s speed_loss_u_rad_s hub_force_N reserve run "
         "status",
-        always=("slip_limits",),
+        always=("slip_limits", "installed"),
     ),
     "compare_drive": View(
         "predicted less measured speed loss of the drive",
@@ -123,6 +123,7 @@ TITLES: Final = {
     "misfit": "simulated less measured friction: published surface, then refined",
     "effects": "friction changes not in the surface, in percent of mu",
     "slip_limits": "torque with which adhesion ends, and beyond which the drive slips grossly",
+    "installed": "with the shortest, the mean and the longest belt, at rest and most loaded",
     "regions": "standard uncertainty by region, in percent of mu",
     "statements": "if it were known twice as well",
 }

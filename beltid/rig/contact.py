@@ -232,6 +232,7 @@ def add_flow_contact(
     q: Array,
     u: Array,
     now: Any,
+    revise: bool,
     A: Array,
     r: Array,
     r_s: Array,
@@ -261,19 +262,25 @@ def add_flow_contact(
             g = R * omega - fall * turn
             w = mesh.w_c[el, c] * stretch
             f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            last, scale = point.speed, motion.scale
             point.speed, point.sticks = g, False
             if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
+                point.sign = g / math.sqrt(g * g + scale * scale)
                 continue
             F_N, k = w * f, w * slope
             mu, mu_f, mu_v = friction(pulley.surface, f, abs(g))
-            size = math.sqrt(g * g + motion.scale * motion.scale)
+            if revise:  # the linearised share of friction after a step of Newton's method
+                size = math.sqrt(last * last + scale * scale)
+                share = (last + (1.0 - point.sign * last / size) * (g - last)) / size
+                point.sign = min(max(share, -1.0), 1.0)
+            size = math.sqrt(g * g + scale * scale)
             s = g / size
             F_T = mu * F_N * s
-            by_g = F_N * (mu * (motion.scale / size) ** 2 / size + mu_v * abs(s))
+            by_g = F_N * (mu * (1.0 - point.sign * s) / size + mu_v * abs(s))
             by_delta = s * (mu * k + mu_f * slope * F_N)
             point.f_N, point.F_N, point.F_T = f, F_N, F_T
-            point.sticks = abs(g) < 3.0 * motion.scale
+            point.sticks = abs(g) < 3.0 * scale
             d_rot = (-dy, dx)
             for i in range(2):
                 for m in range(2):

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 FINER = 2.0  # elements of a flowing belt over those of the rig
 # sliding speed at which friction is nearly whole, over v0: from rest, from a similar state, at last
 FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
-FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.4, 0.97, 0.3  # of one scale to the one before
+FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
 LEAST_SHARE = 1.0 / 64  # of the way to the given forces in one stage
 MOST_ITERATIONS = 16
 
@@ -140,6 +140,7 @@ class FlowState:
     iterations: int
     q: Array
     u: Array
+    points: Points
 
     @property
     def W(self) -> float:
@@ -243,6 +244,7 @@ class _Search:
         """Solve from a similar state, at the last scale at once or nearly so."""
         s, border = self.s, self.border(T_in, T_out, torque)
         for scale in (LAST_SCALE, SIMILAR_SCALE):
+            s.now[...] = start.points
             s.q[:], s.u[:] = start.q, (start.u[0], start.W * self.v0 if omega is None else omega)
             if self.solve(border, scale) and self.descend(border, scale):
                 return True
@@ -330,4 +332,5 @@ class _Search:
             iterations=self.iterations,
             q=q,
             u=s.u,
+            points=s.now,
         )

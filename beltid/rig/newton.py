@@ -179,7 +179,7 @@ def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
         add_inertia(mesh, system.section, stretch, s.dq, rate, s.A, r)
     if flows:
         u, now, r_omega = s.u, s.now, s.columns[1]
-        add_flow_contact(mesh, system.pulley, motion, s.q, u, now, s.A, r, r_s, r_omega)
+        add_flow_contact(mesh, system.pulley, motion, s.q, u, now, revise, s.A, r, r_s, r_omega)
     else:
         changes = add_contact(
             mesh, system.pulley, motion, s.q, stretch, s.last, s.now, revise, s.A, r, r_s
@@ -313,8 +313,6 @@ def equilibrium(
         for i in range(n):
             longest = LONGEST_STEP * (R if i % 4 < 2 else 1.0)
             factor = min(factor, longest / max(abs(s.r[i]), 1e-30))
-        if flows:  # a slip beyond the smooth part of its law leaves Newton's method without a slope
-            factor = min(factor, 3.0 * motion.scale / R / max(abs(du[1]), 1e-300))
         for i in range(n):
             s.q[i] += factor * s.r[i]
         for j in range(unknowns):

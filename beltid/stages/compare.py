@@ -7,7 +7,7 @@ those of a second bench are as the config states.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -39,12 +39,6 @@ ENOUGH: Final = 0.8
 """Share of the usable measured runs below which a comparison is one of few runs."""
 MIN_SHARE_COMPARED: Final = 0.5
 """Share of compared runs below which the campaign fails: too few to judge it."""
-TOLERANCES: Final = {
-    "max_rms_relative_error": "rms",
-    "max_mean_relative_error": "mean magnitude",
-    "max_relative_error": "largest",
-    "min_share_compared": "runs compared",
-}
 Columns = Mapping[str, np.ndarray]
 
 
@@ -137,21 +131,8 @@ def agreement(
         },
         validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=(*notes, *proven.notes()),
+        notes=tuple(filter(None, (*notes, *proven.notes(), result.against_uncertainty))),
         warnings=tuple(warnings),
-        verdict=_verdict(result.passed, judged),
+        verdict=result.verdict,
         passed=bool(result.passed),
     )
-
-
-def _verdict(passed: bool, judged: Sequence[Mapping[str, Any]]) -> str:
-    def in_words(row: Mapping[str, Any]) -> str:
-        label = TOLERANCES[row["tolerance"]]
-        found, allowed = row["found"], f"{100.0 * row['allowed']:g} %"
-        percent = float("nan") if found is None else 100.0 * found
-        if row["tolerance"] == "min_share_compared":
-            return f"{label} {percent:.0f} % < {allowed}"
-        return f"{label} {percent:.2f} % {'<=' if row['holds'] else '>'} {allowed}"
-
-    shown = [row for row in judged if row["tolerance"] != "min_share_compared" or not row["holds"]]
-    return f"{'PASS' if passed else 'FAIL'}: " + ", ".join(in_words(row) for row in shown)

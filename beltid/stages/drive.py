@@ -17,8 +17,8 @@ from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
-from beltid.drive.rod import ribs_shear
-from beltid.drive.rod_level import short_spans
+from beltid.drive.rods import short_spans
+from beltid.drive.tolerance import installed_belts
 from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.notes import log
@@ -47,15 +47,15 @@ from beltid.uncertainty.sources import Source, bending_source, drive_sources, sl
 
 SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
-TENSIONS: Final = (0.4, 0.6, 0.8, 1.0, 1.25, 1.5)
+TENSIONS: Final = (0.5, 1.0, 1.5)
 """Tensions over the tension at rest for which the report shows the slip limit."""
 NOT_STATED: Final = (
     "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
     "assumed"
 )
-RIGID_STRING: Final = (
-    "belt.shear_stiffness_N_m2: the ribs of a string are rigid, so the loss is too small; with "
-    "drive.method: rod they shear"
+RIGID_RIBS: Final = (
+    "belt.shear_stiffness_N_m2: in a drive the ribs are rigid along the belt, so the loss is too "
+    "small"
 )
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
@@ -101,21 +101,19 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
             "loaded_pulley": loaded,
         },
         tables={
-            "slip_limits": _limits(drive, good),
-            "limits_over_tension": _limits_over_tension(drive, good),
+            "slip_limits": _limits(drive, method, good),
+            "limits_over_tension": _limits_over_tension(drive, method, good),
             "laid": _layout_rows(drive, good),
             "arcs": _arcs(good),
+            "installed": _installed(config.drive, drive, good),
             "budget": _budget(columns, sources, uncertainty),
         },
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
         set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
-        notes=(
-            *_rigid_ribs(drive, method),
-            *_notes(columns, drive, friction.factor is not None, method, by_string),
-        ),
+        notes=_notes(columns, drive, friction.factor is not None, method, by_string),
         warnings=(
             *([] if "drive" in config.model_fields_set else [NOT_STATED]),
-            *([RIGID_STRING] if stated_shear and method == "string" else []),
+            *([RIGID_RIBS] if stated_shear else []),
             *drive_notes,
             *(f"point {labelled.run}: {error}" for labelled, error in failed),
             *_outside(columns, friction),
@@ -185,7 +183,7 @@ def _uncertainty(
     return uncertainty, sources
 
 
-def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _limits(drive: Drive, method: Method, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     speeds = np.array([result.point.omega for _, result in good])
     series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
@@ -193,7 +191,7 @@ def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
         setting: max((good[i] for i in rows), key=lambda solved: solved[1].load)
         for setting, rows in series.items()
     }
-    simulator = Simulator(drive)
+    simulator = Simulator(drive, method)
     return [
         {
             "driver_speed_rad_s": speed,
@@ -206,12 +204,14 @@ def _limits(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     ]
 
 
-def _limits_over_tension(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _limits_over_tension(
+    drive: Drive, method: Method, good: Sequence[Solved]
+) -> list[dict[str, Any]]:
     """Return the torque limits over the belt tension, for the most loaded point."""
     labelled, result = _most_loaded(good)
     if result.load == 0.0:
         return []
-    simulator, rows = Simulator(drive), []
+    simulator, rows = Simulator(drive, method), []
     for share in TENSIONS:
         point = replace(labelled.point, T_0=share * result.rest.T_0)
         with suppress(InputError):  # the arm of a tensioner cannot produce every tension
@@ -228,6 +228,32 @@ def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, An
         "adhesion_end_torque_N_m": limit.adhesion * load,
         "slip_limit_torque_N_m": limit.slip * load,
     }
+
+
+def _installed(section: DriveSection, drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Return the drive with the shortest, the mean and the longest belt, a row per pulley."""
+    tolerance, (labelled, _) = section.belt_length_tolerance_m, _most_loaded(good)
+    if tolerance == 0.0:
+        return []
+    rows = []
+    for belt in installed_belts(drive, section.method, labelled.point, tolerance):
+        result, angle = belt.result, belt.result.rest.arm_angle
+        hub = result.in_order(np.hypot(*result.hub_force.T))
+        for i, pulley in enumerate(drive.pulleys):
+            rows.append(
+                {
+                    "belt": belt.name,
+                    "belt_length_m": belt.length,
+                    "arm_angle_deg": None if angle is None else math.degrees(angle),
+                    "tension_at_rest_N": result.rest.T_0,
+                    "pulley": pulley.name,
+                    "hub_force_at_rest_N": belt.hub_force_at_rest[i],
+                    "largest_tension_N": belt.largest_tension,
+                    "hub_force_N": hub[i],
+                    "reserve": result.in_order(result.reserve)[i],
+                }
+            )
+    return rows
 
 
 def _most_loaded(good: Sequence[Solved]) -> Solved:
@@ -315,6 +341,7 @@ def _block(result: DriveResult) -> dict[str, np.ndarray]:
         "friction_power_W": result.friction_power,
         "status": np.array(result.status, dtype=object),
         "steady_states": shares.steady_states,
+        "span_frequency_Hz": result.span_frequency,
     }
     return {name: result.in_order(values) for name, values in rows.items()}
 
@@ -349,9 +376,8 @@ def _notes(
         notes.append(_slower_than_measured(drive))
     if method == "rod":
         notes.append(
-            "speeds and torques are those of the rod; arcs used, shares, slip limits and, short of "
-            "full slip, uncertainties those of the string: the limits may be too high for a belt "
-            "that bends, by up to a fifth with a given slack force"
+            "speeds, torques, reserves and slip limits are those of the rod, limits to about 1 %; "
+            "shares and, short of full slip, uncertainties those of the string"
         )
     if by_string:
         notes.append(
@@ -380,18 +406,6 @@ def _slower_than_measured(drive: Drive) -> str:
         f"{subject} is continued with half of the trend there: the mean of no trend and the full "
         "trend, which bound its uncertainty"
     )
-
-
-def _rigid_ribs(drive: Drive, method: Method) -> list[str]:
-    """Note that the rod methods treat stiff ribs as rigid."""
-    k_s = drive.shear_stiffness
-    if method == "string" or math.isinf(k_s) or ribs_shear(drive):
-        return []
-    over = 1e3 * math.sqrt(drive.belt.EA / k_s)
-    return [
-        f"ribs of {k_s:.3g} N/m² shear over {over:.2g} mm of belt only: the rod treats them as "
-        "rigid, which changes the loss by less than 1 %"
-    ]
 
 
 def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:

@@ -13,7 +13,7 @@ from beltid.config import Config
 from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.model import Drive, DrivePoint, Pulley, Tensioner
-from beltid.drive.rod_level import short_spans
+from beltid.drive.rods import short_spans
 from beltid.errors import InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -38,7 +38,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
     InputError
         If two pulleys have the same name, or a name is not that of a pulley.
     """
-    section, shear = config.drive, config.belt.shear_stiffness_N_m2
+    section = config.drive
     names = [pulley.name for pulley in section.pulleys]
     _check_names(section, names)
     loaded = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
@@ -62,7 +62,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
         section.installation,
         _tensioner(section, names),
         section.back_friction,
-        math.inf if shear is None else shear,
+        belt_length=math.nan if section.belt_length_m is None else section.belt_length_m,
     )
 
 
@@ -85,7 +85,10 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
         for key, values in lists.items()
         if len(values) not in (1, n)
     ]
-    if section.installation != "tensioner" and section.initial_tension_N is None:
+    length, tension = section.belt_length_m, section.initial_tension_N
+    if length is not None and (tension is not None or section.installation == "slack_force"):
+        problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
+    if section.installation != "tensioner" and tension is None and length is None:
         problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
     if problems:
         raise InputError(problems)
@@ -95,7 +98,7 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
         listed = (full.get(f"{key}.{pulley.name}") for pulley in section.pulleys)
         return tuple(0.0 if values is None else values[i] for values in listed)
 
-    tensions = section.initial_tension_N or (math.nan,)
+    tensions = tension or (math.nan,)
     return [
         LabelledPoint(
             str(t * n + i + 1),
@@ -218,11 +221,20 @@ def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
     if section.tensioner is None:
         return None
     arm = section.tensioner.si()
+    free, stops = arm["free_angle_rad"], (-math.inf, math.inf)
+    if section.tensioner.stops_deg is not None:
+        turned = (
+            math.remainder(math.radians(stop) - free, 2.0 * math.pi)
+            for stop in section.tensioner.stops_deg
+        )
+        low, high = sorted(free + turn for turn in turned)
+        stops = low, high
     return Tensioner(
         names.index(arm["pulley"]),
         arm["pivot_m"],
         arm["arm_m"],
-        arm["free_angle_rad"],
+        free,
         arm["preload_N_m"],
         arm["rate_N_m_rad"],
+        stops,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.kinds import TOUCH_DEG, RigKind, other
+from beltid.identify.friction.kinds import TOUCH_DEG, RigKind
 from beltid.identify.friction.reduction import RunReduction
 from beltid.stage import Outcome
 from beltid.stages.columns import at, listed, span
@@ -72,7 +72,7 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         set_aside=[{"run": run, "why": why} for run, why in aside],
         notes=_notes(runs),
         warnings=(
-            *_warnings(runs, kind, held=config.rig.slide == "held"),
+            *_warnings(runs, kind, held=config.rig.holds == "stretch"),
             *(f"run {run} set aside: {why}" for run, why in aside),
         ),
     )
@@ -87,12 +87,6 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it with a column idle: true"
         )
-    if any(run.treatment.other_span for run in good):
-        span = other(kind.torque_with)
-        yield (
-            f"the tension measured with the torque is that of the {span} span: state "
-            f"rig.torque_with: {span}, which the plan and the simulated rig use"
-        )
     if kind.measures == "torque_hub" and not kind.running and not held:
         ratio = np.array(
             [(r.tension_tight_N + r.tension_slack_N) / (2.0 * r.initial_tension_N) for r in good]
@@ -102,7 +96,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             yield (
                 f"the sum of the tensions is {growth:.3g} times that at rest: the hub force is not "
                 "constant; if the slide of the pulley is held by the load cell of the hub force, "
-                "state rig.slide: held"
+                "state rig.holds: stretch"
             )
     shares = [abs(run.held) for run in good if abs(run.held) > HELD]
     if shares:

@@ -52,7 +52,6 @@ def rig_kind(config: Config) -> RigKind:
         measures=rig.measures,
         weight_on=rig.weight_on,
         weight_stated=rig.states_weight,
-        torque_with=rig.torque_with,
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
@@ -175,8 +174,6 @@ def taken_off(treatment: Treatment) -> tuple[str, ...]:
 def _notes(run: RunReduction) -> str | None:
     """Return the notes of a run for the user, as one text."""
     notes = list(taken_off(run.treatment))
-    if run.treatment.other_span:
-        notes.append("the tension measured with the torque is not that of the stated span")
     if run.arc_deg >= TOUCH_DEG:
         notes.append(TOUCHING)
     notes += run.notes

@@ -207,6 +207,7 @@ share_outside_force_range  >= 0?    1      of the friction: outside the measured
 friction_power_W           number?  W      lost to friction, without the hysteresis of the belt
 status                     text     -      adhesion, full slip, gross slip or slack
 steady_states?             count    1      states with which the arc carries its forces
+span_frequency_Hz?         >= 0?    Hz     lowest natural frequency of the span behind
 
 compare_drive: beltid compare-drive, by run
 run                   text     -      label of the measured run

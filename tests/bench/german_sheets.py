@@ -19,10 +19,10 @@ WEIGHTS_KG = (5.0, 10.0, 20.0, 40.0)
 SPEEDS_RAD_S = tuple(0.02 * 1.6**k for k in range(10))
 
 
-def bench(samples: int = 300) -> benches.Rig:
-    """The 120 runs: three arcs, four weights, ten speeds."""
+def bench(samples: int = 300, speeds: int = 10) -> benches.Rig:
+    """The 120 runs: three arcs, four weights, ten speeds; or some of the speeds."""
     weights_N = tuple(mass * G for mass in WEIGHTS_KG)
-    return benches.Rig("weight_slack", ARCS_DEG, weights_N, SPEEDS_RAD_S, samples=samples)
+    return benches.Rig("weight_slack", ARCS_DEG, weights_N, SPEEDS_RAD_S[:speeds], samples=samples)
 
 
 def german(value: float, digits: int) -> str:
@@ -30,12 +30,14 @@ def german(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".replace(".", ",")
 
 
-def write_rig(folder: Path, channel: str = "torque_N_m", samples: int = 300) -> pd.DataFrame:
+def write_rig(
+    folder: Path, channel: str = "torque_N_m", samples: int = 300, speeds: int = 10
+) -> pd.DataFrame:
     """Write a workbook per arc with a sheet per run; return what they hold, run by run.
 
     The weight is in the head; `channel` is the torque, or the force of a cell in the tight span.
     """
-    recording = bench(samples).recording()
+    recording = bench(samples, speeds).recording()
     folder.mkdir(parents=True)
     recording["book"] = [f"Umschlingung_{arc:.0f}Grad" for arc in recording["arc_deg"]]
     labels: dict[str, str] = {}

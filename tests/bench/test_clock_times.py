@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from beltid.bench.recording import Recording, columns_of, read_recording
+from beltid.bench.recording import Recording, read_recording
 from beltid.config import load_config
 from beltid.errors import InputError
 
@@ -113,34 +113,6 @@ def test_a_stop_watch_comes_before_a_clock(tmp_path):
     times = [f"{t.strftime('%H:%M:%S.%f')};{s:.2f}" for t, s in zip(stamps(), 5 + T, strict=True)]
     recording = read(press(tmp_path, times, "Uhrzeit;Zeit [s]"))
     np.testing.assert_array_equal(recording.columns["time_s"], np.round(5 + T, 2))
-
-
-ARROW = {
-    "timestamp": lambda at: pa.array(at, pa.timestamp("ns")),
-    "zone": lambda at: pa.array(at, pa.timestamp("us", tz="Europe/Berlin")),
-    "time": lambda at: pa.array([t.time() for t in at], pa.time64("us")),
-    "text": lambda at: pa.array([t.isoformat() for t in at]),
-}
-
-
-@pytest.mark.parametrize("kind", ARROW)
-def test_parquet_arrow_and_frames(tmp_path, kind):
-    late = datetime.datetime(2026, 11, 20, 23, 59, 59, 900000)
-    table = pa.table(
-        {
-            "test": ["a"] * N,
-            "temperature_degC": [22.0] * N,
-            "time_s": ARROW[kind](stamps(late)),
-            "displacement_mm": T,
-            "force_N": 1000 * T,
-        }
-    )
-    pq.write_table(table, tmp_path / "press.parquet")
-    recording = read(tmp_path / "press.parquet")
-    np.testing.assert_allclose(recording.columns["time_s"], T, atol=1e-9)
-    assert any("seconds are counted from the first" in note for note in recording.notes)
-    for frame in (table, table.to_pandas(), table.to_pydict()):
-        np.testing.assert_allclose(columns_of(frame, "press")["time_s"], T, atol=1e-9)
 
 
 def test_parquet_stamps_are_exact_to_the_nanosecond_and_reported_where_they_go_back(tmp_path):

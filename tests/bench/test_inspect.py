@@ -142,16 +142,6 @@ def test_two_forces_with_a_pulley_are_a_rig_not_a_press(tmp_path):
     assert read_as["Umschlingung [deg]"] == "arc_deg"
 
 
-def test_a_known_word_in_a_longer_name_is_a_candidate_not_a_reading(tmp_path):
-    rows = [f"{i};{i};{i};{i}" for i in range(20)]
-    path = text(tmp_path, "a.csv", "Zeit [s];Weg [mm];Kraft vorn [N];Kraft hinten [N]", *rows)
-    status, found = inspect(path, "--kind", "press")
-    assert status == 2
-    shown = {row["channel"]: (row["read_as"], row["can_be"]) for row in found["table"]}
-    assert shown["Kraft vorn [N]"] == shown["Kraft hinten [N]"] == (None, "force_N")
-    assert '#     force_N: "Kraft vorn [N]"  # or "Kraft hinten [N]"' in found["snippet"]
-
-
 @pytest.mark.parametrize("ending", ["csv", "xlsx"])
 def test_six_specimens_side_by_side(tmp_path, ending):
     from openpyxl import Workbook
@@ -217,16 +207,3 @@ def test_repeated_columns_that_no_run_needs_are_no_second_recording(tmp_path, en
             text(tmp_path, path.name, *(";".join(map(str, row)) for row in table))
         recording = read_recording(path, kind)
         assert {len(values) for values in recording.columns.values()} == {20}
-
-
-def test_several_recordings_in_one_call(tmp_path):
-    bad = tmp_path / "bad.csv"
-    bad.write_text("")
-    status, found = inspect(RIG, RIG.parent / "press.csv", bad)
-    assert (status, found["verdict"]) == (2, "2 of 3 understood")
-    kinds = [part["facts"].get("kind") for part in found["parts"]]
-    assert kinds == ["rig", "press", None]
-    assert found["parts"][2]["warnings"] == [f"{bad}: the file is empty"]
-    assert inspect(RIG, RIG.parent / "press.csv")[0] == 0
-    shown = CliRunner().invoke(app, ["inspect", str(RIG), str(RIG.parent / "press.csv"), "-q"])
-    assert shown.stdout.index("recording of the friction rig") < shown.stdout.index("compression")

@@ -51,41 +51,6 @@ def problems(path: Path, config: dict[str, object] | None = None, kind: str = "r
     return [p.replace(f"{path}", path.name) for p in caught.value.problems]
 
 
-PATTERNS = {
-    "braces": (
-        "{label}_{arc}deg_{tension}N_0p21.csv",
-        "{run}_{arc_deg}deg_{initial_tension_N}N_{}.csv",
-    ),
-    "a name that is not used": (
-        "{label}_{arc}deg_{tension}N_0p21.csv",
-        "{run}_{arc_deg}deg_{initial_tension_N}N_{speed}.csv",
-    ),
-    "unit": ("T{tension}-B{arc}-{label}.csv", "T{initial_tension_N:N}-B{arc_deg:deg}-{run}.csv"),
-    "regex": (
-        "{label} {arc} {tension}.csv",
-        r"(?P<run>R\d+) (?P<arc_deg>\d+) (?P<initial_tension_N>\d+)\.csv",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", PATTERNS)
-def test_the_names_of_the_files_tell_label_and_settings(tmp_path, runs, name):
-    files, pattern = PATTERNS[name]
-    folder = per_run(tmp_path / "runs", runs, files)
-    config = load_config({"runs": {"rig": {"pattern": pattern}}})
-    expect(read_recording(folder, "rig", config).columns, runs)
-    expect(read_recording(tmp_path / "runs" / "*.csv", "rig", config).columns, runs)
-
-
-def test_a_unit_in_the_pattern_converts(tmp_path, runs):
-    folder = per_run(tmp_path / "runs", {"R100": runs["R100"]}, "{label}_0.41kN_1p2rad.csv")
-    pattern = "{run}_{initial_tension_N:kN}kN_{arc_deg:rad}rad.csv"
-    config = load_config({"runs": {"rig": {"pattern": pattern}}})
-    columns = read_recording(folder, "rig", config).columns
-    np.testing.assert_allclose(columns["initial_tension_N"], 410.0, rtol=1e-12)
-    np.testing.assert_allclose(columns["arc_deg"], np.degrees(1.2), rtol=1e-12)
-
-
 def test_a_stated_label_does_not_make_one_run_of_two(tmp_path, runs):
     one, two = runs["R001"], runs["R100"]
     (tmp_path / "runs").mkdir()
@@ -110,31 +75,6 @@ def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
     columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}, **config}))
     assert set(columns["initial_tension_N"]) == {411.0}
     assert set(columns["arc_deg"]) == set(frame["arc_deg"])
-
-
-def test_stated_words_replace_those_of_the_recording_with_a_note(tmp_path, runs):
-    path = tmp_path / "rig.csv"
-    runs["R001"].assign(run="R001", condition="dry").to_csv(path, index=False)
-    config = load_config({"runs": {"rig": {"values": {"condition": "wet"}}}})
-    recording = read_recording(path, "rig", config)
-    assert set(recording.columns["condition"]) == {"wet"}
-    assert "condition = wet as stated replaces dry in the recording" in recording.notes
-
-
-@pytest.mark.parametrize("units_row", [False, True])
-def test_a_table_of_the_files(tmp_path, runs, units_row):
-    folder = per_run(tmp_path / "runs", runs, "meas_{label}.csv")
-    table = tmp_path / "runs.csv"
-    rows = [
-        f"meas_{k}.csv;{k};{r.arc_deg.iloc[0]};{r.initial_tension_N.iloc[0]}"
-        for k, r in runs.items()
-    ]
-    head = ["file;run;arc_deg;initial_tension_N"]
-    if units_row:
-        head = ["Datei;Lauf;Umschlingungswinkel;Vorspannkraft", "-;-;°;N"]
-    table.write_text("\n".join([*head, *rows]) + "\n")
-    config = load_config({"runs": {"rig": {"table": str(table)}}})
-    expect(read_recording(folder, "rig", config).columns, runs)
 
 
 def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
@@ -193,13 +133,6 @@ def test_a_folder_of_several_kinds_is_not_guessed_at(tmp_path, runs):
     config = load_config({"runs": {"rig": {"values": values}}})
     assert len(set(read_recording(folder, "rig", config).columns["run"])) == 4
     assert problems(tmp_path / "nothing*.csv") == ["nothing*.csv: no file matches this pattern"]
-
-
-def test_one_label_for_two_files_is_refused(tmp_path, runs):
-    (tmp_path / "runs").mkdir()
-    for name in ("a", "b"):
-        runs["R001"].to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
-    assert problems(tmp_path / "runs") == ["runs/b.csv: run R001 is already used in runs/a.csv"]
 
 
 @pytest.mark.parametrize("by", [1e-3, 0.1])
@@ -262,14 +195,6 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
         "rig.csv: the pulley turns several times with stops between, and no column labels the runs "
         "(here rig): add one"
     ]
-
-
-def test_a_time_that_jumps_back_a_little_is_no_new_run(tmp_path, runs):
-    run = runs["R001"].drop(columns="run").copy()
-    run.iloc[300, 0] -= 0.5
-    path = tmp_path / "rig.csv"
-    run.to_csv(path, index=False)
-    assert "must not go backwards" in problems(path)[0]
 
 
 # --- hashes ----------------------------------------------------------------------------------

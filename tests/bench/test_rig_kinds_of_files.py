@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
@@ -76,7 +75,7 @@ def test_a_wrong_kind_is_refused_with_the_channel_and_the_kind_of_the_file(tmp_p
 def test_a_weight_may_hold_for_all_runs(tmp_path):
     config = load_config(
         {
-            "rig": {"kind": "dead_weight", "weight_on": "tight"},
+            "rig": {"kind": "dead_weight", "holds": "weight_tight"},
             "runs": {"rig": {"values": {"weight_N": 98.1}}},
         }
     )
@@ -115,22 +114,6 @@ def test_a_table_without_a_time_is_taken_for_plateaus(tmp_path, monkeypatch):
     assert status == 0
     assert f"beltid fit-friction {path} can read it" in " ".join(out.split())
     assert read_recording(path, "rig").kind == "points"
-
-
-def test_columns_of_a_kind_in_memory_are_those_of_its_table():
-    frame = {
-        "run": ["1"] * 4,
-        "time_s": [0.0, 1.0, 2.0, 3.0],
-        "torque_N_m": [0.0, 3.0, 3.0, 3.0],
-        "hub_force_N": [200.0] * 4,
-        "tension_tight_N": [100.0] * 4,
-        "pulley_speed_rad_s": [0.0, 1.0, 1.0, 1.0],
-        "arc_deg": [90.0] * 4,
-    }
-    config = load_config({"rig": {"kind": "torque_hub"}})
-    columns = columns_of(frame, "rig", config)
-    assert "tension_tight_N" not in columns  # the hub force tells it
-    assert np.isnan(columns["initial_tension_N"]).all()
 
 
 @pytest.mark.parametrize(

@@ -82,20 +82,6 @@ def both(layout: tuple[int, int, str]) -> bytes:
     )
 
 
-def test_the_unit_of_the_time(tmp_path):
-    text = both((4, 1, ""))
-    ms = text.replace(b"Time                 s ", b"Time                 MS")
-    (tmp_path / "P1.unv").write_bytes(text)
-    (tmp_path / "P2.unv").write_bytes(ms)
-    seconds, thousandths = (read_recording(tmp_path / f"P{i}.unv", "press") for i in (1, 2))
-    np.testing.assert_allclose(
-        thousandths.columns["time_s"], 1e-3 * seconds.columns["time_s"], rtol=1e-12
-    )
-    (tmp_path / "P2.unv").write_bytes(ms.replace(b" MS", b" kg"))
-    with pytest.raises(InputError, match=r"P2\.unv: the time is in kg, must be one of s, ms"):
-        read_recording(tmp_path / "P2.unv", "press")
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

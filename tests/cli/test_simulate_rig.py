@@ -51,7 +51,7 @@ def test_a_dead_weight_keeps_its_force_and_its_recording_is_reduced(
     bench: Path, beltid: Any
 ) -> None:
     config = (bench / "beltid.yaml").read_text()
-    with_weight = config.replace("rig:\n", "rig:\n  kind: dead_weight\n  weight_on: slack\n")
+    with_weight = config.replace("rig:\n", "rig:\n  kind: dead_weight\n  holds: weight_slack\n")
     (bench / "weight.yaml").write_text(with_weight)
     call = (*CALL, *ONE, "--method", "transient", "-o", "run.parquet", "-c", "weight.yaml")
     result = beltid(*call)

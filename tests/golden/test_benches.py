@@ -100,33 +100,39 @@ BENCHES = {
     "cells": ({}, {}, [*CELL.values()]),
     "weight_tight": (
         {"holds": "weight_tight"},
-        {"rig": {"kind": "dead_weight", "weight_on": "tight"}},
+        {"rig": {"kind": "dead_weight", "holds": "weight_tight"}},
         ["weight_N", CELL["slack"]],
     ),
     "weight_slack": (
         {"holds": "weight_slack"},
-        {"rig": {"kind": "dead_weight", "weight_on": "slack"}},
+        {"rig": {"kind": "dead_weight", "holds": "weight_slack"}},
         ["weight_N", CELL["tight"]],
     ),
     "torque_and_slack_cell": (
         {},
-        {"rig": {"kind": "torque", "torque_with": "slack"}},
+        {"rig": {"kind": "torque"}},
         ["torque_N_m", CELL["slack"]],
     ),
     "torque_and_tight_cell": (
         {},
-        {"rig": {"kind": "torque", "torque_with": "tight"}},
+        {"rig": {"kind": "torque"}},
         ["torque_N_m", CELL["tight"]],
     ),
     # the bending of the spans is corrected with EI: this belt has none
     "hub_force_free": (
         {"holds": "hub_force", "arcs_deg": (110.0, 170.0)},
-        {"belt": {"bending_stiffness_N_m2": 1e-6}, "rig": {"kind": "torque_hub", "slide": "free"}},
+        {
+            "belt": {"bending_stiffness_N_m2": 1e-6},
+            "rig": {"kind": "torque_hub", "holds": "hub_force"},
+        },
         ["torque_N_m", "hub_force_N"],
     ),
     "hub_force_held": (
         {"arcs_deg": (110.0, 170.0)},
-        {"belt": {"bending_stiffness_N_m2": 1e-6}, "rig": {"kind": "torque_hub", "slide": "held"}},
+        {
+            "belt": {"bending_stiffness_N_m2": 1e-6},
+            "rig": {"kind": "torque_hub", "holds": "stretch"},
+        },
         ["torque_N_m", "hub_force_N"],
     ),
     "arcs_25_to_170": ({"arcs_deg": (25.0, 110.0, 170.0)}, {}, [*CELL.values()]),

@@ -81,7 +81,7 @@ def test_a_weight_in_kilograms_is_no_force(tmp_path: Path) -> None:
     frame = rig.recording()[["time_s", *GEOMETRY, "tension_slack_N", "weight_N"]]
     frame = frame.drop(columns="initial_tension_N")
     frame["weight_N"] /= 9.80665
-    config = {"rig": {"kind": "dead_weight", "weight_on": "tight"}}
+    config = {"rig": {"kind": "dead_weight", "holds": "weight_tight"}}
     refused(friction(tmp_path, frame, config), "weight_N", "kg")
     said = friction(tmp_path, frame, config | {"units": {"rig": {"weight_N": "kg"}}})
     assert said.status == 0, said.stderr
@@ -94,7 +94,7 @@ def test_a_torque_must_give_the_radius(tmp_path: Path) -> None:
     frame = benches.Rig().recording().drop(columns=["hub_force_N", "weight_N"])
     frame["torque_N_m"] /= 0.1129848
     only = frame.drop(columns="tension_tight_N")
-    config = {"rig": {"kind": "torque", "torque_with": "slack"}}
+    config = {"rig": {"kind": "torque"}}
     refused(friction(tmp_path, only, config), "torque_N_m")
 
 
@@ -176,7 +176,7 @@ def test_a_simulation_of_another_stiffness_is_not_compared(bench: Path) -> None:
 def test_every_key_of_the_rig_counts_for_the_comparison(bench: Path) -> None:
     config = json.loads((bench / "beltid.yaml").read_text())
     done(bench, "compare", "friction.parquet", "simulated.parquet")
-    configured(bench, config | {"rig": {"slide": "held"}})
+    configured(bench, config | {"rig": {"holds": "stretch"}})
     said = done(bench, "compare", "friction.parquet", "simulated.parquet", "--json")
     assert said.json["up_to_date"] is False
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,22 @@ def test_each_tolerance_decides(name: str) -> None:
     (row,) = failed.verdict_table()
     found = pytest.approx(0.03)
     assert row == {"tolerance": name, "found": found, "allowed": 0.0299, "holds": False}
+
+
+@pytest.mark.parametrize(("u", "said"), [(0.01, "ratio 2, good"), (0.009, "ratio 2.2, good")])
+def test_differences_beyond_twice_their_uncertainty_fail_it(u: float, said: str) -> None:
+    measured, simulated = pair()
+    simulated["mu_sliding"] = measured["mu_sliding"] * 1.02
+    found = compare_points(measured, simulated, {"max_rms_relative_error": 0.05})
+    assert found.verdict == "PASS: rms 2.00 % <= 5 %"
+    assert found.against_uncertainty == ""
+    known = replace(found, u_validation=np.full(36, u))
+    assert known.against_uncertainty.startswith("error 2 % RMS, ")
+    assert said in known.against_uncertainty
+    assert known.passed
+    assert known.verdict.endswith(
+        "FAIL of the uncertainty: the differences are 2.2 times as large"
+    ) == (u < 0.01)
 
 
 def test_comparison_of_nothing_is_an_error_that_says_why() -> None:

@@ -99,7 +99,7 @@ def test_sticking_peak_is_null_where_it_decays_within_a_few_samples() -> None:
     for seed in range(2):
         run = reduce_recipe(BASE.but(build_up=0.001, peak=0.25, tail=0.03, seed=seed))
         assert run.status == "ok"
-        assert abs(run.mu_sliding / 0.8 - 1.0) < 0.002
+        assert abs(run.mu_sliding - 0.8) < 2.0 * run.mu_sliding_se < 0.004
         assert np.isnan(run.mu_sticking)
         assert run.mu_sticking_reason
 

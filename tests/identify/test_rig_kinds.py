@@ -178,7 +178,7 @@ def test_a_weight_beside_a_torque_gives_the_plateau_of_two_cells(two_cells, span
     for run in runs:
         tension = run.tension_tight_N if span == "tight" else run.tension_slack_N
         assert tension == run.initial_tension_N == run.nominal_tension_N
-    with pytest.raises(InputError, match=r"rig\.weight_on"):
+    with pytest.raises(InputError, match=r"rig\.holds"):
         reduce_runs(columns, R, RigKind("torque", weight_stated=False))
 
 

@@ -260,16 +260,6 @@ def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
     assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
 
 
-def test_an_arc_of_few_runs_without_settings_has_no_surface_of_its_own_and_no_error() -> None:
-    # six runs at 60 and three at 100 degrees, no two at one arc and speed over a range of forces
-    arc = np.repeat([60.0, 100.0], [6, 3])
-    f = np.array([500.0, 620, 900, 1500, 2300, 3100, 800, 1600, 2900])
-    v = np.array([0.003, 0.0066, 0.036, 0.0156, 0.084, 0.0067, 0.035, 0.0157, 0.037])
-    found = build_surface(arc, f, v, law(f, v), np.full(9, 1e-3))
-    assert [grid.arc_deg for grid in found.arcs] == [60.0]
-    assert any("arc 100°: 3 runs, 6 are needed" in note for note in found.notes)
-
-
 def test_one_tension_without_settings_of_the_speed_is_refused() -> None:
     data = {k: a[:12] for k, a in runs().items()}
     data |= {"arc_deg": np.repeat([40.0, 68, 82, 90], 3), "f": np.geomspace(1e3, 2e3, 12)}

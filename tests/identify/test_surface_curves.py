@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltid.identify.surface.curves import Curve, Points, build_curves, kriging
+from beltid.identify.surface.curves import Curve, Points, build_curves
 
 F = np.array([900.0, 1650, 2600, 3550, 4300, 5050, 5850, 6600])
 
@@ -62,13 +62,3 @@ def test_precise_repetitions_count_more_than_rough_ones_and_what_is_missing_is_n
         "arc 40°: 1 runs repeat the force and speed of another and were averaged with it",
         "arc 80°: no run at 0.01 m/s",
     )
-
-
-def test_a_smooth_surface_is_known_no_better_than_from_all_runs_at_one_place() -> None:
-    """However well a stiff spline goes through the runs: noise over the root of their number."""
-    rng = np.random.default_rng(1)
-    x = rng.uniform(0.0, 3.0, (40, 2))
-    y = -0.2 * x[:, 0] + 0.05 * np.sin(2.0 * x[:, 1]) + 0.004 * rng.standard_normal(40)
-    _, error = kriging(x, y, np.full(40, 0.004), x)
-    assert error.min() > 0.004 / np.sqrt(40)
-    assert np.median(error) < 0.004

@@ -67,10 +67,11 @@ def test_settings_of_the_call_win_over_those_of_the_config() -> None:
     [
         ({}, "none"),
         ({"kind": "torque"}, "none"),
-        ({"kind": "dead_weight", "weight_on": "tight"}, "tight"),
-        ({"kind": "dead_weight", "weight_on": "slack"}, "slack"),
+        ({"kind": "torque", "holds": "weight_slack"}, "slack"),
+        ({"kind": "dead_weight", "holds": "weight_tight"}, "tight"),
+        ({"kind": "dead_weight", "holds": "weight_slack"}, "slack"),
         ({"kind": "torque_hub"}, "hub"),
-        ({"kind": "torque_hub", "slide": "held"}, "none"),
+        ({"kind": "torque_hub", "holds": "stretch"}, "none"),
         ({"kind": "running"}, "none"),
     ],
 )

@@ -14,8 +14,8 @@ import beltid
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 R = 0.05
 LBF_IN = 4.4482216152605 * 0.0254
-WEIGHT = {"rig": {"kind": "dead_weight", "weight_on": "slack"}}
-TORQUE = {"rig": {"kind": "torque", "torque_with": "slack"}}
+WEIGHT = {"rig": {"kind": "dead_weight", "holds": "weight_slack"}}
+TORQUE = {"rig": {"kind": "torque"}}
 
 
 def runs(belt: str, every: int = 12, arcs: tuple[float, ...] = (82.0,)) -> pd.DataFrame:

@@ -25,8 +25,8 @@ from beltid.stages.planned_runs import Picked, planned_runs
 R = 0.05
 LAW = NormalLaw(6.5e7, 3.0256e11)
 KINDS: dict[str, dict[str, Any]] = {
-    "weight on the tight side": {"kind": "dead_weight", "weight_on": "tight"},
-    "weight on the slack side": {"kind": "dead_weight", "weight_on": "slack"},
+    "weight on the tight side": {"kind": "dead_weight", "holds": "weight_tight"},
+    "weight on the slack side": {"kind": "dead_weight", "holds": "weight_slack"},
     "torque": {"kind": "torque"},
     "torque and hub force": {"kind": "torque_hub"},
 }

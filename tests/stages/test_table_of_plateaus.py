@@ -70,7 +70,7 @@ def by_kind(kind: str) -> tuple[pd.DataFrame, dict[str, Any]]:
     if kind == "two_cells":
         return bare.assign(tension_tight_N=tight, tension_slack_N=slack), {}
     if kind == "dead_weight":
-        return bare.assign(weight_N=slack, tension_tight_N=tight), {"weight_on": "slack"}
+        return bare.assign(weight_N=slack, tension_tight_N=tight), {"holds": "weight_slack"}
     if kind == "torque":
         return bare.assign(torque_N_m=torque, tension_tight_N=tight), {}
     # the angle between spans of 0.10 m of a belt with 0.02 N m²
@@ -156,22 +156,13 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     assert any("drag of the bearings" in line for line in without.warnings)
 
 
-def test_a_tension_of_the_other_span_with_a_torque_is_warned_of():
-    table, _ = by_kind("torque")
-    told = "state rig.torque_with: tight"
-    assumed = fit_friction(table, {"rig": {"kind": "torque"}}, table=True)
-    assert any(told in line for line in assumed.warnings)
-    stated = {"rig": {"kind": "torque", "torque_with": "tight"}}
-    assert not any(told in line for line in fit_friction(table, stated, table=True).warnings)
-
-
 def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     table, _ = by_kind("dead_weight")
     renamed = table.rename(columns={"arc_deg": "Umschlingung", "weight_N": "G"})
     renamed["G"] /= 1000.0
     renamed.to_excel(tmp_path / "points.xlsx", index=False)
     (tmp_path / "points.yaml").write_text(
-        "rig: {kind: dead_weight, weight_on: slack, force_resolution_N: 0.5}\n"
+        "rig: {kind: dead_weight, holds: weight_slack, force_resolution_N: 0.5}\n"
         "columns: {rig: {arc_deg: Umschlingung, weight_N: G}}\n"
         "units: {rig: {weight_N: kN}}\nconditions: {surface: wet}\n"
     )

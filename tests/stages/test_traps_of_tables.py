@@ -55,7 +55,7 @@ MISSING = {
     ("torque", "running"): "rig.kind: running needs the column tension_tight_N",
     ("torque_hub", "two_cells"): "tension_slack_N",
     ("torque_hub", "dead_weight"): "weight_N",
-    ("torque_hub", "torque"): "tension_tight_N or tension_slack_N is missing",
+    ("torque_hub", "torque"): "tension_slack_N or weight_N is missing",
     ("torque_hub", "running"): "rig.kind: running needs the column tension_tight_N",
     ("running", "dead_weight"): "weight_N",
     ("running", "torque"): "torque_N_m",
@@ -100,7 +100,7 @@ def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_reported(
     weights = table("dead_weight")
     weights["weight_N"], weights["tension_slack_N"] = SLACK, TIGHT
     with pytest.raises(InputError, match="weight hangs on the slack span"):
-        fit(weights, "dead_weight", weight_on="tight")
+        fit(weights, "dead_weight", holds="weight_tight")
     torques = table("torque")
     torques["torque_N_m"] *= -1.0
     with pytest.raises(InputError, match=r'columns: \{points: \{torque_N_m: "-torque_N_m"'):
@@ -133,8 +133,9 @@ def command(frame: pd.DataFrame, folder: Path, *rig: str) -> str:
 
 
 def test_a_pulley_that_does_not_give_way_to_a_constant_force_is_reported():
-    for share, slide, told in ((0.8, "free", True), (0.8, "held", False), (1.0, "free", False)):
+    hub, stretch = "hub_force", "stretch"
+    for share, holds, told in ((0.8, hub, True), (0.8, stretch, False), (1.0, hub, False)):
         rested = table("torque_hub").assign(initial_tension_N=0.5 * share * (TIGHT + SLACK))
-        warnings = "\n".join(fit(rested, "torque_hub", slide=slide, span_length_m=10.0).warnings)
+        warnings = "\n".join(fit(rested, "torque_hub", holds=holds, span_length_m=10.0).warnings)
         assert ("1.25 times that at rest" in warnings) == told
-        assert ("rig.slide: held" in warnings) == told
+        assert ("rig.holds: stretch" in warnings) == told

@@ -22,6 +22,15 @@ Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
 OK = "ok"
+GOOD_RATIO = 0.6, 1.2
+"""RMS error over its standard uncertainty that neither side has to explain."""
+UNEXPLAINED = 2.0  # the same ratio beyond which the uncertainty lacks something
+SHARE_COMPARED = "min_share_compared"
+WORDS = {
+    "max_rms_relative_error": "rms",
+    "max_mean_relative_error": "mean magnitude",
+    "max_relative_error": "largest",
+}
 THIRDS = ("low", "middle", "high")
 NUMBERS = (
     "arc_deg", "nominal_tension_N", "pulley_speed_rad_s", "normal_force_N_m", "mu_sliding",
@@ -141,6 +150,29 @@ class AgreementResult:
         return all(row["holds"] for row in self.verdict_table())
 
     @property
+    def verdict(self) -> str:
+        """The outcome in plain words, each tolerance with what was found."""
+        judged = [r for r in self.verdict_table() if r["tolerance"] in WORDS or not r["holds"]]
+        words = ", ".join(_in_words(row) for row in judged)
+        text = f"{'PASS' if self.passed else 'FAIL'}: {words}"
+        ratio = self.rms_error_over_uncertainty
+        if ratio > UNEXPLAINED:
+            text += f"; FAIL of the uncertainty: the differences are {ratio:.2g} times as large"
+        return text
+
+    @property
+    def against_uncertainty(self) -> str:
+        """RMS error, its uncertainty and their ratio in plain words; empty if not known."""
+        ratio, rms = self.rms_error_over_uncertainty, 100.0 * self.overall.rms
+        if not ratio > 0.0:
+            return ""
+        low, high = GOOD_RATIO
+        return (
+            f"error {rms:.2g} % RMS, uncertainty without what both sides share "
+            f"{rms / ratio:.2g} %: ratio {ratio:.2g}, good is {low:g} to {high:g}"
+        )
+
+    @property
     def within_tolerance(self) -> NDArray[np.bool_]:
         """Points within ``max_relative_error`` (n,); all points without this tolerance."""
         return np.abs(self.relative_difference) <= self.tolerances.get("max_relative_error", np.inf)
@@ -155,19 +187,24 @@ class AgreementResult:
             "max_rms_relative_error": self.overall.rms,
             "max_mean_relative_error": self.overall.mean_magnitude,
             "max_relative_error": self.overall.largest,
-            "min_share_compared": self.share_compared,
+            SHARE_COMPARED: self.share_compared,
         }
-        return [
-            {
-                "tolerance": name,
-                "found": figures[name],
-                "allowed": allowed,
-                "holds": bool(
-                    figures[name] >= allowed if name.startswith("min") else figures[name] <= allowed
-                ),
-            }
-            for name, allowed in self.tolerances.items()
-        ]
+        rows = []
+        for name, allowed in self.tolerances.items():
+            found = figures[name]
+            holds = found >= allowed if name == SHARE_COMPARED else found <= allowed
+            rows.append(
+                {"tolerance": name, "found": found, "allowed": allowed, "holds": bool(holds)}
+            )
+        return rows
+
+
+def _in_words(row: Mapping[str, Any]) -> str:
+    """Put a row of the table of verdicts into words."""
+    found, allowed = 100.0 * row["found"], f"{100.0 * row['allowed']:g} %"
+    if row["tolerance"] == SHARE_COMPARED:
+        return f"runs compared {found:.0f} % < {allowed}"
+    return f"{WORDS[row['tolerance']]} {found:.2f} % {'<=' if row['holds'] else '>'} {allowed}"
 
 
 def compare_points(

@@ -136,25 +136,21 @@ class Treatment:
         Known errors of the cells that were corrected.
     drag_N_m : tuple of float, optional
         Lowest and highest bearing drag subtracted from the torque [N m].
-    other_span : bool
-        Whether the tension measured with the torque is on another span than stated.
     n_marks : int
         Overflow marks removed from the pulley speed.
     """
 
     cells: KnownCells = KnownCells()
     drag_N_m: tuple[float, float] | None = None
-    other_span: bool = False
     n_marks: int = 0
 
     @classmethod
-    def of(cls, stated: RigKind, found: RigKind, drag: Drag | None, n_marks: int = 0) -> Treatment:
-        """Summarise the corrections of channels of a stated kind, found as `RigKind.found_in`."""
+    def of(cls, stated: RigKind, drag: Drag | None, n_marks: int = 0) -> Treatment:
+        """Summarise the corrections of the channels of a kind."""
         drag_N_m = None
         if drag is not None and stated.has_torque:
             drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-        other_span = found.torque_with != stated.torque_with and not found.weighs
-        return cls(stated.cells, drag_N_m, other_span, n_marks=n_marks)
+        return cls(stated.cells, drag_N_m, n_marks=n_marks)
 
 
 UNTREATED = Treatment()
@@ -290,8 +286,8 @@ class RigKind:
         weighs = self.measures == "torque" and not spans and _has_values(columns, "weight_N")
         if weighs and not self.weight_stated:
             raise InputError(
-                "a weight beside a torque: state the span that carries it, rig.weight_on: tight or "
-                "rig.weight_on: slack"
+                "a weight beside a torque: state the span that carries it, rig.holds: weight_tight "
+                "or rig.holds: weight_slack"
             )
         if weighs:
             spans = [self.weight_on]
@@ -323,7 +319,7 @@ class RigKind:
         if self.measures == "dead_weight":
             return (
                 f"the cell shows that the weight hangs on the {other(self.weight_on)} span while "
-                f"the pulley turns, but the config states rig.weight_on: {self.weight_on}"
+                f"the pulley turns, but the config states rig.holds: weight_{self.weight_on}"
             )
         if self.has_torque:
             return (

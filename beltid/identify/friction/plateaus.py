@@ -92,7 +92,7 @@ def reduce_plateaus(
         stated, kind = kind, kind.found_in(rows)
         idle = [{name: x[[i]] for name, x in table.items()} for i in np.flatnonzero(is_idle)]
         drag = drag_of(idle)
-        treatment = Treatment.of(stated, kind, drag)
+        treatment = Treatment.of(stated, drag)
         tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
         se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
         momentum = np.full(se.size, NAN)

@@ -373,7 +373,7 @@ def run_record(
         torque_with=kind.span_beside_torque,
         defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
-        treatment=Treatment.of(stated, kind, drag, marks.size),
+        treatment=Treatment.of(stated, drag, marks.size),
         conditions=Conditions.of(run.texts),
     )
     if not kind.is_derived:

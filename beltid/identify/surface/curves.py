@@ -5,9 +5,8 @@ campaign are scattered in f_N. The settings are arc, tension and speed: the poin
 one speed lie on a curve over f_N.
 
 A campaign may also have a different tension and speed in every run. Then no curve is measured.
-Instead, kriging estimates the surface of ln mu over (ln f, ln v) for each arc from all of its runs;
-it is tabulated at common speeds and then treated in the same way. If most runs have different arcs,
-too, all arcs are taken together.
+Instead, one mixed model estimates the surface of ln mu over (ln f, ln v) from the runs of all arcs;
+it is tabulated at common speeds and then treated in the same way.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.linalg import solve
+from scipy.interpolate import BSpline, CubicSpline
 
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import settings_of
 from beltid.laws.bicubic import bounded_cubic
+from beltid.mixed import Mixed, Own, Shared, Size
 
 Array = NDArray[np.float64]
 
@@ -36,10 +35,14 @@ ONE_TENSION = 2.5  # largest ratio of the forces that one tension gives over all
 SPEED_STEP = 0.18
 """Spacing of the tabulated speeds without settings [ln v], so that one is close to every run."""
 FEWEST_RUNS = 6
-"""Least number of runs per arc without settings: three for a plane, three for the scatter."""
-MOST_CELLS = 400  # with more runs of an arc, neighbours are averaged first
-LOG_STIFFNESS = np.linspace(-7.0, 16.0, 93)  # trial values of ln(spline / noise variance)
-STATED_ERRORS = 5.0  # weight of the stated errors of the runs in degrees of freedom
+"""Least number of runs without settings: four for a bilinear surface, two for the scatter."""
+MOST_RUNS, CELLS = 400, 12
+"""Runs beyond which neighbours of one arc are averaged, and cells along each axis."""
+SPLINES = 7  # along each of ln f and ln v
+BEND, ARC_EFFECT, SCATTER, LARGEST = 0.02, 0.007, 0.001, 1.0
+"""Usual second difference of ln mu between splines, difference between arcs, scatter of runs; and
+the largest of each."""
+ROUNDING = 1e-5  # of ln mu
 EDGE = 1e-9  # relative tolerance: a node at the end of a curve lies on the curve
 
 
@@ -148,9 +151,7 @@ def build_curves(points: Points) -> CurveSet:
     speeds = np.bincount(speed_label, points.v) / np.bincount(speed_label)
     arcs = np.bincount(arc_label, points.arc_deg) / np.bincount(arc_label)
     if _is_scattered(points, speed_label, arc_label):
-        scattered = _scattered_curves(points, arc_label, arcs)
-        if scattered is not None:
-            return scattered
+        return _scattered_curves(points, arc_label)
     problems = [
         f"slip_speed_m_s: {group.size} speeds between {group.min():g} and {group.max():g} m/s "
         f"without a gap of {SPEED_GAP:.0%}, must be repeated settings of the speed"
@@ -242,122 +243,101 @@ def _is_scattered(
     return 2 * in_curve < points.f.size
 
 
-def _scattered_curves(points: Points, arc_label: NDArray[np.intp], arcs: Array) -> CurveSet | None:
-    """Estimate curves of each arc at common speeds from all its runs; None if there are too few."""
-    joined = 2 * int(np.sum(np.bincount(arc_label)[arc_label] >= FEWEST_RUNS)) < points.f.size
-    if joined:
-        arc_label, arcs = np.zeros_like(arc_label), np.array([points.arc_deg.mean()])
+def _scattered_curves(points: Points, arc_label: NDArray[np.intp]) -> CurveSet:
+    """Estimate the curves of all arcs together at common speeds, from all runs."""
     ordered = np.sort(points.v)  # place speeds so that each is near a run, and each run near one
     cells = np.floor(np.log(ordered / ordered[0]) / SPEED_STEP)
     groups = [ordered[cells == k] for k in np.unique(cells)]
     speeds = np.array([np.sqrt(group[0] * group[-1]) for group in groups])
-    curves: list[Curve] = []
-    too_few = []
+    n_arcs = int(arc_label.max()) + 1
+    repeated = n_arcs if 2 * n_arcs < points.f.size else 1
+    # as many nodes along the force as a grid of that many runs would have
+    count = int(np.ceil(np.sqrt(points.f.size / repeated)))
+    nodes = np.geomspace(points.f.min(), points.f.max(), count)
+    at = np.stack(np.meshgrid(nodes, speeds, indexing="ij"), axis=-1)
+    label = arc_label if repeated > 1 else np.zeros_like(arc_label)
+    log_mu, se = smooth_surface(*_thinned(points, label), at.reshape(-1, 2))
+    unlimited = np.exp(log_mu).reshape(count, -1)
     band = float(points.mu.min()), float(points.mu.max())
-    for a, arc in enumerate(arcs):
-        runs = points.take(arc_label == a)
-        if runs.f.size < FEWEST_RUNS:
-            too_few.append(
-                f"arc {arc:g}°: {runs.f.size} runs, {FEWEST_RUNS} are needed without repeated "
-                "settings"
-            )
-            continue
-        ends = runs.f.min(), runs.f.max()
-        runs = _thinned(runs)
-        x = np.log(np.column_stack([runs.f, runs.v]))
-        # as many nodes along the force as a grid of that many runs would have
-        nodes = np.geomspace(*ends, int(np.ceil(np.sqrt(runs.f.size))))
-        at = np.stack(np.meshgrid(np.log(nodes), np.log(speeds), indexing="ij"), axis=-1)
-        log_mu, se = kriging(x, np.log(runs.mu), runs.se / runs.mu, at.reshape(-1, 2))
-        unlimited = np.exp(log_mu).reshape(nodes.size, -1)
-        mu = np.clip(unlimited, *band)  # limit corners without runs to the measured values
-        mu_se = np.hypot(mu * se.reshape(mu.shape), unlimited - mu)
-        curves += [
-            Curve(float(arc), float(speed), nodes, mu[:, k], mu_se[:, k], band)
-            for k, speed in enumerate(speeds)
-        ]
-    if not curves:
-        return None
-    method = (
-        "all arcs together, as the arcs are not repeated settings either"
-        if joined
-        else "each arc from all of its runs"
+    mu = np.clip(unlimited, *band)  # limit corners without runs to the measured values
+    mu_se = np.hypot(mu * se.reshape(mu.shape), unlimited - mu)
+    curves = tuple(
+        Curve(float(points.arc_deg.mean()), float(speed), nodes, mu[:, k], mu_se[:, k], band)
+        for k, speed in enumerate(speeds)
     )
     note = (
         f"the {points.f.size} speeds are not repeated settings: the surface uses {speeds.size} "
-        f"speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s, {method}"
+        f"speeds between {speeds[0]:.4g} and {speeds[-1]:.4g} m/s, all arcs together"
     )
-    return CurveSet(tuple(curves), (note, *too_few), joined)
+    return CurveSet(curves, (note,), joined=True)
 
 
-def _thinned(points: Points) -> Points:
-    """Average very many points in cells of the plane (ln f, ln v); leave fewer unchanged."""
-    if points.f.size <= MOST_CELLS:
-        return points
-    per_axis = int(np.sqrt(MOST_CELLS))
-    cells = []
+def _thinned(points: Points, label: NDArray[np.intp]) -> tuple[Points, NDArray[np.intp]]:
+    """Average very many runs of each arc in cells of the plane (ln f, ln v); leave fewer as is."""
+    if points.f.size <= MOST_RUNS:
+        return points, label
+    cells = [label]
     for x in (np.log(points.f), np.log(points.v)):
         share = (x - x.min()) / max(float(np.ptp(x)), EDGE)
-        cells.append(np.minimum(np.floor(share * per_axis), per_axis - 1))
-    _, cell = np.unique(np.stack(cells, axis=1), axis=0, return_inverse=True)
-    rows = [
-        (g.arc_deg.mean(), np.exp(np.log(g.f).mean()), np.exp(np.log(g.v).mean()),
-         np.exp(np.log(g.mu).mean()), float(np.sqrt(np.sum(g.se**2))) / g.f.size)
-        for g in (points.take(cell.ravel() == k) for k in range(int(cell.max()) + 1))
-    ]  # fmt: skip
-    return Points(*np.array(rows).T)
+        cells.append(np.minimum(share * CELLS, CELLS - 1).astype(np.intp))
+    kept, cell = np.unique(np.stack(cells, axis=1), axis=0, return_inverse=True)
+    n = np.bincount(cell)
+    arc, f, v, mu = (
+        np.exp(np.bincount(cell, np.log(x)) / n)
+        for x in (points.arc_deg, points.f, points.v, points.mu)
+    )
+    return Points(arc, f, v, mu, np.sqrt(np.bincount(cell, points.se**2)) / n), kept[:, 0]
 
 
-def kriging(x: Array, y: Array, se: Array, at: Array) -> tuple[Array, Array]:
-    """Estimate a smooth surface through scattered points with standard errors (universal kriging).
+def smooth_surface(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Array, Array]:
+    """Estimate ln mu through scattered runs by a mixed model, and its standard error.
 
-    The surface is a plane plus a thin-plate spline with the stiffness of highest restricted
-    likelihood (Wahba 1990, Spline models for observational data, chapters 2 and 4).
+    ln mu is a tensor product of cubic B-splines over (ln f, ln v) whose second differences have an
+    unknown size (P-splines), with an effect of each arc and errors of the runs, of unknown sizes.
 
     Parameters
     ----------
-    x, at : ndarray, shape (n, 2), (m, 2)
-        Coordinates of the points, and coordinates at which to estimate.
-    y, se : ndarray, shape (n,)
-        Values and standard errors, which may be wrong by a common factor; all zero if unknown.
+    points : Points
+        The runs.
+    arc_label : ndarray of int, shape (n,)
+        Number of the arc of each run.
+    at : ndarray, shape (m, 2)
+        Forces [N/m] and speeds [m/s] to estimate at.
 
     Returns
     -------
-    value, error : ndarray, shape (m,)
-        The error includes the noise of the runs and the uncertainty of the spline between them.
+    log_mu, se : ndarray, shape (m,)
+        ln mu, and its standard error by the scatter of runs and arcs and between the runs.
     """
-    noise = np.where(se > 0.0, se, np.median(se[se > 0.0]) if np.any(se > 0.0) else 1.0)
-    centre = x.mean(axis=0)
-    P = np.column_stack([np.ones(len(x)), x - centre])
-    K = _thin_plate(x, x)
-    weighted = P / noise[:, None]
-    null = np.linalg.qr(weighted, mode="complete")[0][:, P.shape[1] :]
-    values, axes = np.linalg.eigh(null.T @ (K / np.outer(noise, noise)) @ null)
-    values = np.maximum(values, 0.0)
-    z2 = np.square(axes.T @ (null.T @ (y / noise)))
-    unit = max(float(values.mean()), 1e-300)
-    ratios = np.exp(LOG_STIFFNESS) / unit
-    spread = 1.0 + ratios[:, None] * values
-    # without a prior, a spline flexible enough to pass through all runs would leave no error
-    prior = STATED_ERRORS if np.any(se > 0.0) else 0.0
-    freedom = prior + z2.size
-    scatter = np.maximum((prior + np.sum(z2 / spread, axis=1)) / freedom, 1e-30)
-    best = int(np.argmin(np.sum(np.log(spread), axis=1) + freedom * np.log(scatter)))
-    ratio, variance = ratios[best], scatter[best]
-
-    n, p = P.shape
-    system = np.zeros((n + p, n + p))
-    system[:n, :n] = ratio * K + np.diag(noise**2)
-    scale = float(np.abs(system).max())  # scales the constraints for a well-conditioned system
-    system[:n, n:], system[n:, :n] = scale * P, scale * P.T
-    plane = np.vstack([np.ones(len(at)), (at - centre).T])
-    right = np.vstack([ratio * _thin_plate(x, at), scale * plane])
-    weights = solve(system, right, assume_a="sym")
-    error = np.maximum(-np.sum(weights * right, axis=0), 0.0)
-    return weights[:n].T @ y, np.sqrt(variance * error)
+    x = np.log(np.column_stack([points.f, points.v]))
+    low, high = x.min(axis=0), np.maximum(x.max(axis=0), x.min(axis=0) + EDGE)
+    bent = np.diff(np.eye(SPLINES), 2, axis=0)
+    rough, one = bent.T @ bent, np.eye(SPLINES)
+    shared = [
+        Shared(
+            "surface",
+            _splines((x - low) / (high - low)),
+            Size(BEND, 2.0, LARGEST),
+            precision=np.kron(rough, one) + np.kron(one, rough),
+        )
+    ]
+    if arc_label.max() > 0:
+        arcs = np.equal.outer(arc_label, np.arange(arc_label.max() + 1)).astype(float)
+        shared.append(Shared("arc", arcs, Size(ARC_EFFECT, 1.2, LARGEST)))
+    stated = np.hypot(points.se / points.mu, ROUNDING)
+    own = [
+        Own("scatter", Size(SCATTER, 2.0, LARGEST), diagonal=np.ones(points.f.size)),
+        Own("stated errors", Size(1.0), diagonal=stated),
+    ]
+    posterior = Mixed(np.log(points.mu), shared, own).fit(tolerance=1e-6)
+    mean, covariance = posterior.of("surface")
+    rows = _splines((np.log(at) - low) / (high - low))
+    return rows @ mean, np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))
 
 
-def _thin_plate(a: Array, b: Array) -> Array:
-    """Compute ``r² ln r`` between two sets of points, shape (len(a), len(b))."""
-    r2 = np.sum(np.square(a[:, None, :] - b[None, :, :]), axis=-1)
-    return 0.5 * r2 * np.log(np.where(r2 > 0.0, r2, 1.0))
+def _splines(s: Array) -> Array:
+    """Return the products of cubic B-splines over the unit square at points (n, 2)."""
+    knots = np.linspace(-3.0, SPLINES, SPLINES + 4) / (SPLINES - 3)
+    inside = np.clip(s, 0.0, 1.0 - EDGE)
+    f, v = (BSpline.design_matrix(column, knots, 3).toarray() for column in inside.T)
+    return np.asarray((f[:, :, None] * v[:, None, :]).reshape(len(s), -1))
