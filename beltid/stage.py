@@ -485,13 +485,18 @@ class Stage:
         config, path = work.source.config, work.source.path
         artifacts = [item for item in items.values() if isinstance(item, Artifact)]
         recordings = {name: sha for name, sha in work.inputs.items() if name in RECORDINGS}
+
+        def counts(role: str) -> bool:  # a recording of another bench tells nothing of this one
+            return work.names[role] != "recording" or items[role].is_artifact
+
         record = outcome.record(
             made_by=self.name,
             made_from=work.made_from,
             software=f"beltid {__version__}",
             sources=source_sha256(),
             origin=combined_origin(
-                [_origin(item, config) for item in items.values()] or [config.data.origin]
+                [_origin(item, config) for role, item in items.items() if counts(role)]
+                or [config.data.origin]
             ),
             inputs=work.inputs,
             ancestors={**ancestors_of(artifacts), **recordings},
@@ -513,14 +518,19 @@ STAGES: Final[dict[str, Stage]] = {}
 """All stages by the name of their command, in the order of the work."""
 
 
-def stage(name: str, **about: Any) -> Callable[[Callable[..., Outcome[Any]]], Stage]:
-    """Make a stage of a function; see `Stage`."""
+def stage(
+    name: str, **about: Any
+) -> Callable[[Callable[..., Outcome[Any]]], Callable[..., Outcome[Any]]]:
+    """Make a stage of a function, in `STAGES`; see `Stage`. Returns the function for Python."""
 
-    def registered(compute: Callable[..., Outcome[Any]]) -> Stage:
-        made = Stage(name, compute=compute, **about)
-        functools.update_wrapper(made, compute, updated=())
-        STAGES[name] = made
-        return made
+    def registered(compute: Callable[..., Outcome[Any]]) -> Callable[..., Outcome[Any]]:
+        made = STAGES[name] = Stage(name, compute=compute, **about)
+
+        @functools.wraps(compute)
+        def call(*args: Any, **kwargs: Any) -> Outcome[Any]:
+            return made(*args, **kwargs)
+
+        return call
 
     return registered
 

@@ -27,17 +27,7 @@ MOST_WARNINGS: Final = 10
 
 
 def finish(work: Callable[[], Summary], common: Common, kept: str | None = None) -> None:
-    """Do the work, print its summary on stdout and exit with its status.
-
-    Parameters
-    ----------
-    work : callable
-        Returns the summary.
-    common : Common
-        The common options.
-    kept : str, optional
-        Message about the results after an interrupt; None for a command that writes no file.
-    """
+    """Do the work, print its summary on stdout and exit with its status."""
     start = time.monotonic()
     with _statuses(common, kept or NOTHING):
         if kept is None and common.out is not None:

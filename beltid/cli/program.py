@@ -195,19 +195,7 @@ app = typer.Typer(
 def command(
     name: str, *, of: typer.Typer = app, short: str = "", out: Any = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a function as a command; the common options are its argument ``common``.
-
-    Parameters
-    ----------
-    name : str
-        Name of the command.
-    of : Typer
-        Parent command; by default the program.
-    short : str
-        Line in the help of the parent.
-    out : typer.Option, optional
-        Option that replaces the usual ``--out``.
-    """
+    """Register a function as a command; the common options are its argument ``common``."""
 
     def registered(function: Callable[..., None]) -> Callable[..., None]:
         with_options = _with_common_options(function, out)

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.cells import MISSING, between, cell
 from beltid.report.summary import Summary, rows_of
 from beltid.store.artifact import Artifact
@@ -19,6 +20,8 @@ from beltid.store.artifact import Artifact
 FEW: Final = 16
 """Number of rows up to which a table is shown as it is."""
 MOST_FACTS: Final = 40
+MOST_RANGES: Final = 3
+"""Number of ranges in a row of a grouped table, so that it fits a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +67,7 @@ VIEWS: Final = {
     "slip": View(
         "sliding speed of belt on pulley in service, from the loss of angular speed",
         "driver_speed_rad_s initial_tension_N",
-        "torque_N_m speed_loss_rad_s slip_speed_m_s slip_speed_se_m_s run status",
+        "torque_N_m slip_speed_m_s slip_speed_se_m_s speed_loss_rad_s run status",
     ),
     "friction": View(
         "friction coefficient of every run",
@@ -98,7 +101,7 @@ VIEWS: Final = {
     "drive": View(
         "speed loss and forces of a belt drive, predicted from the identified laws",
         "pulley",
-        "driver_speed_rad_s torque_N_m speed_loss_rad_s speed_loss_u_rad_s hub_force_N reserve run "
+        "torque_N_m speed_loss_rad_s hub_force_N reserve speed_loss_u_rad_s driver_speed_rad_s run "
         "status",
         always=("slip_limits", "installed"),
     ),
@@ -128,6 +131,16 @@ TITLES: Final = {
     "statements": "if it were known twice as well",
 }
 """Further table -> its title; the others are called by their names."""
+GROUPS: Final = {
+    "group": "group",
+    "n_points": "runs",
+    "rms_percent": "rms_percent",
+    "mean_percent": "mean_percent",
+    "largest_percent": "largest_percent",
+    "force_low_N_m": "from_force_N_m",
+    "force_high_N_m": "to_force_N_m",
+}
+"""Columns of the groups of a comparison -> their names for people."""
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_tension")
 """What only other stages and the report read."""
 
@@ -189,7 +202,8 @@ def _overview(
 ) -> list[dict[str, Any]]:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
     if view.first:
-        return [dict(row) for row in artifact.tables.get(view.first, ())]
+        rows = artifact.tables.get(view.first, [])
+        return [{GROUPS[name]: row[name] for name in GROUPS} for row in rows]
     if view.pivot and (found := pivoted(columns, *view.pivot)):
         return found
     if artifact.kind == "stiffness":
@@ -209,13 +223,17 @@ def grouped(
     """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
     n = len(columns[by[0]])
     ok = columns["status"] == "ok" if "status" in columns else np.ones(n, dtype=bool)
+    # the scatter of motors and weights makes no setting of its own
+    keys = [
+        (v if v.dtype == object else np.round(snap_to_settings(v), 12)).tolist()
+        for v in (columns[name] for name in by)
+    ]
     if not ok.any():  # statuses of another kind
         ok = np.ones(n, dtype=bool)
     rows: dict[tuple[Any, ...], list[int]] = {}
     for i in np.flatnonzero(ok).tolist():
-        key = tuple(v if isinstance(v := columns[c][i], str) else float(f"{v:.3g}") for c in by)
-        rows.setdefault(key, []).append(i)
-    numbers = [c for c in shown if c in columns and columns[c].dtype.kind == "f"]
+        rows.setdefault(tuple(key[i] for key in keys), []).append(i)
+    numbers = [c for c in shown if c in columns and columns[c].dtype.kind == "f"][:MOST_RANGES]
     ordered = rows if any(isinstance(k, str) for k in next(iter(rows))) else sorted(rows)
     return [
         {

@@ -332,6 +332,7 @@ def march(system: System, border: Border, s: State, record: Any, begin: int, end
         Number of steps taken; less than ``end`` if one failed.
     """
     n, n_e, n_c = s.q.size, s.now.shape[0], s.now.shape[1]
+    most = min(MOST_IN_TIME, MOST_ITERATIONS)  # no literal, for which all were compiled once more
     for number in range(begin, end):
         step, parts, done = record[number], 1, 0
         while done < parts:
@@ -342,8 +343,8 @@ def march(system: System, border: Border, s: State, record: Any, begin: int, end
                 for c in range(n_c):
                     s.now[el, c].sticks = s.last[el, c].sticks
                     s.now[el, c].sign = s.last[el, c].sign
-            spent, changes, step.residual = equilibrium(system, motion, border, s, MOST_IN_TIME)
-            step.iterations += spent if spent >= 0 else MOST_IN_TIME
+            spent, changes, step.residual = equilibrium(system, motion, border, s, most)
+            step.iterations += spent if spent >= 0 else most
             step.changes += changes
             if spent < 0:
                 step.halvings += 1

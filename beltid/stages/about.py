@@ -84,13 +84,7 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
 
 
 def check_configs(paths: Sequence[Path]) -> Summary:
-    """Check configs, and whether the recordings they name exist and can be read.
-
-    Raises
-    ------
-    ConfigError
-        With all problems of all configs.
-    """
+    """Check configs, and whether the recordings they name exist and can be read."""
     problems: list[str] = []
     warnings: list[str] = []
     rows: list[dict[str, Any]] = []

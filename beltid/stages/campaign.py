@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 REST_SAMPLES: Final = 10
 SLIDING_SAMPLES: Final = 60
 TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
+STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
+"""The sliding state of a run."""
 
 
 def simulation_settings(
@@ -38,13 +40,7 @@ def simulation_settings(
     method: str | None = None,
     elements: int | None = None,
 ) -> SimulationSettings:
-    """Return the settings of the simulation from the call, else from the config.
-
-    Raises
-    ------
-    InputError
-        If the method or the number of elements is not allowed.
-    """
+    """Return the settings of the simulation from the call, else from the config."""
     section = config.simulation
     chosen = method or section.method
     if chosen not in ("transient", "steady"):
@@ -89,19 +85,7 @@ def bench_of(config: Config, surface: Any, law: Any) -> Bench:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Runs of a simulated campaign, in their order, each with its result or its failure.
-
-    Attributes
-    ----------
-    config : Config
-        The config.
-    bench : Bench
-        The rig and its laws.
-    runs : tuple of PlannedRun
-        The runs.
-    results : tuple of RunResult or BeltidError
-        Result or failure of each run.
-    """
+    """Runs of a simulated campaign, in their order, each with its result or its failure."""
 
     config: Config
     bench: Bench
@@ -122,7 +106,13 @@ class Campaign:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row per run: settings, sliding state, status."""
-        return [result_row(*pair) for pair in zip(self.runs, self.results, strict=True)]
+        found: dict[str, dict[str, Any]] = {run.label: asdict(run) for run in self.runs}
+        for run, result in self.finished:
+            state = {name: float(getattr(result, name)) for name in STATE}
+            found[run.label] |= {**state, "status": "ok"}
+        for run, error in self.failures:
+            found[run.label] |= {**dict.fromkeys(STATE), "status": "; ".join(error.problems)}
+        return [{"run": row.pop("label"), **row} for row in found.values()]
 
 
 def simulate(
@@ -132,39 +122,17 @@ def simulate(
     settings: SimulationSettings,
     workers: Workers,
 ) -> Campaign:
-    """Simulate runs like `simulated_results`, and report the progress."""
+    """Simulate runs by workers, and report the progress; the results do not depend on them."""
     results: dict[int, RunResult | BeltidError] = {}
-    with progress("simulated runs", len(runs)) as advance:
-        for index, result in simulated_results(bench, runs, settings, workers):
-            results[index] = result
-            advance()
-    return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
-
-
-def simulated_results(
-    bench: Bench,
-    runs: Sequence[PlannedRun],
-    settings: SimulationSettings,
-    workers: Workers,
-) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Yield the results of runs as they finish, each with the index of its run.
-
-    Parameters
-    ----------
-    bench : Bench
-        The rig and its laws.
-    runs : sequence of PlannedRun
-        The runs.
-    settings : SimulationSettings
-        Method and resolution.
-    workers : Workers
-        Simulate them; the results do not depend on them.
-    """
     points = [run.point for run in runs]
     groups = runs_of_one_belt(points)
-    calls = [(bench, [points[i] for i in group], settings) for group in groups]
-    for number, results in workers.as_ended(simulated_group, calls):
-        yield from zip(groups[number], results, strict=True)
+    with progress("simulated runs", len(runs)) as advance:
+        calls = [(bench, [points[i] for i in group], settings) for group in groups]
+        for number, part in workers.as_ended(simulated_group, calls):
+            for index, result in zip(groups[number], part, strict=True):
+                results[index] = result
+                advance()
+    return Campaign(config, bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
 
 
 def simulated_group(
@@ -172,20 +140,6 @@ def simulated_group(
 ) -> list[RunResult | BeltidError]:
     """Return the results of a few runs in their order; a single call of a worker."""
     return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
-
-
-def result_row(run: PlannedRun, result: RunResult | BeltidError) -> dict[str, Any]:
-    """Return the row of a run: settings, sliding state, status."""
-    row: dict[str, Any] = {
-        "run": run.label,
-        "arc_deg": run.arc_deg,
-        "initial_tension_N": run.initial_tension_N,
-        "pulley_speed_rad_s": run.pulley_speed_rad_s,
-    }
-    names = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
-    if isinstance(result, BeltidError):
-        return {**row, **dict.fromkeys(names), "status": "; ".join(result.problems)}
-    return {**row, **{name: float(getattr(result, name)) for name in names}, "status": "ok"}
 
 
 def recording_columns(

@@ -27,15 +27,7 @@ def at(item: Any) -> Iterator[None]:
 def columns_from(
     kind: str, values_of: Callable[[str], Sequence[Any] | None]
 ) -> dict[str, np.ndarray]:
-    """Build the columns of a table; a number that its schema does not allow becomes nan.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the table.
-    values_of : callable
-        Returns the values of a column by its name, one per row; None if the table omits it.
-    """
+    """Build the columns of a table; a number that its schema does not allow becomes nan."""
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table(kind).columns:
         values = values_of(column.name)

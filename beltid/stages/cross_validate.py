@@ -84,15 +84,7 @@ def predicted_runs(
     jobs: int | None,
     workers: Workers | None,
 ) -> Outcome[AgreementResult]:
-    """Predict the runs of every arc or speed from the others, and compare them with measured ones.
-
-    Raises
-    ------
-    TooFewSettings
-        If too few settings or runs would be left.
-    ConvergenceError
-        If a surface does not converge, or a run cannot be simulated.
-    """
+    """Predict the runs of every arc or speed from the others, and compare them."""
     by = by or config.cross_validate.by
     if by not in FEWEST:
         raise InputError(f"by = {by}, must be {' or '.join(FEWEST)}")
@@ -148,28 +140,7 @@ def predictions(
     by: HoldOut,
     workers: Workers,
 ) -> list[Predicted]:
-    """Predict the runs of every setting from those of the others.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray (n,)
-        The reduced runs, with at least the columns `HELD_OUT`.
-    press : PressLaw
-        The contact law with its scatter.
-    config : Config
-        Belt and rig.
-    by : {"arc", "speed"}
-        Setting that is left out in turn.
-    workers : Workers
-        Compute the folds; the result does not depend on them.
-
-    Raises
-    ------
-    TooFewSettings
-        If too few settings or runs would be left.
-    ConvergenceError
-        If a surface does not converge, or a run cannot be simulated.
-    """
+    """Predict the runs of every setting from those of the others."""
     usable, _ = usable_runs(columns, rig_of_runs(columns, config))
     plain = flat(columns)
     calls = [(plain, press, config, fold) for fold in folds(columns, usable, by)]

@@ -41,13 +41,7 @@ def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]
 
 
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
-    """Return runs over time: typical runs and runs set aside in detail, all others thinned.
-
-    Raises
-    ------
-    InputError
-        If the recording lacks one of these runs, so that it does not belong to the friction table.
-    """
+    """Return runs over time: typical runs and runs set aside in detail, all others thinned."""
     samples = samples_of_runs(friction.columns)
     parts = _thinned_runs(rig, samples, config)
     missing = sorted(set(samples) - set(parts))
@@ -103,11 +97,6 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
     """Return the rows of the runs nearest to the median settings of every arc, in order of arcs.
 
     Many arcs are grouped into `MOST_ARCS` classes with one run each.
-
-    Parameters
-    ----------
-    friction : mapping of str to ndarray
-        Columns of the friction table.
     """
     good = friction["status"] == "ok"
     tension, speed = (

@@ -30,31 +30,7 @@ def run(
     normal_force_N_m: float | None = None,
     slip_speed_m_s: float | None = None,
 ) -> Summary:
-    """Write the law of a results folder or of a law file for one target or for all.
-
-    Parameters
-    ----------
-    target : str or None
-        Name of a target, or "all"; None to list them.
-    source : Path or None
-        Folder with the artifacts of a belt, or a law file; None if the user named none.
-    config : Path or None
-        Config that the user named.
-    out : Path or None
-        Output folder; None for ``export`` in the folder of the law.
-    force : bool
-        Whether to replace files with other content.
-    surface : {"refined", "published"} or None
-        Friction surface to export; None for the refined one if it exists.
-    normal_force_N_m, slip_speed_m_s : float or None
-        Point at which targets with a single stiffness or mu are exact; None for the middle of the
-        range of mu.
-
-    Raises
-    ------
-    InputError
-        If a required input is missing, or a file with other content already exists.
-    """
+    """Write the law of a results folder or of a law file for one target or for all."""
     if target is None:
         return _listed()
     if source is None:

@@ -136,13 +136,7 @@ def friction_in(folder: Path) -> Artifact | None:
 
 
 def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
-    """Return the friction artifact that the surface was made from, if it is still in the folder.
-
-    Raises
-    ------
-    ArtifactError
-        If the same recording was reduced again since.
-    """
+    """Return the friction artifact that the surface was made from, if it is still in the folder."""
     friction = friction_in(folder)
     if friction is None:
         return None
@@ -182,13 +176,7 @@ def press_law(law: Any, config: Config) -> PressLaw:
 def friction_columns(
     table: Any, needed: tuple[str, ...], argument: str = "friction"
 ) -> Mapping[str, np.ndarray]:
-    """Return the columns of reduced runs: an artifact, a result, or a table in memory.
-
-    Raises
-    ------
-    InputError
-        With every column that is missing or holds values of the wrong type.
-    """
+    """Return the columns of reduced runs: an artifact, a result, or a table in memory."""
     if isinstance(table, (Outcome, Artifact)):
         if table.kind != "friction":
             raise InputError(f"{argument} is a {table.kind} table, a friction table is needed")
@@ -201,13 +189,7 @@ def friction_columns(
 
 
 def surface_from(surface: Any) -> FrictionSurface:
-    """Return a friction surface given as such, as a result, or as a constant coefficient.
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
+    """Return a friction surface given as such, as a result, or as a constant coefficient."""
     if isinstance(surface, (Outcome, Artifact)) and surface.kind == "surface":
         return surface_of(surface)
     if isinstance(surface, FrictionSurface):

@@ -23,22 +23,7 @@ SHOWN_RUNS: Final = 8
 
 
 def run(source: ConfigSource, paths: Sequence[Path], kind: str | None = None) -> Summary:
-    """Summarise how files, folders, patterns or zip files are read.
-
-    Parameters
-    ----------
-    source : ConfigSource
-        What is already known about the files.
-    paths : sequence of Path
-        The recordings, inspected one by one.
-    kind : str or None
-        Kind of the recordings; None derives it from the channels.
-
-    Raises
-    ------
-    InputError
-        If the only file cannot be read at all.
-    """
+    """Summarise how files, folders, patterns or zip files are read."""
     if len(paths) == 1:
         return _summary(source.config, paths[0], kind)
     parts = []

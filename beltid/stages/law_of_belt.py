@@ -39,24 +39,7 @@ ABOUT: Final = (
 
 
 def law_of_folder(folder: Path, named: Path | None, wanted: str | None) -> ContactLaw:
-    """Assemble the contact law from the artifacts in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder with the artifacts of a belt.
-    named : Path or None
-        Config that the user named; it describes the belt.
-    wanted : {"refined", "published"} or None
-        Friction surface to use; None for the refined one if it exists.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder.
-    ArtifactError
-        If an artifact is missing or damaged, or the artifacts do not fit together.
-    """
+    """Assemble the contact law from the artifacts in a folder."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: there is no such folder or file; name the results of a belt, such as "

@@ -40,24 +40,7 @@ MOST_SETTINGS: Final = 30
 
 
 def run(name: str, files: Sequence[Path], out: Path | None, *, force: bool = False) -> Summary:
-    """Write the config of a new belt.
-
-    Parameters
-    ----------
-    name : str
-        Name of the belt.
-    files : sequence of Path
-        Its recordings, one per bench.
-    out : Path or None
-        The file; None for ``<name>.yaml``.
-    force : bool
-        Whether to replace an existing file.
-
-    Raises
-    ------
-    InputError
-        If the name is not allowed, the bench of a recording is unknown, or the file exists.
-    """
+    """Write the config of a new belt."""
     path = out or Path(f"{name}.yaml")
     values, sources = _of_name(name)
     load_config(_sections(values))  # checks the name

@@ -185,14 +185,15 @@ def config_of_results(folder: Path, made_with: Record) -> ConfigSource | None:
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
     """Store the curves that the figures need in the folder of a belt, if there are recordings."""
-    from beltid.stages.steps import press_curves, rig_curves
+    from beltid.stage import STAGES
+    from beltid.stages import steps  # noqa: F401  (registers the stages)
 
     data, friction = source.config.data, folder / "friction.parquet"
     wanted: list[tuple[Any, dict[str, Path]]] = []
     if data.press is not None and (folder / "stiffness.parquet").exists():
-        wanted.append((press_curves, {"frame": data.press}))
+        wanted.append((STAGES["press-curves"], {"frame": data.press}))
     if data.rig is not None and friction.exists():
-        wanted.append((rig_curves, {"frame": data.rig, "friction": friction}))
+        wanted.append((STAGES["rig-curves"], {"frame": data.rig, "friction": friction}))
     for stage, files in wanted:
         try:
             stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)

@@ -46,15 +46,7 @@ NOT_SIMULATED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class PlannedRun:
-    """One run of the simulated rig.
-
-    Attributes
-    ----------
-    label : str
-        Label by its position in the whole campaign, independent of the runs picked.
-    arc_deg, initial_tension_N, pulley_speed_rad_s : float
-        Settings.
-    """
+    """One run of the simulated rig; its label is its place in the whole campaign."""
 
     label: str
     arc_deg: float
@@ -64,11 +56,8 @@ class PlannedRun:
     @property
     def point(self) -> OperatingPoint:
         """The settings in SI units."""
-        return OperatingPoint(
-            beta=math.radians(self.arc_deg),
-            T_0=self.initial_tension_N,
-            omega=self.pulley_speed_rad_s,
-        )
+        arc = math.radians(self.arc_deg)
+        return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,30 +72,9 @@ class Picked:
 def planned_runs(
     config: Config, picked: Picked, measured: np.ndarray | None = None
 ) -> tuple[PlannedRun, ...]:
-    """Return the picked runs to simulate, in the order of the setting lists.
-
-    Parameters
-    ----------
-    config : Config
-        Its section `rig` may state settings.
-    picked : Picked
-        Selection of the user.
-    measured : ndarray (n, 3), optional
-        Settings of the measured runs, as `measured_settings` returns them.
-
-    Raises
-    ------
-    InputError
-        If a picked value does not occur, with the allowed ones; or if stated and measured settings
-        give too many combinations.
-    """
+    """Return the picked runs to simulate, in the order of the setting lists."""
     lists = setting_lists(config, measured)
-    if measured is None:
-        settings = list(product(*lists))
-    else:
-        settings = [*_measured_at(lists, measured), *_unmeasured(config, lists, measured)]
-        ranks = [{value: i for i, value in enumerate(values)} for values in lists]
-        settings.sort(key=lambda run: [rank[value] for rank, value in zip(ranks, run, strict=True)])
+    settings = list(product(*lists)) if measured is None else _at_measured(config, lists, measured)
     if not settings:
         keys = ", ".join(f"rig.{key}" for key, _ in KEYS.values())
         raise InputError(
@@ -114,26 +82,53 @@ def planned_runs(
             f"simulate: {keys}"
         )
     problems: list[str] = []
-    wanted = [
-        _matching(values, allowed, gap, option, problems)
-        for values, allowed, gap, option in zip(
-            (picked.arcs_deg, picked.tensions_N, picked.speeds_rad_s),
-            lists,
-            SAME_SETTING.values(),
-            ("--arc", "--tension", "--speed"),
-            strict=True,
-        )
-    ]
+    wanted = []
+    of_user = {
+        "--arc": picked.arcs_deg,
+        "--tension": picked.tensions_N,
+        "--speed": picked.speeds_rad_s,
+    }
+    for (option, values), known, gap in zip(
+        of_user.items(), map(np.array, lists), SAME_SETTING.values(), strict=True
+    ):
+        near = [known[_is_same_setting(known, [value], gap)] for value in values]
+        problems += [
+            f"{option} = {value:g}, must be one of those of the campaign: {_listed(known)}"
+            for value, found in zip(values, near, strict=True)
+            if not found.size
+        ]
+        wanted.append(set(np.concatenate(near).tolist() if near else known.tolist()))
     if problems:
         raise InputError(problems)
-    runs = (PlannedRun(f"S{k:03d}", *setting) for k, setting in enumerate(settings, start=1))
     return tuple(
-        run
-        for run in runs
-        if run.arc_deg in wanted[0]
-        and run.initial_tension_N in wanted[1]
-        and run.pulley_speed_rad_s in wanted[2]
+        PlannedRun(f"S{k:03d}", *run)
+        for k, run in enumerate(settings, start=1)
+        if all(value in allowed for value, allowed in zip(run, wanted, strict=True))
     )
+
+
+def _at_measured(
+    config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
+) -> list[tuple[float, ...]]:
+    """Return the measured runs in the lists, and every combination with a setting of no run."""
+    unmeasured = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
+    count = math.prod(len(values) for values in lists) if any(unmeasured) else 0
+    if count > MOST_COMBINED:
+        raise InputError(
+            [
+                *differing_settings(config, measured),
+                f"stated and measured settings make {count:,} combinations, must be at most "
+                f"{MOST_COMBINED:,}: remove the keys of rig that differ from the measured settings",
+            ]
+        )
+    kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
+    runs = set(map(tuple, measured[kept].tolist()))
+    if count:
+        for run in product(*lists):
+            if any(value in new for value, new in zip(run, unmeasured, strict=True)):
+                runs.add(run)
+    ranks = [{value: i for i, value in enumerate(values)} for values in lists]
+    return sorted(runs, key=lambda run: [r[value] for r, value in zip(ranks, run, strict=True)])
 
 
 def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[str, np.ndarray]:
@@ -141,13 +136,6 @@ def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[st
 
     It is the tension at rest, or if unknown the mean of both tensions while sliding. On a rig with
     a constant hub force the mean takes precedence.
-
-    Parameters
-    ----------
-    friction : mapping of str to ndarray (n,)
-        The reduced runs.
-    config : Config
-        Kind of the rig.
     """
     setting = np.asarray(friction["nominal_tension_N"], dtype=float)
     unknown = np.full(setting.size, np.nan)
@@ -166,19 +154,6 @@ def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.
 
     The scatter of motors and weights is removed from repeated settings by their medians. If most
     values of a campaign are distinct, each run keeps its measured value.
-
-    Parameters
-    ----------
-    friction : mapping of str to ndarray (n,)
-        The reduced runs: arc_deg, nominal_tension_N (see `with_tensions`), pulley_speed_rad_s, and
-        status if present.
-    config : Config
-        Kind of the rig.
-
-    Returns
-    -------
-    ndarray (m, 3)
-        Contact arc [°], nominal initial tension [N], pulley speed without its sign [rad/s].
     """
     settings = with_tensions(friction, config)
     rows = np.column_stack([np.abs(np.asarray(settings[name], dtype=float)) for name in KEYS])
@@ -188,15 +163,7 @@ def measured_settings(friction: Mapping[str, np.ndarray], config: Config) -> np.
 
 
 def nominal_settings(values: np.ndarray, gap: float) -> np.ndarray:
-    """Snap values to their repeated settings; return them unchanged if they repeat none.
-
-    Parameters
-    ----------
-    values : ndarray (n,)
-        Measured values, > 0.
-    gap : float
-        Relative distance within which two values are one setting [-].
-    """
+    """Snap values to their repeated settings; return them unchanged if they repeat none."""
     settings = np.empty(values.size)
     labels = settings_of(values, gap)
     for label in np.unique(labels):
@@ -271,61 +238,10 @@ def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[floa
     return lists
 
 
-def _measured_at(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
-    """Return the measured runs whose settings are in the lists."""
-    kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
-    return list(map(tuple, measured[kept].tolist()))
-
-
-def _unmeasured(
-    config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
-) -> list[tuple[float, ...]]:
-    """Return the combinations that contain a stated setting without a measured run."""
-    unmeasured = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
-    if not any(unmeasured):
-        return []
-    count = math.prod(len(values) for values in lists)
-    if count > MOST_COMBINED:
-        raise InputError(
-            [
-                *differing_settings(config, measured),
-                f"stated and measured settings make {count:,} combinations, must be at most "
-                f"{MOST_COMBINED:,}: remove the keys of rig that differ from the measured settings",
-            ]
-        )
-    return [
-        run
-        for run in product(*lists)
-        if any(value in new for value, new in zip(run, unmeasured, strict=True))
-    ]
-
-
 def refuse_running(config: Config) -> None:
     """Raise an error for a running belt, which no simulated rig has."""
     if config.rig.kind == "running":
         raise InputError(NOT_SIMULATED)
-
-
-def _matching(
-    picked: Sequence[float],
-    allowed: Sequence[float],
-    gap: float,
-    option: str,
-    problems: list[str],
-) -> set[float]:
-    """Return the allowed values that match a picked value within the gap of one setting."""
-    if not picked:
-        return set(allowed)
-    matches = set()
-    for value in picked:
-        near = np.array(allowed)[_is_same_setting(np.array(allowed), [value], gap)]
-        if not near.size:
-            listing = _listed(allowed)
-            problems.append(
-                f"{option} = {value:g}, must be one of those of the campaign: {listing}"
-            )
-        matches.update(near.tolist())
-    return matches
 
 
 def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:

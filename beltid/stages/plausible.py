@@ -45,22 +45,7 @@ class _Contradiction:
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:
-    """Refuse runs whose weight, torque or speed the load cells contradict.
-
-    Parameters
-    ----------
-    runs : sequence of RunReduction
-        The reduced runs, also those set aside.
-    config : Config
-        Radius, span, stiffness of the belt, and units of the recording.
-    kind : RigKind
-        What the rig measures.
-
-    Raises
-    ------
-    InputError
-        With the run, the column, what was found and the line of the config that corrects it.
-    """
+    """Refuse runs whose weight, torque or speed the load cells contradict."""
     if kind.running:
         return
     stated = config.units["rig"]

@@ -65,15 +65,7 @@ def _known_cell(config: Config, span: Span) -> KnownCell:
 
 
 def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the friction rig.
-
-    Parameters
-    ----------
-    rig : Recording
-        The recording.
-    config : Config
-        Kind of the rig, radius of the pulley.
-    """
+    """Reduce the runs of a recording of the friction rig."""
     radius, records = config.rig.pulley_radius_m, records_of(rig, config)
     if rig.is_artifact:  # from perfect cells
         return reduce_records(records, radius)
@@ -83,17 +75,7 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
 
 
 def recording_in_memory(frame: Any, config: Config | None, *, simulated: bool = False) -> Recording:
-    """Return a frame with the columns of rig.csv as a recording.
-
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table, mapping or Recording
-        The samples.
-    config : Config or None
-        Names and units of the columns; None if they are those of rig.csv.
-    simulated : bool
-        Whether it comes from the simulated rig.
-    """
+    """Return a frame with the columns of rig.csv as a recording."""
     columns = columns_of(frame, "rig", config)
     return Recording("rig", columns, Path("frame"), is_artifact=simulated)
 
@@ -117,15 +99,7 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
 
 
 def reduce_points(columns: Mapping[str, np.ndarray], config: Config) -> tuple[RunReduction, ...]:
-    """Reduce a table with a row per plateau.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        Its columns.
-    config : Config
-        Kind of the rig, radius of the pulley, resolution of the forces.
-    """
+    """Reduce a table with a row per plateau."""
     rig, resolution_N = config.rig, config.rig.force_resolution_N
     return reduce_plateaus(
         columns,

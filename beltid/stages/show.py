@@ -20,26 +20,7 @@ FIGURES: Final = tuple(f".{kind}" for kind in NO_DATES)
 
 
 def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
-    """Show an artifact or a law file.
-
-    Parameters
-    ----------
-    path : Path
-        The artifact, or a law file (.json).
-    out : Path or None
-        Table (.csv) or figure (.svg, .png, .pdf) to write; None shows the table in the terminal.
-    name : str or None
-        Name of the figure; None for the first.
-    force : bool
-        Whether to replace an existing file.
-
-    Raises
-    ------
-    ArtifactError
-        If the artifact is missing or damaged, or the file cannot be written.
-    InputError
-        If there is no such figure, or `out` has another ending or already exists.
-    """
+    """Show an artifact or a law file."""
     if path.suffix == ".json":
         if out is not None or name is not None:
             raise InputError(f"{path}: a law file; --out and --figure need an artifact (.parquet)")

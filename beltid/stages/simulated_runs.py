@@ -17,7 +17,6 @@ from beltid.stages.campaign import (
     bench_of,
     recording_columns,
     simulate,
-    simulated_results,
     simulation_settings,
 )
 from beltid.stages.inputs import friction_columns
@@ -141,7 +140,8 @@ def simulate_rig(
     model = load_config(config)
     run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
     settings = simulation_settings(model, method, elements)
-    ((_, result),) = simulated_results(bench_of(model, surface, law), [run], settings, Workers())
+    bench = bench_of(model, surface, law)
+    (result,) = simulate(model, bench, [run], settings, Workers()).results
     if isinstance(result, BeltidError):
         raise result
     return SimulatedRun(

@@ -359,7 +359,7 @@ def simulate_recording(
     "compare",
     makes="compare",
     reads={"friction": "friction", "simulated": ("simulated", "rig")},
-    uses=("compare", "friction", "rig", "belt"),
+    uses=("compare", "friction", "rig", "belt", "uncertainty"),
 )
 def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Compare simulated and measured friction coefficients, run by run; exit 0 or 4.
@@ -511,16 +511,12 @@ def predict_drive(
 
 
 def simulate_drive(config: ConfigLike, surface: Any, law: Any) -> Outcome[Any]:
-    """Predict the operating points of a belt drive that a config states; see `predict_drive`.
+    """Predict the operating points of a belt drive that a config states.
 
     Parameters
     ----------
-    config : Config, dict, path or None
-        Belt, drive and its operating points; None is the built-in 5PK rig.
-    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
-        Friction coefficient of the ribs; a number is a constant coefficient.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the ribs; a result also provides its scatter.
+    config, surface, law
+        As for `predict_drive`; a number for the surface is a constant coefficient.
 
     Returns
     -------
@@ -646,22 +642,7 @@ def plan_runs(
     runs: int = 12,
     goal_u: float = 0.01,
 ) -> PlannedRuns:
-    """Plan the next runs of the friction rig.
-
-    Parameters
-    ----------
-    surface : Outcome of refine_surface or build_surface, optional
-        The known surface; without it the plan starts from usual values for such a belt.
-    law : NormalLaw or Outcome of fit_stiffness, optional
-        Normal contact law; by default that of the paper's 5PK belt.
-    config : Config, dict, path or None
-        Belt, rig, and under ``plan:`` the possible settings of the rig.
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
-        Reduced runs, whose noise the planned runs are assumed to have.
-    runs : int
-        Maximum number of runs to plan; fewer if they reach the goal, none if they do not help.
-    goal_u : float
-        Sufficient relative standard uncertainty of mu [-].
+    """Plan the next runs of the friction rig, with the arguments of the step ``plan``.
 
     Returns
     -------

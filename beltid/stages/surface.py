@@ -114,14 +114,7 @@ def said_of_surface(
 def rows_of_one(
     columns: Mapping[str, np.ndarray], rows: np.ndarray, chosen: Mapping[str, str | None]
 ) -> np.ndarray:
-    """Select the rows that were measured on the chosen surface and side of the belt.
-
-    Raises
-    ------
-    InputError
-        If there are several words and none is chosen, or no row has the chosen one; the message
-        lists the words of the table.
-    """
+    """Select the rows that were measured on the chosen surface and side of the belt."""
     problems = []
     for column in APART:
         labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]

@@ -163,15 +163,7 @@ def combined_origin(origins: Any) -> Origin | None:
 
 
 def write_artifact(path: Path, columns: Mapping[str, Any], record: Record) -> Artifact:
-    """Write an artifact whole or not at all, and return it as read back.
-
-    Raises
-    ------
-    ArtifactError
-        If a value is not what the schema allows, or the file cannot be written.
-    ValueError
-        If the columns are not those of the kind: a bug in the code.
-    """
+    """Write an artifact whole or not at all, and return it as read back."""
     data = artifact_bytes(columns, record, str(path))
     artifact = artifact_from_bytes(data, path, record.kind)
     write_bytes(path, data)
@@ -211,13 +203,7 @@ def _seal(text: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
 
 
 def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
-    """Read an artifact and verify that it is undamaged and, if stated, of a kind.
-
-    Raises
-    ------
-    ArtifactError
-        If the file is missing, damaged, no artifact, of another kind, or of another version.
-    """
+    """Read an artifact and verify that it is undamaged and, if stated, of a kind."""
     return artifact_from_bytes(read_bytes(Path(path), ArtifactError), Path(path), kind)
 
 
@@ -275,13 +261,7 @@ def may_be_artifact(path: Path) -> bool:
 
 
 def stated_kind(path: Path) -> str | None:
-    """Return the kind that a file states, even if damaged or old; None if it is not of beltid.
-
-    Raises
-    ------
-    ArtifactError
-        If the file cannot be read.
-    """
+    """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
     data = read_bytes(path, ArtifactError) if path.stat().st_size else b""
     match = re.search(rb'"kind":"([a-z_]+)"', data) if b"beltid_s" in data else None
     return None if match is None else match[1].decode()

@@ -51,20 +51,7 @@ def _too_large(path: Path) -> str:
 
 
 def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
-    """Read all bytes of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    error_type : type
-        Error to raise.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, a folder, not readable, empty or too large.
-    """
+    """Read all bytes of a file."""
     with opened(path, error_type) as file:
         size = os.fstat(file.fileno()).st_size  # 0 for virtual files, as in /proc
         if size > MAX_BYTES:
@@ -90,18 +77,6 @@ def write_bytes(path: str | Path, data: bytes) -> None:
     Missing folders are created. An existing file is replaced only when the new one is safely on
     disk; on any failure it stays unchanged. Temporary files of the same name left by a killed
     process are removed.
-
-    Parameters
-    ----------
-    path : path
-        Path of the file; a symbolic link is kept, and its target is written.
-    data : bytes
-        The whole content.
-
-    Raises
-    ------
-    ArtifactError
-        If it cannot be written: no permission, no space, not a valid path for a file.
     """
     stated = Path(path)
     target = stated
@@ -248,15 +223,6 @@ def hash_of_sources(
     """Compute the SHA-256 of the names and contents of all modules that can change a result.
 
     Line endings do not matter. Returns "" if there are no sources to read (a packed installation).
-
-    Parameters
-    ----------
-    package : Path
-        Folder of the package.
-    but : container of str
-        Subpackages and modules that cannot change the result.
-    more : tuple of str
-        Suffixes of other files that can.
     """
     sources = sorted(
         (path.relative_to(package).as_posix(), path)

@@ -98,24 +98,7 @@ def damaged(error: BaseException) -> str:
 
 
 def normalised(columns: Mapping[str, Any], table: Table, name: str) -> dict[str, np.ndarray]:
-    """Convert columns to the order and types of the schema, and check every value.
-
-    Parameters
-    ----------
-    columns : mapping
-        Values by column name; nan, None or masked if missing.
-    table : Table
-        The schema.
-    name : str
-        Name of the artifact, for messages.
-
-    Raises
-    ------
-    ArtifactError
-        If a required value is missing or a value is out of range.
-    ValueError
-        If a column is missing, unknown, or of another length: a bug in the code.
-    """
+    """Convert columns to the order and types of the schema, and check every value."""
     unknown = [column for column in columns if column not in table.names]
     missing = [c.name for c in table.columns if c.required and c.name not in columns]
     if unknown or missing:
@@ -160,13 +143,7 @@ def _typed(values: Any, column: Column) -> np.ndarray:
 
 
 def _matrix(rows: list[Any], column: Column) -> np.ndarray:
-    """Convert lists to the rows of a matrix, with nan for a missing list.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ from each other or from that of the column.
-    """
+    """Convert lists to the rows of a matrix, with nan for a missing list."""
     lengths = {len(row) for row in rows if row is not None}
     length = column.length or max(lengths, default=0)
     if lengths - {length}:
@@ -221,13 +198,7 @@ def arrow_table(values: Mapping[str, np.ndarray], table: Table) -> pa.Table:
 
 
 def columns_of_arrow(arrow: pa.Table, table: Table, name: str) -> dict[str, np.ndarray]:
-    """Convert an Arrow table that was read to columns with the types of the schema.
-
-    Raises
-    ------
-    ArtifactError
-        If a column is missing or of another type, or a value is not allowed.
-    """
+    """Convert an Arrow table that was read to columns with the types of the schema."""
     columns: dict[str, np.ndarray] = {}
     for column in table.columns:
         if column.name not in arrow.column_names:
@@ -298,11 +269,6 @@ def columns_sha256(columns: Mapping[str, np.ndarray]) -> str:
 
     All kinds of nan hash alike; numbers hash by their bits in little-endian order, so the hash is
     the same on every machine.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        float64, int64 or bool arrays, 1-D or 2-D, or object arrays of str or None.
     """
     digest = hashlib.sha256()
     for name, values in columns.items():

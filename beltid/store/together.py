@@ -41,20 +41,7 @@ def recordings_of(artifact: Artifact) -> set[tuple[str, str]]:
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
-    """Refuse artifacts that do not fit together.
-
-    Parameters
-    ----------
-    artifacts : iterable of Artifact
-        Artifacts that are used as those of one belt.
-    guests : iterable of Artifact
-        Artifacts that may be of another bench; those of the same recordings must fit, too.
-
-    Raises
-    ------
-    ArtifactError
-        Names both files of each misfit, and the command that makes one of them again.
-    """
+    """Refuse artifacts that do not fit together."""
     hosts = list(artifacts)
     known = {recording for host in hosts for recording in recordings_of(host)}
     problems = misfits([*hosts, *(guest for guest in guests if known & recordings_of(guest))])

@@ -49,20 +49,13 @@ def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path
     german_sheets.write_press(tmp_path / "presse.xlsx")
     done(tmp_path, "inspect", "presse.xlsx")
     done(tmp_path, "init", "5pk", "versuche", "presse.xlsx")
-    assert call(tmp_path, "run", "5pk.yaml").status in (0, 4)  # the verdict is not the subject
+    said = call(tmp_path, "run", "5pk.yaml")
+    assert said.status not in (1, 2), said.stderr  # the verdict is not the subject
     done(tmp_path, "report", "runs/5pk")
     results = tmp_path / "runs" / "5pk"
     assert (results / "surface_refined.parquet").exists()
-    assert list(results.glob("report*"))
-    friction = pd.read_parquet(results / "friction.parquet")
-    assert set(friction["run"]) == set(truth["run"])
-    runs = german_sheets.bench().runs()
-    expected = runs.set_index(["arc_deg", "initial_tension_N", "pulley_speed_rad_s"])["mu"]
-    good = friction[friction["status"] == "ok"]
-    assert len(good) > 110
-    keys = zip(good["arc_deg"], good["tension_slack_N"], good["pulley_speed_rad_s"], strict=True)
-    near = [
-        expected[[np.argmin(np.abs(np.array([[*k] for k in expected.index]) / key - 1).sum(1))]]
-        for key in keys
-    ]
-    np.testing.assert_allclose(good["mu_sliding"], [float(mu.iloc[0]) for mu in near], 0.02)
+    assert (results / "report.html").exists()
+    found = pd.read_parquet(results / "friction.parquet").set_index("run")
+    assert set(found["status"]) == {"ok"}
+    mu = pd.Series(german_sheets.bench().runs()["mu"].to_numpy(), truth["run"].unique())
+    np.testing.assert_allclose(found["mu_sliding"][mu.index], mu, 2e-3)

@@ -95,7 +95,7 @@ def test_init_replaces_nothing_without_force(beltid: Any) -> None:
     Path("a.yaml").write_text("belt: {name: mine}\n")
     refused = beltid("init", "a")
     assert refused.exit_code == 2
-    assert "a.yaml: already exists; use --force to overwrite" in refused.stderr
+    assert "--force" in refused.stderr
     assert Path("a.yaml").read_text() == "belt: {name: mine}\n"
     assert beltid("init", "a", "--force").exit_code == 0
     assert beltid("init", "a", "-o", "press.csv").exit_code == 2
@@ -144,7 +144,7 @@ def test_config_show_prints_yaml_that_is_the_same_config(
     assert Path("out.yaml").read_text() == shown.stdout
     refused = beltid("config", "show", "-o", "beltid.yaml")
     assert refused.exit_code == 2
-    assert "beltid.yaml: already exists" in refused.stderr
+    assert "--force" in refused.stderr
 
 
 def test_config_show_tells_what_is_stated_and_with_all_what_is_in_effect(beltid: Any) -> None:

@@ -223,7 +223,7 @@ def test_a_recording_too_large_for_the_memory_is_refused_before_it_is_read(tmp_p
     path = tmp_path / name
     with path.open("wb") as file:
         file.truncate(1 << 40)
-    with pytest.raises(InputError, match="larger than 1024 MB, split the recording"):
+    with pytest.raises(InputError, match="larger than 1024 MB, split"):
         read_recording(path, kind)
     with pytest.raises(ArtifactError, match="larger than 1024 MB"):
         read_artifact(path)

@@ -190,12 +190,3 @@ def test_missing_columns_and_unequal_lengths_are_named() -> None:
     simulated["status"] = simulated["status"][1:]
     with pytest.raises(InputError, match=r"simulated: column status has shape \(35,\)"):
         compare_points(measured, simulated)
-
-
-def test_rows_for_printing_are_plain_values_without_nan() -> None:
-    measured, simulated = ({k: a[:2] for k, a in side.items()} for side in pair())
-    simulated["mu_sliding"] = measured["mu_sliding"] * 1.01
-    rows = [group.as_row() for group in compare_points(measured, simulated).groups]
-    assert rows[0]["rms_percent"] == pytest.approx(1.0)
-    assert rows[-1]["n_points"] == 0  # two points make two groups
-    assert rows[-1]["rms_percent"] is None

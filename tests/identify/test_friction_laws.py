@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +11,8 @@ from scipy.optimize import curve_fit
 from beltid.errors import InputError
 from beltid.identify.surface.laws import (
     NOT_DETERMINED,
-    NOT_ZERO,
     fit_friction_laws,
     law_variance,
-    status,
-    verdict_of,
 )
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula
 
@@ -173,24 +169,6 @@ def test_as_many_parameters_as_points_have_errors_that_are_believed_or_unknown()
     assert {p.status for p in unknown.parameters} == {NOT_DETERMINED}
 
 
-def test_a_value_within_two_errors_of_zero_is_not_distinguished_from_it():
-    mu, v = np.array([0.8, 1.0]), np.array([0.01, 0.1])
-    for se, said in ((0.109, ""), (0.111, NOT_ZERO), (0.99, NOT_ZERO), (1.01, NOT_DETERMINED)):
-        assert status("a", 0.22, se, mu, v) == said
-    for name, value, limit in (
-        ("mu0", 0.9, 0.45),  # half the mean
-        ("mu_k", 0.9, 0.45),
-        ("v0", 0.002, 0.002 * 0.5 * math.log(10.0)),  # a factor of ten at two errors
-        ("v_s", 0.02, 0.02 * 0.5 * math.log(10.0)),
-        ("c", 100.0, 4.5),  # half the mean at the highest speed
-        ("b", 10.0, 10.0),  # itself, or one
-        ("b", 0.4, 1.0),
-    ):
-        zero = NOT_ZERO if name == "b" else ""
-        assert status(name, value, 0.99 * limit, mu, v) == zero
-        assert status(name, value, 1.01 * limit, mu, v) == NOT_DETERMINED
-
-
 def test_points_are_ordered_and_checked():
     f, v = [3e3, 1e3, 2e3, 5e3], [0.102, 0.2, 0.1, 0.1029]
     found = fit_friction_laws(f, v, [0.9, 1.1, 1.0, 0.8])
@@ -209,28 +187,3 @@ def test_points_are_ordered_and_checked():
     for force, laws in ((1049.0, ["coulomb"]), (1051.0, ["coulomb", "power"])):
         at_forces = fit_friction_laws([1e3, force, 1e3], [0.1] * 3, [1.0, 0.9, 1.0])
         assert [fit.law for fit in at_forces.fits] == laws
-
-
-def test_verdict_names_the_best_law_its_equals_and_the_constant():
-    def fit(law, criterion, rms, worst, determined=True):
-        return SimpleNamespace(
-            law=law, criterion=criterion, rms_misfit=rms, worst_misfit=worst,
-            determined=determined, law_error=0.0, formula=SimpleNamespace(text="TEXT"),
-        )  # fmt: skip
-
-    fits = [
-        fit("coulomb", 40.0, 0.12, -0.31),
-        fit("power", 1.9, 0.02, 0.05),
-        fit("power_log", 0.0, 0.01, -0.03, determined=False),
-        fit("power_stribeck_1", 2.0, 0.01, 0.03),
-        fit("power_stribeck_2", math.nan, 0.01, 0.03),
-    ]
-    assert verdict_of(fits) == (
-        "Best formula: power_log, TEXT (f in N/m, v in m/s), misfit 1 % RMS, 3 % at worst; not all "
-        "of its parameters are determined: use it within the measured range only; power does as "
-        "well. A constant coefficient misses by 12 % RMS, 31 % at worst."
-    )
-    assert verdict_of(fits[:1]) == (
-        "Best formula: coulomb, TEXT (f in N/m, v in m/s), misfit 12 % RMS, 31 % at worst."
-    )
-    assert verdict_of(fits[4:]) == "Too few independent points to compare friction laws."

@@ -11,9 +11,10 @@ import pytest
 from beltid.bench.recording import read_recording
 from beltid.config import find_config
 from beltid.identify.friction.kinds import KnownCells
+from beltid.stage import STAGES
+from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.curves import SMALL_SAMPLES, typical_runs
 from beltid.stages.reduction import records_of
-from beltid.stages.steps import fit_friction, rig_curves
 from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
@@ -39,8 +40,10 @@ def bench(tmp_path: Path) -> Path:
 def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     rig, friction = bench / "rig.csv", bench / "friction.parquet"
     source = find_config(rig, None)
-    fit_friction.run(source, {"frame": rig}, friction)
-    curves = rig_curves.run(source, {"frame": rig, "friction": friction}, bench / "curves.parquet")
+    STAGES["fit-friction"].run(source, {"frame": rig}, friction)
+    curves = STAGES["rig-curves"].run(
+        source, {"frame": rig, "friction": friction}, bench / "curves.parquet"
+    )
     columns, reduced = curves.artifact.columns, read_artifact(friction, "friction").columns
     recorded = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=(2, 3))
     labels = np.genfromtxt(rig, delimiter=",", skip_header=1, usecols=0, dtype=str)

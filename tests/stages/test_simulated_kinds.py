@@ -10,17 +10,17 @@ import pytest
 
 import beltid
 from beltid.config import Config, load_config
-from beltid.errors import BeltidError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rig.runs import RunResult
 from beltid.stages.campaign import (
     bench_of,
     recording_columns,
-    simulated_results,
+    simulate,
     simulation_settings,
 )
 from beltid.stages.planned_runs import Picked, planned_runs
+from beltid.stages.workers import Workers
 
 R = 0.05
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -61,9 +61,7 @@ def simulated(kind: str, picked: Picked = FEW) -> dict[str, np.ndarray]:
     config = config_of(kind)
     runs = planned_runs(config, picked)
     settings = simulation_settings(config, "transient")
-    found: dict[int, RunResult | BeltidError]
-    found = dict(simulated_results(bench_of(config, TRUTH, LAW), runs, settings, jobs=1))
-    results = [found[k] for k in range(len(runs))]
+    results = simulate(config, bench_of(config, TRUTH, LAW), runs, settings, Workers()).results
     assert all(isinstance(result, RunResult) for result in results)
     return recording_columns(runs, results, config)  # type: ignore[arg-type]
 

@@ -9,7 +9,8 @@ import pytest
 
 from beltid.config import find_config
 from beltid.report.view import summary_of
-from beltid.stages.steps import compare, fit_friction
+from beltid.stage import STAGES
+from beltid.stages import steps  # noqa: F401  (registers the stages)
 
 CELLS = """\
 friction:
@@ -42,10 +43,10 @@ def benches(tmp_path: Path, part_of_rig: Callable[..., str]) -> Path:
 def test_the_cells_of_the_second_bench_are_taken_off_and_reported(benches: Path) -> None:
     first, second = benches / "first.csv", benches / "second.csv"
     friction = benches / "friction.parquet"
-    fit_friction.run(find_config(first), {"frame": first}, friction)
+    STAGES["fit-friction"].run(find_config(first), {"frame": first}, friction)
     inputs = {"friction": friction, "simulated": second}
     summary = summary_of(
-        compare.run(find_config(second), inputs, benches / "compare.parquet").artifact
+        STAGES["compare"].run(find_config(second), inputs, benches / "compare.parquet").artifact
     )
     assert summary.facts["groups"][0]["rms_percent"] < 1e-3
     (said,) = [note for note in summary.notes if "load cells" in note]
@@ -57,10 +58,10 @@ def test_the_cells_of_the_second_bench_are_taken_off_and_reported(benches: Path)
 def test_the_cells_of_the_first_bench_are_not_those_of_the_second(benches: Path) -> None:
     first, second = benches / "first.csv", benches / "second.csv"
     friction = benches / "friction.parquet"
-    fit_friction.run(find_config(second), {"frame": second}, friction)
+    STAGES["fit-friction"].run(find_config(second), {"frame": second}, friction)
     inputs = {"friction": friction, "simulated": first}
     summary = summary_of(
-        compare.run(find_config(first), inputs, benches / "compare.parquet").artifact
+        STAGES["compare"].run(find_config(first), inputs, benches / "compare.parquet").artifact
     )
     assert summary.facts["groups"][0]["rms_percent"] < 1e-3
     assert not [note for note in summary.notes if "load cells" in note]
@@ -82,12 +83,12 @@ def test_another_mass_of_a_running_belt_is_another_comparison(
     stated = tmp_path / "rig.yaml"
     config = "rig: {kind: running}\n"
     stated.write_text(f"{config}belt: {{mass_per_length_kg_m: 0.1}}\n")
-    fit_friction.run(find_config(recording), {"frame": recording}, friction)
+    STAGES["fit-friction"].run(find_config(recording), {"frame": recording}, friction)
     inputs, out = {"friction": friction, "simulated": recording}, tmp_path / "compare.parquet"
-    same = summary_of(compare.run(find_config(recording), inputs, out).artifact)
+    same = summary_of(STAGES["compare"].run(find_config(recording), inputs, out).artifact)
     assert same.facts["groups"][0]["rms_percent"] < 1e-9
     stated.write_text(f"{config}belt: {{mass_per_length_kg_m: 0.2}}\n")
-    built = compare.run(find_config(recording), inputs, out)
+    built = STAGES["compare"].run(find_config(recording), inputs, out)
     other = summary_of(built.artifact)
     assert not built.up_to_date
     assert other.facts["groups"][0]["rms_percent"] > 1.0

@@ -12,12 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from beltid.errors import InputError
-from beltid.identify.estimators.least_squares import solve_linear
 from beltid.identify.press.recording import (
     COLUMNS,
     PressCycle,
@@ -231,16 +229,13 @@ def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
     A polynomial follows the shape of the branch, so that the distribution of samples within a bin
     does not matter. The bin means of its residuals are added, so that it need not be exact.
     """
-    centre, half = 0.5 * (edges[0] + edges[-1]), 0.5 * (edges[-1] - edges[0])
-    degree = 5 if x.size >= 24 else 3
+    smooth = np.polynomial.Chebyshev.fit(x, f, 5 if x.size >= 24 else 3)
     nodes = 0.5 * (edges[1:] + edges[:-1])
-    at_samples, at_nodes = (chebvander((at - centre) / half, degree) for at in (x, nodes))
-    fit = solve_linear(at_samples, f)
     filled, bins, count = np.unique(
         np.digitize(x, edges[1:-1]), return_inverse=True, return_counts=True
     )
-    rest = np.bincount(bins, weights=fit.residuals) / count
-    return at_nodes @ fit.parameters + np.interp(nodes, nodes[filled], rest)
+    rest = np.bincount(bins, weights=f - smooth(x)) / count
+    return smooth(nodes) + np.interp(nodes, nodes[filled], rest)
 
 
 def _turns(levels: Sequence[Array], in_contact: bool) -> Array:

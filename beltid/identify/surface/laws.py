@@ -24,8 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beltid.errors import InputError, NumericsError
-from beltid.identify.estimators.least_squares import solve_nonlinear, unit_columns
+from beltid.errors import ConvergenceError, InputError, NumericsError
 from beltid.identify.estimators.statistics import integrated_autocorrelation_time, settings_of
 from beltid.identify.surface.curves import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula, FrictionLaw
@@ -36,6 +35,7 @@ ROUNDING = 1.0e-20  # smaller squares of relative misfits are rounding
 FORCE_SPREAD = 0.05  # relative; forces in a narrower range do not determine an exponent
 SCAN = 49  # number of speed scales in the scan
 MOST_STARTS = 3  # largest number of local minima of the scan from which the search starts
+TOLERANCE, MOST_EVALUATIONS = 1e-15, 2000  # of the search
 MOST_ROUNDS = 30  # iterations between the parameters and q
 SINGULAR = 1.0e-10  # singular values of unit columns below this share of the largest are zero
 TWO_ERRORS = 4.0  # rise of chi² at two standard errors
@@ -312,6 +312,8 @@ class _Fit:
 
     def minimum(self, W: Array, start: Array) -> Array:
         """Minimise ``|W r|²`` from a start; a speed scale is searched in its logarithm."""
+        from scipy.optimize import least_squares  # slow to import
+
         at = self.scale_at
         low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         low[at], high[at] = np.log(self.scales[[0, -1]])
@@ -329,10 +331,23 @@ class _Fit:
 
         theta = start.copy()
         theta[at] = np.clip(np.log(start[at]), low[at] + 1e-9, high[at] - 1e-9)
-        solution = solve_nonlinear(
-            lambda t: W @ self.misfit(to_parameters(t)), derivatives, theta, (low, high)
-        )
-        return to_parameters(solution.parameters)
+        try:
+            solution = least_squares(
+                lambda t: W @ self.misfit(to_parameters(t)),
+                theta,
+                derivatives,
+                bounds=(low, high),
+                x_scale="jac",
+                ftol=TOLERANCE,
+                xtol=TOLERANCE,
+                gtol=TOLERANCE,
+                max_nfev=MOST_EVALUATIONS,
+            )
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise ConvergenceError(f"the search broke down ({error})") from None
+        if solution.status <= 0:
+            raise ConvergenceError(f"no minimum after {solution.nfev} evaluations")
+        return to_parameters(solution.x)
 
     def standard_errors(self, p: Array, W: Array, tau: float, dof: int) -> tuple[Array, bool]:
         """Compute the standard errors, and whether a speed scale ended at its bound.
@@ -425,8 +440,9 @@ def law_variance(rotated: Array, variance: Array, dof: int) -> float:
 
 def _inverse(J: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Compute ``(J'J)^-1`` without singular directions, and which parameters are determined."""
-    scaled, length = unit_columns(J)
-    _, sizes, V = np.linalg.svd(scaled, full_matrices=False)
+    length = np.linalg.norm(J, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    _, sizes, V = np.linalg.svd(J / length, full_matrices=False)
     regular = sizes > SINGULAR * max(float(sizes[0]), 1e-300)
     determined = np.sqrt(np.sum(V[~regular] ** 2, axis=0)) <= 1e-3
     inverse = (V[regular].T / sizes[regular] ** 2) @ V[regular] / np.outer(length, length)
