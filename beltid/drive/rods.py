@@ -221,7 +221,11 @@ class RodLevel:
                 continue
             wrap, v0 = float(rest.laid.wraps[i]), state.v0
             forces, span = (rod.T_in, rod.T_out), self._pulley(i, rest).span
-            room[i] = self._room(i, state, rest) - wrap
+            # the rod holds what it does, and at least what it does if it slides as a whole
+            s, slips = self.level.sections[i], self._whole_slip(i, rod)
+            x = min(slips, self.fastest) if math.isfinite(self.fastest) else 0.0
+            held = sliding_arc(*forces, v0, x, s)[0] + adhesion_arc(rod)
+            room[i] = max(held, self._room(i, state, rest)) - wrap
             ones = np.ones(n)
             string = self.level.arcs(
                 forces[0] * ones, forces[1] * ones, v0, wrap * ones, (wrap + room[i]) * ones
@@ -335,16 +339,17 @@ class RodLevel:
         # a looser belt hardly touches
         place = math.log(max(P, self.drive.belt.EI / (LOOSEST * pulley.R) ** 2)) / END_STEP
         k = math.floor(place)
-        nodes = np.arange(k - 1, k + 3)
-        others = [nodes[nodes != node] for node in nodes]
-        weights = [
-            np.prod((place - other) / (node - other))
-            for node, other in zip(nodes, others, strict=True)
-        ]
+        t = place - k
         assert self.drive.law is not None
         of = self.drive.belt, self.drive.law, pulley.R
-        ratios = [_laid_end(*of, int(node)) for node in nodes]
-        return float(np.dot(weights, ratios)) * b**3
+        weights = (
+            -t * (t - 1.0) * (t - 2.0) / 6.0,
+            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+            -(t + 1.0) * t * (t - 2.0) / 2.0,
+            (t + 1.0) * t * (t - 1.0) / 6.0,
+        )
+        ratio = sum(w * _laid_end(*of, k + j) for j, w in enumerate(weights, start=-1))
+        return ratio * b**3
 
 
 @functools.lru_cache(maxsize=256)

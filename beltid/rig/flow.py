@@ -32,7 +32,7 @@ from beltid.rig.steady import StaticState, lay_on
 
 Array = NDArray[np.float64]
 
-FINER = 2.0  # elements of a flowing belt over those of the rig
+FINER = 3.0  # elements of a flowing belt over those of the rig
 # sliding speed at which friction is nearly whole, over v0: from rest, from a similar state, at last
 FIRST_SCALE, SIMILAR_SCALE, LAST_SCALE = 1.0e-2, 1.0e-4, 1.0e-6
 FIRST_RATIO, LARGEST_RATIO, SMALLEST_RATIO = 0.1, 0.97, 0.03  # of one scale to the one before
