@@ -45,7 +45,7 @@ from scipy.optimize import minimize
 from beltid.errors import NumericsError
 
 Array = NDArray[np.float64]
-NEWTON, SETTLED, SHRINK = 60, 1e-8, 0.9
+NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 STILL = 0.02
 """Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
