@@ -47,6 +47,7 @@ from beltid.errors import NumericsError
 Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
+FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 STILL = 0.02
 """Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
 
@@ -321,7 +322,10 @@ class Mixed:
             return -posterior.log_evidence, -slope[free]
 
         options = {"maxiter": steps, "ftol": tolerance, "gtol": 1e-6}
-        bounds = [(None, top) for top in self.top[free]]
+        # not of every size: a box that is closed all around lets the first step go anywhere
+        lowest = self.mid - np.divide(FAR, self.tightness, out=np.zeros(free.size), where=free)
+        lowest[: free.size - len(self.own)] = -np.inf
+        bounds = np.column_stack([lowest, self.top])[free]
         found = minimize(
             cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
         )

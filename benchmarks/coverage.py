@@ -23,8 +23,7 @@ TESTS = Path(__file__).parents[1] / "tests"
 sys.path[:0] = [str(TESTS / "uncertainty"), str(TESTS / "identify")]
 
 from press_bench import Bench  # noqa: E402
-from repetitions import repetition  # noqa: E402
-from virtual_bench import NO_ERRORS, SMALL, Design  # noqa: E402
+from virtual_bench import NO_ERRORS, SMALL, Design, repetition  # noqa: E402
 
 from beltid.identify.press.stiffness import StiffnessSettings, fit_stiffness  # noqa: E402
 

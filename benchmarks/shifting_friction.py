@@ -39,13 +39,14 @@ from virtual_bench import (
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Contact, OperatingPoint
-from beltid.refine.effects import ORDER, TEMPERATURE
+from beltid.refine.inverse import refine_surface
+from beltid.refine.shown import shown_effects
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
+from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.sources import ORDER, TEMPERATURE
 
 Array = np.ndarray
 
@@ -164,18 +165,18 @@ class Draw:
 def refined(case: Case, seed: int) -> Draw:
     """One campaign, refined and compared with the truth."""
     drawn = read(case, np.random.default_rng(seed))
-    found = refined_campaign(drawn.campaign, drawn.speeds, ())
-    surface, force = found.refined.surface, drawn.campaign.measured.normal_force
+    found = refine_surface(drawn.campaign, drawn.speeds)
+    surface, force = found.surface, drawn.campaign.measured.normal_force
     f = surface.normal_force_N_m
     inside = (f >= force.min()) & (f <= force.max())
-    factor = np.concatenate(changes_and_scatter(found), axis=-1)[inside]
-    effect = found.refined.effect(TEMPERATURE if case.per_kelvin else ORDER)
-    assert effect is not None
+    factor = found.uncertainty.factor[inside]
+    key = TEMPERATURE if case.per_kelvin else ORDER
+    effect = next(effect for effect in shown_effects(found) if effect.key == key)
     return Draw(
         np.log(surface.mu_nodes[inside] / true_mu(f[inside][:, None], drawn.speeds[None, :])),
         np.sqrt(np.sum(np.square(factor), axis=-1)),
-        float(effect.values[0]),
-        float(np.sqrt(effect.covariance[0, 0])),
+        effect.size,
+        effect.uncertainty,
     )
 
 

@@ -171,6 +171,7 @@ class UncertaintySection(Section):
 
     tension_gain_rel: float = _share(0.002, "calibration that both load cells share")
     cell_gain_rel: float = _share(0.002, "calibration of each load cell")
+    cell_hysteresis_rel: float = _share(0.0005, "each load cell, of the change since rest")
     cell_offset_N: float = number(0.05, 0, 1e3, "N", "zero of each load cell")
     torque_gain_rel: float = _share(0.005, "torque of the friction rig")
     bearing_drag_N_m: float = number(0.01, 0, 1e3, "N m", "drag and zero left in that torque")
@@ -184,6 +185,7 @@ class UncertaintySection(Section):
     axial_stiffness_rel: float = _share(0.05, "EA")
     press_force_rel: float = _share(0.005, "load cell of the press")
     press_displacement_rel: float = _share(0.002, "travel of the press")
+    press_law_rel: float = _share(0.05, "contact law in service against the press")
     segment_length_rel: float = _share(0.005, "length of belt under the press")
     machine_compliance_mm_N: float = number(1e-6, 0, 1e-2, "mm/N", "compliance of the press")
     drive_radius_rel: float = _share(0.002, "radius of each pulley of a drive")

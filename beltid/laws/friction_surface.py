@@ -204,13 +204,20 @@ class FrictionSurface:
         """Compute the combined standard uncertainty of mu [-]: scatter and shared errors (k = 1).
 
         Outside the range it is that of the nearest node, like mu itself. Without a covariance, the
-        standard error is all that is known.
+        standard error is all that is known. Between nodes whose errors are independent, the errors
+        of an interpolated value average out, but not those of the surface: it is at least the
+        smallest relative standard error of the neighbouring nodes.
         """
         if self.factor is None:
             return self.mu_se_at(normal_force_N_m, slip_speed_m_s)
         rows = self.factor_at(normal_force_N_m, slip_speed_m_s)
-        mu = self.mu(normal_force_N_m, slip_speed_m_s)
-        return np.asarray(mu * np.linalg.norm(rows, axis=-1))[()]
+        mu, relative = self.mu(normal_force_N_m, slip_speed_m_s), np.linalg.norm(rows, axis=-1)
+        if self.mu_se_nodes is not None:
+            of_nodes = (self.mu_se_nodes / self.mu_nodes)[..., None]
+            near = self._corners(of_nodes, normal_force_N_m, slip_speed_m_s)
+            least = np.fmin.reduce([np.where(weight > 0.0, se, np.nan) for weight, se in near])
+            relative = np.fmax(relative, least[..., 0])
+        return np.asarray(mu * relative)[()]
 
     def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
@@ -260,16 +267,25 @@ class FrictionSurface:
         self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
     ) -> Array:
         """Interpolate values at the nodes (nf, nv, r) bilinearly, shape (..., r)."""
+        corners = self._corners(nodes, normal_force_N_m, slip_speed_m_s)
+        # ignore a nan neighbour with zero weight, but not a point that is nan
+        parts = [np.where(weight == 0.0, 0.0, weight * corner) for weight, corner in corners]
+        return np.asarray(sum(parts[1:], parts[0]))
+
+    def _corners(
+        self, nodes: Array, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike
+    ) -> list[tuple[Array, Array]]:
+        """Return weight (..., 1) and values (..., r) of the four neighbouring nodes."""
         (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
-        total = np.zeros((*s.shape, nodes.shape[2])) + 0.0 * (s + t)[..., None]
         last_row, last_column = len(nodes) - 1, nodes.shape[1] - 1
-        for row, weight_f in ((i, 1.0 - s), (i + 1, s)):
-            for column, weight_v in ((j, 1.0 - t), (j + 1, t)):
-                weight = (weight_f * weight_v)[..., None]
-                corner = nodes[np.minimum(row, last_row), np.minimum(column, last_column)]
-                # ignore a nan neighbour with zero weight
-                total = total + np.where(weight > 0.0, weight * corner, 0.0)
-        return total
+        return [
+            (
+                (weight_f * weight_v)[..., None],
+                nodes[np.minimum(row, last_row), np.minimum(column, last_column)],
+            )
+            for row, weight_f in ((i, 1.0 - s), (i + 1, s))
+            for column, weight_v in ((j, 1.0 - t), (j + 1, t))
+        ]
 
     @property
     def _given(self) -> tuple[Array, Array, Array, Array | None]:

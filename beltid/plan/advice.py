@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from beltid.plan.candidates import in_both_directions
 from beltid.plan.design import Knowledge, Need, RunRows, choose_runs, needed_for
 from beltid.plan.target import Target
 from beltid.uncertainty.sources import FITTED, Source
@@ -63,7 +64,8 @@ class Plan:
     Attributes
     ----------
     chosen : tuple of int
-        Numbers of the candidates, listed once per repetition; empty if the plan is to stop.
+        Numbers of the candidates, listed once per repetition; empty if the plan is to stop. With n
+        candidates, n + i is candidate i with the pulley turning the other way.
     gains : tuple of float
         Relative rise of the uncertainty if that run were left out; below zero only for a run that
         the plan must contain.
@@ -104,6 +106,7 @@ def choose_plan(
     sources: Sequence[Source],
     count: int,
     goal: float,
+    can_reverse: bool = False,
 ) -> Plan:
     """Choose the fewest runs that reach the goal; none if they are not worth their time.
 
@@ -121,7 +124,29 @@ def choose_plan(
         Largest number of runs, >= 1.
     goal : float
         Root of the mean variance of ln mu over the target that is accurate enough [-].
+    can_reverse : bool
+        Whether runs in the other direction may be planned. They are where the gain of the cells is
+        the error whose better statement would help most: it changes its sign with the direction.
     """
+    plan = _planned(before, runs, target, sources, count, goal)
+    best = plan.best_statement
+    if can_reverse and plan.stop != "goal reached" and best and best.source.error == "cell_gain":
+        both = in_both_directions(runs, sources)
+        reverse = _planned(before, both, target, sources, count, goal)
+        if reverse.chosen and reverse.after < plan.after:
+            return reverse
+    return plan
+
+
+def _planned(
+    before: Knowledge,
+    runs: RunRows,
+    target: Target,
+    sources: Sequence[Source],
+    count: int,
+    goal: float,
+) -> Plan:
+    """Choose among given candidates."""
     W = target.W
     now = before.variance(W)
     stop: Stop | None = None
@@ -135,8 +160,7 @@ def choose_plan(
         if reached <= goal**2:
             chosen = _fewest_runs(before, runs, W, chosen, goal**2)
         elif not _is_worthwhile(before, runs, W, reached):
-            stop = "runs do not help"
-            chosen = []
+            stop, chosen = "runs do not help", []
     after = before.after(runs, chosen)
     then = after.variance(W)
     shared = float(np.sum(after.changes * (W @ after.changes)))

@@ -1,13 +1,14 @@
 """Simulate each rig setting once with the present surface, and differentiate it.
 
-The rows J, S of the linear model are computed as for the refined surface: J from the
-sensitivities of the simulated rig, S as the change of measured less simulated ln mu by each
-shared error (:mod:`beltid.uncertainty.refined`). The noise of a run is
+The rows J, S of the linear model are computed as for the refined surface: J from the sensitivities
+of the simulated rig, S as the change of measured less simulated ln mu by each shared error. The
+noise of a run is
 
     v = s² [ s_r² + s_T² (1/T_tight² + 1/T_slack²) / (mu beta)² + s_m² ],                    (P6)
 
 the scatter of the friction from run to run, the scatter of the tensions in Eq. (6), and the error
-of the simulated coefficient that the surface fit allows for.
+of the simulated coefficient that the surface fit allows for. A run in the other direction has the
+same row, except that the two cells have changed places: a gain of a cell changes its sign.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,30 +25,29 @@ from scipy.optimize import nnls
 
 from beltid.errors import InputError
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
-from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.plan.design import RunRows
-from beltid.plan.prior import knots_for, speeds_for, usual_surface
+from beltid.plan.knowledge import knots_for, speeds_for, usual_surface
 from beltid.refine.curves import Curves
-from beltid.refine.effects import arc_effect
-from beltid.refine.inverse import KNOTS, MODEL_ERROR
-from beltid.refine.rig_runs import (
-    MeasuredRun,
-    RigRuns,
-    acting_forces,
-    mesh_of,
-    surfaces_of,
-    sweep_with_slopes,
-)
+from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
 from beltid.rig.model import Bench
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import MESH, changes_of_residuals, simulated_slopes
-from beltid.uncertainty.sources import Source
+from beltid.uncertainty.rig_runs import (
+    MESH,
+    Campaign,
+    RigRuns,
+    input_slopes,
+    mesh_of,
+    residual_changes,
+)
+from beltid.uncertainty.sources import ARC, Source
 
 Array = NDArray[np.float64]
+
+OF_CELLS: Final = ("cell_gain", "cell_offset")
+"""Errors of each cell, which reversing the pulley swaps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +93,8 @@ def noise_law(measured: Measured, scale: float = 1.0) -> NoiseLaw:
         )
     terms = np.column_stack([np.ones(squares.size), _tension_share(measured)])
     scaled = terms[has_error] / squares[has_error, None]
-    variances, _ = nnls(scaled, np.ones(scaled.shape[0]))
-    return NoiseLaw(float(np.sqrt(variances[0])), float(np.sqrt(variances[1])), scale)
+    friction, tension = np.sqrt(nnls(scaled, np.ones(scaled.shape[0]))[0])
+    return NoiseLaw(float(friction), float(tension), scale)
 
 
 def _tension_share(measured: Measured) -> Array:
@@ -139,8 +140,8 @@ class Candidates:
         The runs with their simulated tensions, and the bench.
     curves : Curves
         Knots and speeds of the surface.
-    J, response, speed_slope : ndarray, shape (n, size), (n,), (n,)
-        Derivatives of ln mu with respect to the parameters, ln of a factor on the surface, ln v.
+    J, speed_slope : ndarray, shape (n, size), (n,)
+        Derivatives of ln mu with respect to the parameters, and ln v.
     slopes : ndarray, shape (n, 8)
         Derivatives with respect to the inputs of the simulated rig.
     """
@@ -148,7 +149,6 @@ class Candidates:
     campaign: Campaign
     curves: Curves
     J: Array
-    response: Array
     speed_slope: Array
     slopes: Array
 
@@ -157,10 +157,16 @@ class Candidates:
         """Simulated runs."""
         return self.campaign.measured
 
+    @property
+    def can_reverse(self) -> bool:
+        """Whether reversing the pulley swaps the cells: each span has one."""
+        kind = self.measured.kind
+        return kind.measures == "two_cells" and kind.weight is None
+
     def rows(
         self, sources: Sequence[Source], noise: NoiseLaw, columns: Mapping[str, float]
     ) -> RunRows:
-        """Build the rows of the linear model.
+        """Build the rows of the linear model, one for each candidate.
 
         Parameters
         ----------
@@ -172,13 +178,30 @@ class Candidates:
         columns : mapping of str to float
             Change of ln mu per unit of each reduction error, by the key of its source.
         """
-        n = self.J.shape[0]
+        n, arc = self.J.shape[0], self.measured.arc
         shared = {key: np.full((n, 1), value) for key, value in columns.items()}
-        measured = replace(self.measured, columns=shared)
-        measured = measured.with_effects([arc_effect(measured.arc)], self.response)
-        campaign = replace(self.campaign, measured=measured)
-        S = changes_of_residuals(campaign, sources, self.slopes, self.speed_slope)
-        return RunRows(self.J, S, noise.variance(measured), measured.arc)
+        shared[ARC] = self.J.sum(axis=1)[:, None] * np.eye(int(arc.max()) + 1)[arc]
+        campaign = replace(self.campaign, measured=replace(self.measured, columns=shared))
+        S = residual_changes(campaign, sources, self.slopes, self.speed_slope)
+        return RunRows(self.J, S, noise.variance(self.measured), arc)
+
+
+def in_both_directions(rows: RunRows, sources: Sequence[Source]) -> RunRows:
+    """Append every run in the other direction, numbered after those in the first (2n).
+
+    The errors of the cells have changed places; those of one size for both cells.
+    """
+    place = {(source.error, source.place): k for k, source in enumerate(sources)}
+    swapped = [
+        place.get((s.error, 1 - s.place), k) if s.error in OF_CELLS else k
+        for k, s in enumerate(sources)
+    ]
+    return RunRows(
+        J=np.tile(rows.J, (2, 1)),
+        S=np.vstack([rows.S, rows.S[:, swapped]]),
+        variance=np.tile(rows.variance, 2),
+        arc=np.tile(rows.arc, 2),
+    )
 
 
 def simulate_candidates(
@@ -211,40 +234,35 @@ def simulate_candidates(
     ConvergenceError
         If a setting has no sliding state.
     """
-    points = settings.points()
-    surface_speed = np.array([omega * bench.rig.R for omega in settings.omegas])
-    speeds = speeds_for(surface_speed, measured)
-    arcs, _ = numbered_arcs([math.degrees(point.beta) for point in points], known_arcs_deg)
-    runs = [MeasuredRun(point, 1.0, 0.0, int(k)) for point, k in zip(points, arcs, strict=True)]
-    at = speeds[np.argmin(np.abs(np.log(surface_speed[:, None] / speeds)), axis=1)]
-    rig = RigRuns(bench, runs, np.unique(at), mesh_of(bench, runs, MESH))
-    force = np.array([point.T_0 for point in points]) / bench.rig.R
-    rough = np.log([0.2 * force.min(), 2.0 * force.max()])
-    start = usual_surface(rough, np.log(speeds)) if measured is None else measured
-    acting = acting_forces(rig, start)
+    points, R = settings.points(), bench.rig.R
+    wanted = np.array(settings.omegas) * R
+    speeds = speeds_for(wanted, measured)
+    at = speeds[np.argmin(np.abs(np.log(wanted[:, None] / speeds)), axis=1)]
+    T_0, mesh = np.array([point.T_0 for point in points]), mesh_of(bench, points, MESH)
+    start = measured
+    if start is None:
+        rough = np.log([0.2 * T_0.min() / R, 2.0 * T_0.max() / R])
+        start = usual_surface(rough, np.log(speeds))
+    acting = acting_forces(RigRuns(bench, points, np.unique(at), mesh), start)
     log_force = knots_for(float(acting[:, 1].min()), float(acting[:, 2].max()), measured, KNOTS)
     curves = Curves(log_force, np.log(speeds))
     present = usual_surface(log_force, curves.log_speed) if measured is None else measured
     log_mu = np.log(present.mu(np.exp(log_force), speeds[:, None])).ravel()
-    rig = RigRuns(bench, runs, speeds, mesh_of(bench, runs, MESH))
-    sweep = sweep_with_slopes(rig, curves, log_mu)
-    surfaces = surfaces_of(curves, log_mu)
-    tight, slack = np.array([(state.T_A, state.T_B) for _, state in rig.slide(surfaces)]).T
-    beta = np.array([point.beta for point in points])
-    mu = friction_coefficient(tight, slack, beta)
+    rig = RigRuns(bench, points, speeds, mesh)
+    done, surfaces = sweep(rig, curves, log_mu), curves.surfaces(log_mu)
     simulated = Measured(
-        R=bench.rig.R,
-        arc=arcs,
-        beta=beta,
-        T_0=np.array([point.T_0 for point in points]),
+        R=R,
+        arc=numbered_arcs(np.degrees(rig.beta), known_arcs_deg)[0],
+        beta=rig.beta,
+        T_0=T_0,
         omega=np.array([point.omega for point in points]),
-        tight=tight,
-        slack=slack,
-        mu=mu,
-        mu_se=np.zeros(mu.size),
+        tight=done.tight,
+        slack=done.slack,
+        mu=np.log(done.tight / done.slack) / rig.beta,
+        mu_se=np.zeros(rig.beta.size),
         kind=kind,
         given_force=bench.rig.given_force,
     )
     campaign = Campaign(simulated, bench, press)
-    slopes = simulated_slopes(campaign, surfaces, speeds, sweep.speed_slope)
-    return Candidates(campaign, curves, sweep.J, sweep.response, sweep.speed_slope, slopes)
+    slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
+    return Candidates(campaign, curves, done.J, done.speed_slope, slopes)

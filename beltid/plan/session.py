@@ -38,7 +38,7 @@ def schedule(
     minutes_per_run: float,
     minutes_per_arc_change: float,
 ) -> list[ScheduledRun]:
-    """Put chosen runs in order.
+    """Put chosen runs in order, with ascending arcs.
 
     Parameters
     ----------
@@ -48,20 +48,15 @@ def schedule(
         Arc, initial tension and speed of every candidate.
     minutes_per_run, minutes_per_arc_change : float
         Durations [min]; the arc of the first run is already set.
-
-    Returns
-    -------
-    list of ScheduledRun
-        The runs with ascending arcs.
     """
     ordered: list[ScheduledRun] = []
     clock = 0.0
     for arc in sorted({settings[i][0] for i in chosen}):
         clock += minutes_per_arc_change if ordered else 0.0
         on_arc = sorted((i for i in set(chosen) if settings[i][0] == arc), key=settings.__getitem__)
-        seen: dict[int, int] = {}
+        seen = dict.fromkeys(on_arc, 0)
         for i in _spread({i: chosen.count(i) for i in on_arc}):
-            seen[i] = seen.get(i, 0) + 1
+            seen[i] += 1
             ordered.append(ScheduledRun(i, seen[i], chosen.count(i), clock))
             clock += minutes_per_run
     return ordered

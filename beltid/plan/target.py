@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.plan.design import Knowledge
-from beltid.plan.prior import SAME_SPEED
+from beltid.plan.knowledge import SAME_SPEED
 from beltid.refine.curves import Curves
 
 Array = NDArray[np.float64]
 
-PLACES = 30  # forces at each speed
-REGIONS = 3  # along each axis
+PLACES: Final = 30  # forces at each speed
+REGIONS: Final = 3  # along each axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +51,16 @@ class Target:
     def regions(self) -> Iterator[NDArray[np.bool_]]:
         """Yield masks (q,) of the regions with weight, by force, then speed: thirds in ln."""
         force, speed = (_thirds(np.log(x)) for x in (self.normal_force, self.slip_speed))
-        for i in range(REGIONS):
-            for j in range(REGIONS):
-                here = (force == i) & (speed == j)
-                if self.weight[here].sum() > 0.0:
-                    yield here
+        for number in range(REGIONS**2):
+            here = (force == number // REGIONS) & (speed == number % REGIONS)
+            if self.weight[here].sum() > 0.0:
+                yield here
 
 
 def _thirds(x: Array) -> NDArray[np.intp]:
     """Return the index of the third of the range in which each value lies."""
     width = max(float(np.ptp(x)), 1.0e-12)
-    number = np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9))
-    return np.asarray(number, dtype=np.intp)
+    return np.asarray(np.floor(REGIONS * (x - x.min()) / width * (1.0 - 1.0e-9)), dtype=np.intp)
 
 
 def surface_target(
@@ -79,6 +78,5 @@ def surface_target(
     gaps = np.diff(np.log(v))
     share = 0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)) if v.size > 1 else np.ones(1)
     weight = np.repeat(share / share.sum() / PLACES, PLACES)
-    places = np.tile(f, v.size), np.repeat(v, PLACES)
     rows = np.kron(np.eye(inside.size)[inside], curves.basis(np.log(f)))
-    return Target(*places, weight, rows)
+    return Target(np.tile(f, v.size), np.repeat(v, PLACES), weight, rows)

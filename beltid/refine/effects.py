@@ -1,8 +1,8 @@
 """Effects that shift the friction of a campaign apart from the surface: arc, order, temperature.
 
 Each effect is a factor on the whole surface, ``ln mu -> ln mu + columns u`` with u normal. The data
-determine its size (:mod:`beltid.refine.evidence`): its standard deviation has a wide log-normal
-prior, and an effect that is absent does not degrade the surface.
+determine its size: its standard deviation has a wide log-normal prior, and an effect that is absent
+does not degrade the surface.
 
 - *Arcs*: one number for each setting, for a wear track or an incorrectly set arc.
 - *Run order*: run-in or wear. A steady change from the first run to the last, and its curvature:
@@ -25,23 +25,23 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
+from beltid.mixed import Size
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
+
 Array = NDArray[np.float64]
 
-ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
-TEMPERATURE = "temperature_effect"
-# prior of the standard deviation of ln mu: centre and width of its logarithm
 BEFORE = {
-    ARC: (float(np.log(3.0e-3)), 1.5),
-    ORDER: (float(np.log(1.0e-2)), 1.5),
-    COURSE: (float(np.log(3.0e-3)), 1.5),
-    TEMPERATURE: (float(np.log(1.0e-2)), 1.0),
+    ARC: Size(3.0e-3, 1.5, largest=0.3),
+    ORDER: Size(1.0e-2, 1.5, largest=0.3),
+    COURSE: Size(3.0e-3, 1.5, largest=0.3),
+    TEMPERATURE: Size(1.0e-2, 1.0, largest=0.3),
 }
-BEFORE_IF_CORRECTED = {ORDER: (float(np.log(1.0e-3)), 1.5), COURSE: (float(np.log(1.0e-3)), 1.5)}
+"""Priors of the standard deviation of ln mu."""
+IF_CORRECTED = {key: Size(1.0e-3, 1.5, largest=0.3) for key in (ORDER, COURSE)}
 WIDTHS = 2.0  # prior widths beyond which an effect casts doubt on the model of the bench
 BENDS = (2, 3, 4)  # degrees of the polynomials of the curvature over the run order
 STEP_OF_TEMPERATURE = 10.0  # K
-CLEAR = 3.0  # standard errors beyond which an effect is significant
-CONFOUNDED = 0.9  # share of an effect explained by force and speed: variance inflated tenfold
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class Effect:
     key : str
         Name of the effect and of its source of uncertainty.
     columns : ndarray, shape (n, K)
-        Change of ln mu of each run per unit of each number.
-    before : tuple of float
-        Prior centre and width of ln of the numbers' standard deviation, which the data determine.
+        Change of ln mu of each run per unit of each number, by a factor on the surface.
+    size : Size
+        Prior of the numbers' standard deviation, which the data determine.
     """
 
     key: str
     columns: Array
-    before: tuple[float, float]
+    size: Size
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,24 +73,22 @@ class EstimatedEffect:
         The effect.
     size : float
         Standard deviation of its numbers.
-    values, covariance : ndarray, shape (K,), (K, K)
-        Its numbers and their covariance.
-    explained : ndarray, shape (K,)
-        Share of each number's column that the surface can explain by force and speed of the
-        runs [-].
+    values : ndarray, shape (K,)
+        Its numbers.
+    explained : float
+        Share of the effect that the surface can explain by force and speed of the runs [-].
     """
 
     effect: Effect
     size: float
     values: Array
-    covariance: Array
-    explained: Array
+    explained: float
 
     @property
     def largest_usual(self) -> float:
         """Standard deviation of its numbers that 98 % of campaigns do not exceed."""
-        centre, width = BEFORE[self.effect.key]
-        return float(np.exp(centre + WIDTHS * width))
+        before = BEFORE[self.effect.key]
+        return float(before.median * np.exp(WIDTHS * before.width))
 
     @property
     def is_unusual(self) -> bool:
@@ -98,38 +96,31 @@ class EstimatedEffect:
         return float(np.sqrt(np.mean(np.square(self.values)))) > self.largest_usual
 
 
-def campaign_effects(
-    arc: NDArray[np.intp], order: Array, temperature: Array, reference: float | None
-) -> tuple[Effect, ...]:
+def campaign_effects(measured: Measured, reference_degC: float | None) -> tuple[Effect, ...]:
     """List the effects that the runs of a campaign can show, as factors on the surface.
 
     Parameters
     ----------
-    arc, order, temperature : ndarray, shape (n,)
-        Number of the arc setting, position in the campaign, and temperature [°C] of each run; an
-        unknown temperature is set to the mean of the others.
-    reference : float or None
+    measured : Measured
+        The runs with arc, position in the campaign and temperature; an unknown temperature is set
+        to the mean of the others.
+    reference_degC : float or None
         Temperature to which the surface is corrected [°C]; None means that of the runs.
     """
-    priors = BEFORE if reference is None else {**BEFORE, **BEFORE_IF_CORRECTED}
-    effects = []
-    if np.unique(arc).size > 1:
-        effects.append(arc_effect(arc))
+    priors = BEFORE if reference_degC is None else {**BEFORE, **IF_CORRECTED}
+    n = measured.mu.size
+    order = np.arange(n) if measured.order is None else measured.order
+    T = np.full(n, np.nan) if measured.temperature_degC is None else measured.temperature_degC
+    columns = {}
+    if np.unique(measured.arc).size > 1:
+        columns[ARC] = np.eye(int(measured.arc.max()) + 1)[measured.arc]
     if np.ptp(order) > 0.0:
         x = 2.0 * (order - order.min()) / np.ptp(order) - 1.0
-        bends = np.column_stack([Legendre.basis(k)(x) / k**2 for k in BENDS])
-        effects.append(Effect(ORDER, 0.5 * x[:, None], priors[ORDER]))
-        effects.append(Effect(COURSE, bends, priors[COURSE]))
-    measured = np.isfinite(temperature)
-    if measured.any():
-        mean = float(temperature[measured].mean())
-        above = np.where(measured, temperature, mean) - (mean if reference is None else reference)
-        if np.any(above):
-            columns = above[:, None] / STEP_OF_TEMPERATURE
-            effects.append(Effect(TEMPERATURE, columns, priors[TEMPERATURE]))
-    return tuple(effects)
-
-
-def arc_effect(arc: NDArray[np.intp]) -> Effect:
-    """Build the effect with one number per arc setting from the setting of each run (n,)."""
-    return Effect(ARC, np.eye(int(arc.max()) + 1)[arc], BEFORE[ARC])
+        columns[ORDER] = 0.5 * x[:, None]
+        columns[COURSE] = np.column_stack([Legendre.basis(k)(x) / k**2 for k in BENDS])
+    known = np.isfinite(T)
+    if known.any():
+        mean = float(T[known].mean())
+        above = np.where(known, T, mean) - (mean if reference_degC is None else reference_degC)
+        columns[TEMPERATURE] = above[:, None] / STEP_OF_TEMPERATURE
+    return tuple(Effect(key, Z, priors[key]) for key, Z in columns.items() if np.any(Z))

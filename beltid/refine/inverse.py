@@ -4,22 +4,21 @@ The published procedure assigns each measured coefficient to the mean force of E
 bending, which causes force peaks where the belt enters and leaves the pulley. Here the rig is
 simulated (its sliding limit, with sensitivities), and Gauss–Newton finds the surface for which
 Eq. (6), applied to the simulated tensions, gives each measured coefficient. The shape of the
-surface is free. The data determine its smoothness (:mod:`beltid.refine.evidence`) and the other
-effects on friction (:mod:`beltid.refine.effects`).
+surface is free. The data determine its smoothness and the other effects on friction
+(:mod:`beltid.refine.posterior`).
 
-Errors that runs share have stated standard uncertainties. The data determine how much of them is
-there, and the size of the effects beyond them: an incorrectly set arc counts once, as the stated
-error. The surface itself is not corrected for the errors estimated from the runs: a bench without
-them would lose accuracy, since such an error and a model error leave similar traces. It is
-corrected only for the effects, in the size that the stated errors leave to them.
-:mod:`beltid.uncertainty.refined` propagates the errors.
+The surface is found twice, the second time with the errors that runs share, whose effect on each
+run is taken at the first. An error e of the bench changes the surface by G de, with the gain G of
+the solution (implicit differentiation of least squares) and the change de of measured minus
+simulated ln mu: without a new fit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,47 +27,43 @@ from beltid.errors import BeltidError, ConvergenceError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.refine.curves import Curves
 from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
-from beltid.refine.evidence import (
-    SMALLEST_SCALE,
-    LinearModel,
-    Smoothness,
-    Solution,
-    choose_smoothness,
-    log_evidence_for,
-)
-from beltid.refine.rig_runs import (
-    MeasuredRun,
+from beltid.refine.posterior import LinearRuns, Sizes, Solution
+from beltid.uncertainty.budget import SurfaceUncertainty, factor_of
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.rig_runs import (
+    Campaign,
     RigRuns,
-    Sweep,
-    acting_forces,
+    input_slopes,
     mesh_of,
-    sweep_with_slopes,
+    residual_changes,
 )
-from beltid.rig.model import Bench
-
-__all__ = ["MeasuredRun", "RefinedSurface", "refine_surface"]
+from beltid.uncertainty.sources import Source, effect_sources
 
 Array = NDArray[np.float64]
 
-KNOTS = 12  # over the range of the surface, and its nodes over the force
-FINER_MESH = 1.5  # number of elements over the default, so that the mesh adds no bias
-MODEL_ERROR = 2.0e-4
+KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
+FINER_MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
+MODEL_ERROR: Final = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
 
 A mesh four times finer changes the coefficient by 0.002 to 0.02 %, and an independent model differs
 by 0.007 %. A larger value would shift weight from quiet runs to noisy ones, and the common noise
 scale would come out too small."""
-MOST_ITERATIONS = 40
-TOLERANCE = 1.0e-5  # change of ln mu at which the iteration ends
-NEARLY = (
-    1.0e-4  # change of ln mu up to which a result that is still changing is used, with a warning
-)
-LARGEST_CHANGE = 0.5  # largest change of ln mu of a run in one iteration
-CHOICES = 6  # number of iterations that choose weights and smoothness again
-DECREASE = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
-HALVINGS = 7  # halvings of a step before it is given up
-NOTHING = 0.1  # misfit left to gain that is negligible: a third of a standard error
-OUTLIER = 3.5  # misfit in standard errors beyond which a run loses weight
+SHARES: Final = (5.0e-4, 5.0e-3)
+"""Shares of a run's normal load that act below the lowest knot and below the range of the surface.
+
+Below the lowest knot the nearest value applies, even if the law continues to rise: with a share of
+0.5 % the whole surface came out 0.02 to 0.04 % too high."""
+MOST_ITERATIONS: Final = 40
+TOLERANCE: Final = 1.0e-5  # change of ln mu at which the iteration ends
+NEARLY: Final = 1.0e-4  # change of ln mu up to which a result is used with a warning
+LARGEST_CHANGE: Final = 0.5  # largest change of ln mu of a run in one iteration
+CHOICES: Final = 6  # number of iterations that choose weights and sizes again
+DECREASE: Final = 1.0e-4  # required decrease of the misfit over that of its tangent (Armijo)
+HALVINGS: Final = 7  # halvings of a step before it is given up
+NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
+OUTLIER: Final = 3.5  # misfit in standard errors beyond which a run loses weight
+LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,68 +73,104 @@ class RefinedSurface:
     Attributes
     ----------
     surface : FrictionSurface
-        The surface with the standard errors of its nodes.
+        The surface with the standard errors of its nodes by scatter and effects.
     curves : Curves
         The splines from which the surface was tabulated.
-    parameters, covariance : ndarray, shape (size,), (size, size)
-        ln mu at the knots and its covariance.
-    smoothness : Smoothness
-        Hyperparameters chosen by the data.
-    effective_parameters : float
-        Number of parameters that the data determine.
+    parameters : ndarray, shape (size,)
+        ln mu at the knots, speed by speed.
+    campaign : Campaign
+        Its runs, with the effects that they show.
+    sources : tuple of Source
+        Errors that runs share, then the effects.
+    changes : ndarray, shape (size, K)
+        Change of the parameters by one standard uncertainty of each source.
+    scatter : ndarray, shape (size, size)
+        Covariance of the parameters by scatter from run to run and by what is smoothed away.
+    sizes : mapping of str to float
+        Sizes of noise, scatter, curve, difference, effects, stated errors, chosen by the data.
+    runs : LinearRuns
+        The runs, linearised about the solution.
+    solution : Solution
+        The estimate.
+    weight : ndarray, shape (n,)
+        Weight of the runs in the fit [-]: 1, less for outliers.
     iterations : int
         Gauss–Newton iterations.
     still_changing : float
         Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0.
     misfit_before, misfit_after : ndarray, shape (n,)
-        Simulated over measured coefficient minus one, with the initial and with the refined
-        surface.
-    weight : ndarray, shape (n,)
-        Weight of the runs in the fit [-]: 1, less for outliers.
-    errors : ndarray, shape (n,)
-        Standard errors of ln mu of the runs as used in the fit, including noise scale, run-to-run
-        scatter and weight.
-    noise_scale : float
-        Scatter of the runs about the surface and the effects in units of their stated standard
-        errors, root mean square [-].
-    J, gain : ndarray, shape (n, size), (size, n)
-        Derivatives of ln mu of the runs with respect to the parameters, and of the parameters with
-        respect to ln mu of the runs.
-    speed_slope : ndarray, shape (n,)
-        Derivative of the simulated ln mu with respect to ln v of the run.
+        Simulated over measured coefficient minus one, with the initial and the refined surface.
+    J : ndarray, shape (n, size)
+        Derivatives of ln mu of the runs with respect to the parameters.
+    gain : ndarray, shape (size, n)
+        Derivatives of the parameters with respect to ln mu of the runs.
+    slopes, speed_slope : ndarray, shape (n, 8), (n,)
+        Derivatives of the simulated ln mu of each run by the ln of each input, and by ln v.
     effects : tuple of EstimatedEffect
-        Effects on the friction apart from the surface. The part of an effect that the surface can
-        represent, too, cannot be identified; the covariance of both includes it.
-    effects_covariance : ndarray, shape (K, K)
-        Covariance of the numbers of all effects, in order, including the uncertainty due to the
-        stated errors.
-    stated : ndarray, shape (K,)
-        The errors that runs share as estimated from the runs, in units of their stated standard
-        uncertainties; the surface is not corrected for them. Empty if no error was stated.
-    model : LinearModel
-        The model, linearised about the solution, for which the hyperparameters were chosen.
+        Effects on the friction apart from the surface.
     """
 
     surface: FrictionSurface
     curves: Curves
     parameters: Array
-    covariance: Array
-    smoothness: Smoothness
-    effective_parameters: float
+    campaign: Campaign
+    sources: tuple[Source, ...]
+    changes: Array
+    scatter: Array
+    sizes: Sizes
+    runs: LinearRuns
+    solution: Solution
+    weight: Array
     iterations: int
     still_changing: float
     misfit_before: Array
     misfit_after: Array
-    weight: Array
-    errors: Array
-    noise_scale: float
     J: Array
     gain: Array
+    slopes: Array
     speed_slope: Array
     effects: tuple[EstimatedEffect, ...]
-    effects_covariance: Array
-    stated: Array
-    model: LinearModel
+
+    @property
+    def response(self) -> Array:
+        """Derivative of ln mu of the runs (n,) with respect to ln of a factor on the surface."""
+        return np.asarray(self.J.sum(axis=1))
+
+    @property
+    def noise_scale(self) -> float:
+        """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
+        return float(np.sqrt(np.mean(self.runs.variance(self.sizes))))
+
+    @property
+    def effective_parameters(self) -> float:
+        """Number of parameters that the data determine."""
+        return self.solution.determined
+
+    @property
+    def uncertainty(self) -> SurfaceUncertainty:
+        """Covariance of ln mu at the nodes by its causes."""
+        forces = self.surface.normal_force_N_m
+        return SurfaceUncertainty(
+            surface=self.surface,
+            sources=self.sources,
+            changes=self.curves.at_nodes(forces, self.changes),
+            scatter=self.curves.at_nodes(forces, factor_of(self.scatter)),
+            arcs_deg=self.campaign.measured.arcs_deg,
+            degrees_of_freedom=max(self.J.shape[0] - self.effective_parameters, 1.0),
+        )
+
+    def stated_errors(self) -> dict[str, tuple[float, float]]:
+        """Return the stated errors as the runs show them: name -> error and standard deviation.
+
+        Both are in stated standard uncertainties; of several sources of a name the most certain
+        error counts.
+        """
+        found: dict[str, tuple[float, float]] = {}
+        errors = zip(*self.runs.stated_errors(self.sizes), strict=True)
+        for source, (mean, sd) in zip(self.sources, errors, strict=False):
+            if source.name not in found or sd < found[source.name][1]:
+                found[source.name] = float(mean), float(sd)
+        return found
 
     def convergence_warnings(self) -> tuple[str, ...]:
         """Return a sentence if the iteration did not converge."""
@@ -154,46 +185,23 @@ class RefinedSurface:
         """Look up an effect by its key; None if the runs cannot show it."""
         return next((entry for entry in self.effects if entry.effect.key == key), None)
 
-    def log_evidence_for(self, *keys: str) -> float:
-        """Compute the log probability ratio of the runs with and without some effects.
-
-        It is near zero or below if the surface, other effects and stated errors explain as much.
-        """
-        chosen = [k for k, entry in enumerate(self.effects) if entry.effect.key in keys]
-        return log_evidence_for(self.model, self.smoothness, chosen)
-
-    @property
-    def columns_of_effects(self) -> dict[str, Array]:
-        """Change of ln mu of the runs per unit of each number of an effect, (n, K_e), by key."""
-        return {entry.effect.key: entry.effect.columns for entry in self.effects}
-
-    @property
-    def response(self) -> Array:
-        """Derivative of ln mu of the runs (n,) with respect to ln of a factor on the surface."""
-        return np.asarray(self.J.sum(axis=1))
-
 
 def refine_surface(
-    bench: Bench,
-    runs: Sequence[MeasuredRun],
+    campaign: Campaign,
     speeds: Array,
-    *,
-    stated: Array | None = None,
+    sources: Sequence[Source] = (),
     reference_degC: float | None = None,
 ) -> RefinedSurface:
     """Find the surface for which the simulated rig gives every measured coefficient.
 
     Parameters
     ----------
-    bench : Bench
-        Belt, rig, normal law, and the initial surface (from the published procedure).
-    runs : sequence of MeasuredRun
-        The measured runs at all arcs.
+    campaign : Campaign
+        Runs at all arcs, and bench with the initial surface (from the published procedure).
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
-    stated : ndarray, shape (n, K), optional
-        Change of measured minus simulated ln mu of each run for one standard uncertainty of each
-        error that runs share. The effects are what these errors do not explain.
+    sources : sequence of Source
+        Errors that runs share. The effects are what these errors do not explain.
     reference_degC : float, optional
         Temperature to which the surface is corrected [°C]; by default that of the runs.
 
@@ -204,196 +212,274 @@ def refine_surface(
     ConvergenceError
         If a run cannot be simulated, or the iteration does not converge.
     """
-    if len(runs) < 4:
-        raise InputError(f"{len(runs)} runs to refine a surface from, at least 4 are needed")
-    rig = RigRuns(bench, runs, np.asarray(speeds, dtype=float), mesh_of(bench, runs, FINER_MESH))
+    measured, bench = campaign.measured, campaign.bench
+    if measured.mu.size < 4:
+        count = measured.mu.size
+        raise InputError(f"{count} runs to refine a surface from, at least 4 are needed")
+    points = measured.points
+    rig = RigRuns(bench, points, speeds, mesh_of(bench, points, FINER_MESH))
     empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
     if empty:
         raise InputError(f"no run at the speeds {', '.join(empty)}")
-    acting = acting_forces(rig, bench.surface)
-    lowest, low = acting[:, :2].min(axis=0)
-    high = acting[:, 2].max()
-    curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
-    forces = np.geomspace(low, high, KNOTS)
-    grid_f, grid_v = np.exp(curves.log_force), rig.speeds
-    start = np.log(bench.surface.mu(grid_f[None, :], grid_v[:, None])).ravel()
-    measured = np.log([run.mu for run in runs])
-    errors = np.hypot([run.mu_se / run.mu for run in runs], MODEL_ERROR)
-    effects = campaign_effects(
-        np.array([run.arc for run in runs]),
-        np.array([run.order for run in runs]),
-        np.array([run.temperature_degC for run in runs]),
-        reference_degC,
-    )
-    shared = np.zeros((len(runs), 0)) if stated is None else stated
-    problem = _Problem(rig, curves, measured, errors, effects, shared)
-    fit = _gauss_newton(problem, start)
-    last = sweep_with_slopes(rig, curves, fit.parameters)
-    variance = fit.model.variance(fit.smoothness)
-    solution = fit.model.solve_surface(fit.smoothness)
+    effects = campaign_effects(measured, reference_degC)
+    slopes, changes = np.zeros((measured.mu.size, 8)), np.zeros((measured.mu.size, 0))
+    problem = Problem.of(rig, bench.surface, measured, effects, changes)
+    fit = first = problem.solved(bench.surface)
+    if sources:
+        parameters, by_speed = problem.B @ first.coordinates, first.sweep.speed_slope
+        surfaces = problem.curves.surfaces(parameters)
+        slopes = input_slopes(campaign, surfaces, rig.speeds, by_speed)
+        changes = residual_changes(campaign, sources, slopes, by_speed)
+        # again with the stated errors, so that the effects do not explain them too
+        start = problem.tabulated(parameters)
+        problem = Problem.of(rig, start, measured, effects, -changes)
+        fit = problem.solved(start)
+    B, solution, J = problem.B, fit.solution, fit.sweep.J
+    scale = np.sqrt(fit.weight) / problem.errors
+    gain = B @ solution.gain * scale
+    estimated, shifted, columns = [], measured, [changes]
+    added: list[Source] = []
+    for effect, values in zip(effects, _split(effects, solution.effects), strict=True):
+        size = fit.sizes[effect.key]
+        of_runs = effect.columns * J.sum(axis=1)[:, None]
+        share = fit.runs.explained(of_runs * scale[:, None], fit.sizes)
+        weight = np.square(values) * np.mean(np.square(effect.columns), axis=0)
+        explained = float(np.average(share, weights=weight if np.any(weight) else None))
+        estimated.append(EstimatedEffect(effect, size, values, explained))
+        shifted = shifted.with_columns(effect.key, of_runs)
+        columns.append(size * of_runs)
+        added += effect_sources(effect.key, size, values.size)
+    by_source = gain @ np.hstack(columns)
+    scatter = B @ solution.covariance @ B.T
+    by_effects = by_source[:, len(sources) :]
+    parameters, covariance = B @ fit.coordinates, scatter + by_effects @ by_effects.T
     return RefinedSurface(
-        surface=_tabulated(curves, fit.parameters, solution.covariance, forces),
-        curves=curves,
-        parameters=fit.parameters,
-        covariance=solution.covariance,
-        smoothness=fit.smoothness,
-        effective_parameters=fit.model.effective_parameters(fit.smoothness),
+        surface=problem.tabulated(parameters, covariance),
+        curves=problem.curves,
+        parameters=parameters,
+        campaign=replace(campaign, measured=shifted),
+        sources=(*sources, *added),
+        changes=by_source,
+        scatter=scatter,
+        sizes=fit.sizes,
+        runs=fit.runs,
+        solution=solution,
+        weight=fit.weight,
         iterations=fit.iterations,
         still_changing=fit.still_changing,
-        misfit_before=np.expm1(fit.log_mu_before - measured),
-        misfit_after=np.expm1(last.log_mu - measured),
-        weight=fit.weight,
-        errors=errors * np.sqrt(variance / fit.weight),
-        noise_scale=float(np.sqrt(np.mean(variance))),
-        J=last.J,
-        gain=solution.gain * (np.sqrt(fit.weight) / errors),
-        speed_slope=last.speed_slope,
-        effects=_estimated(effects, fit.model, fit.smoothness, solution),
-        effects_covariance=solution.effects_covariance,
-        stated=fit.model.solve(fit.smoothness).effects[fit.model.effects_count :],
-        model=fit.model,
+        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
+        misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
+        J=J,
+        gain=gain,
+        slopes=slopes,
+        speed_slope=fit.sweep.speed_slope,
+        effects=tuple(estimated),
     )
 
 
-def _estimated(
-    effects: Sequence[Effect], model: LinearModel, smoothness: Smoothness, solution: Solution
-) -> tuple[EstimatedEffect, ...]:
-    """Divide the numbers of all effects and their covariance among the effects."""
-    estimates, first = [], 0
-    parts = zip(effects, smoothness.effects, model.effects, strict=True)
-    for effect, size, columns in parts:
-        own = slice(first, first + effect.columns.shape[1])
-        covariance = solution.effects_covariance[own, own]
-        explained = model.explained_by_surface(smoothness, columns)
-        estimates.append(
-            EstimatedEffect(effect, size, solution.effects[own], covariance, explained)
-        )
-        first = own.stop
-    return tuple(estimates)
-
-
 @dataclass(frozen=True, slots=True)
-class _Problem:
-    """The runs on the simulated rig and their measured values, arrays (n,)."""
+class Sweep:
+    """All runs simulated with one surface.
 
-    rig: RigRuns
-    curves: Curves
+    Attributes
+    ----------
+    tight, slack : ndarray, shape (n,)
+        Tensions [N].
+    log_mu : ndarray, shape (n,)
+        Logarithms of the coefficients at the speed of each run.
+    J : ndarray, shape (n, size)
+        Derivatives of ``log_mu`` with respect to the parameters.
+    speed_slope : ndarray, shape (n,)
+        Derivative of ``log_mu`` with respect to ln v of the run.
+    """
+
+    tight: Array
+    slack: Array
     log_mu: Array
-    errors: Array
-    effects: tuple[Effect, ...]
-    stated: Array
+    J: Array
+    speed_slope: Array
 
-    def linearised(
-        self, sweep: Sweep, parameters: Array, weight: Array, response: Array
-    ) -> LinearModel:
-        """Linearise the data over their standard errors about simulated runs, all errors unknown.
 
-        `response` (n,) is the sensitivity to effects and scatter. It changes only when the
-        hyperparameters are chosen again.
-        """
-        scale = np.sqrt(weight) / self.errors
-        return LinearModel(
-            J=sweep.J * scale[:, None],
-            y=(self.log_mu - sweep.log_mu + sweep.J @ parameters) * scale,
-            bending=self.curves.bending(),
-            difference=self.curves.difference(),
-            response=response / self.errors,
-            effects=[effect.columns * (scale * response)[:, None] for effect in self.effects],
-            before=[effect.before for effect in self.effects],
-            stated=self.stated * scale[:, None],
-        )
+def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
+    """Simulate every run with the surface of its speed and compute the derivatives."""
+    n, k = rig.label.size, curves.log_force.size
+    J, speed_slope = np.zeros((n, parameters.size)), np.zeros(n)
+    # small deviations from the speed of the group are corrected by the slope between the speeds
+    by_speed = np.zeros((curves.log_speed.size, k))
+    if curves.log_speed.size > 1:
+        gradient = np.gradient(curves.by_speed(parameters), curves.log_speed, axis=0)
+        by_speed = np.asarray(gradient, dtype=float)
+    runs = rig.slide(curves.surfaces(parameters))
+    for i, run in enumerate(runs):
+        j = int(rig.label[i])
+        row = run.weight @ curves.basis(np.log(run.force))
+        J[i, j * k : (j + 1) * k] = row
+        speed_slope[i] = float(row @ by_speed[j])
+    tight, slack, mu = np.array([(run.tight, run.slack, run.mu) for run in runs]).T
+    return Sweep(tight, slack, np.log(mu) + rig.off_speed * speed_slope, J, speed_slope)
+
+
+def acting_forces(rig: RigRuns, start: FrictionSurface) -> Array:
+    """Return line forces at each speed (m, 3) [N/m]: limits of both :data:`SHARES`, and peak."""
+    acting = np.empty((rig.label.size, 3))
+    for i, run in enumerate(rig.slide([start] * rig.speeds.size)):
+        order = np.argsort(run.force)
+        share = np.cumsum(run.load[order])
+        acting[i, :2] = np.interp(SHARES, share / share[-1], run.force[order])
+        acting[i, 2] = run.force.max()
+    by_speed = [acting[rig.label == j] for j in range(rig.speeds.size)]
+    return np.array([[*of.min(axis=0)[:2], of[:, 2].max()] for of in by_speed])
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
-    """End of the iteration: parameters after the last step, model and weights used for it."""
+class Fit:
+    """End of the iteration: coordinates after the last step, model and weights used for it."""
 
-    parameters: Array
-    model: LinearModel
-    smoothness: Smoothness
+    coordinates: Array
+    sweep: Sweep
+    runs: LinearRuns
+    sizes: Sizes
+    solution: Solution
     weight: Array
     log_mu_before: Array
     iterations: int
     still_changing: float = 0.0
 
 
-def _gauss_newton(problem: _Problem, start: Array) -> _Fit:
-    """Iterate with damping; choose weights and hyperparameters again a few times, then freeze them.
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """The runs on the simulated rig and their measured values, arrays (n,)."""
 
-    Each step decreases the penalised misfit with the weights and hyperparameters from which it was
-    computed, so that the iteration cannot cycle. They are chosen again only if the linear model was
-    just valid for a whole step, or if the misfit decreases no further.
-    """
-    chosen = Smoothness(bending=10.0, difference=10.0, noise_scale=1.0)
-    parameters, weight = start, np.ones(problem.log_mu.size)
-    residual = np.zeros(problem.log_mu.size)  # in standard errors
-    share, change, choices, iteration = 1.0, np.inf, 0, 0
-    try:
-        sweep = sweep_with_slopes(problem.rig, problem.curves, parameters)
-        log_mu_before, response = sweep.log_mu, sweep.response
-        for iteration in range(1, MOST_ITERATIONS + 1):
-            fresh = choices < CHOICES and share in (0.0, 1.0)
-            if fresh:
-                weight, response, choices = _weights(residual), sweep.response, choices + 1
-            model = problem.linearised(sweep, parameters, weight, response)
-            if fresh:
-                chosen = choose_smoothness(model, chosen)
-            surface = model.solve_surface(chosen)
-            scale = np.sqrt(weight) / problem.errors
-            residual = model.residual(model.solve(chosen))
-            residual = residual / np.sqrt(weight * model.variance(chosen))
-            step = surface.parameters - parameters
-            # effect of the step on the data: knots that carry no load may drift
-            change = float(np.max(np.abs(sweep.J @ step)))
-            merit = _Merit(problem, model, chosen, model.shifts(surface), scale)
-            share, ended = 0.0, change <= TOLERANCE
-            if not ended:
-                share, sweep = merit.descend(parameters, step, sweep)
-                parameters = parameters + share * step
-                ended = share == 0.0 and merit.along(step) <= NOTHING
-            if ended and (fresh or choices == CHOICES):
-                return _Fit(parameters, model, chosen, weight, log_mu_before, iteration)
-            if share == 0.0 and choices == CHOICES:
-                break
-    except BeltidError as error:
+    rig: RigRuns
+    curves: Curves
+    forces: Array
+    log_mu: Array
+    errors: Array
+    effects: tuple[Effect, ...]
+    stated: Array
+
+    @classmethod
+    def of(
+        cls,
+        rig: RigRuns,
+        start: FrictionSurface,
+        measured: Measured,
+        effects: tuple[Effect, ...],
+        stated: Array,
+    ) -> Self:
+        """Place knots and nodes where forces act with a surface."""
+        acting = acting_forces(rig, start)
+        lowest, low, high = acting[:, 0].min(), acting[:, 1].min(), acting[:, 2].max()
+        errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
+        curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
+        forces = np.geomspace(low, high, KNOTS)
+        return cls(rig, curves, forces, np.log(measured.mu), errors, effects, stated)
+
+    @property
+    def B(self) -> Array:
+        """Parameters per unit of each coordinate (size, size)."""
+        return np.hstack(list(self.curves.coordinates().values()))
+
+    @property
+    def parts(self) -> Mapping[str, slice]:
+        """Place of each part of the surface among the coordinates; empty ones are left out."""
+        widths = {name: Z.shape[1] for name, Z in self.curves.coordinates().items()}
+        ends = np.cumsum([0, *widths.values()]).tolist()
+        places = zip(widths, ends[:-1], ends[1:], strict=True)
+        return {name: slice(a, b) for name, a, b in places if b > a}
+
+    def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
+        """Linearise the data over their standard errors about simulated runs.
+
+        `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
+        are chosen again.
+        """
+        scale = np.sqrt(weight) / self.errors
+        X = done.J @ self.B
+        return LinearRuns(
+            y=(self.log_mu - done.log_mu + X @ at) * scale,
+            X=X * scale[:, None],
+            parts=self.parts,
+            response=response / self.errors,
+            effects=tuple(
+                replace(effect, columns=effect.columns * (scale * response)[:, None])
+                for effect in self.effects
+            ),
+            stated=self.stated * scale[:, None],
+        )
+
+    def tabulated(self, parameters: Array, covariance: Array | None = None) -> FrictionSurface:
+        """Tabulate the curves at the nodes, with standard errors if the covariance is known."""
+        mu, se = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0]), None
+        if covariance is not None:
+            factor = self.curves.at_nodes(self.forces, factor_of(covariance))
+            se = mu * np.sqrt(np.sum(np.square(factor), axis=-1))
+        return FrictionSurface(self.forces, self.rig.speeds, mu, se)
+
+    def solved(self, start: FrictionSurface) -> Fit:
+        """Iterate with damping; choose weights and sizes again a few times, then freeze them.
+
+        Each step decreases the penalised misfit with the weights and sizes from which it was
+        computed, so that the iteration cannot cycle. They are chosen again only if the linear model
+        was just valid for a whole step, or if the misfit decreases no further.
+        """
+        log_mu = np.log(start.mu(np.exp(self.curves.log_force), self.rig.speeds[:, None]))
+        at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
+        weight, residual = np.ones(self.log_mu.size), np.zeros(self.log_mu.size)
+        sizes: dict[str, float] = {}
+        share, change, choices, iteration = 1.0, np.inf, 0, 0
+        try:
+            done = sweep(self.rig, self.curves, self.B @ at)
+            before = done.log_mu
+            response: Array = done.J.sum(axis=1)
+            for iteration in range(1, MOST_ITERATIONS + 1):
+                fresh = choices < CHOICES and share in (0.0, 1.0)
+                if fresh:
+                    weight, response = _weights(residual), done.J.sum(axis=1)
+                    choices += 1
+                runs = self.linearised(done, at, weight, response)
+                if fresh:
+                    sizes = runs.choose(sizes)
+                solution = runs.solve(sizes)
+                residual = solution.residual / np.sqrt(weight)
+                step = solution.coordinates - at
+                # effect of the step on the data: knots that carry no load may drift
+                change = float(np.max(np.abs(done.J @ (self.B @ step))))
+                share, ended = 0.0, change <= TOLERANCE
+                if not ended:
+                    gain = runs.misfit(runs.X @ step, step, sizes)
+                    share, done = self._descend(at, step, done, runs, solution, sizes, weight)
+                    at = at + share * step
+                    ended = share == 0.0 and gain <= NOTHING
+                if ended and (fresh or choices == CHOICES):
+                    return Fit(at, done, runs, sizes, solution, weight, before, iteration)
+                if share == 0.0 and choices == CHOICES:
+                    break
+        except BeltidError as error:
+            raise ConvergenceError(
+                [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
+                iterations=iteration,
+                residual=change,
+            ) from error
+        if change <= NEARLY:
+            return Fit(at, done, runs, sizes, solution, weight, before, iteration, change)
         raise ConvergenceError(
-            [f"refined surface, iteration {iteration}: {line}" for line in error.problems],
+            f"refined surface: no convergence in {iteration} iterations (last change of mu "
+            f"{100 * change:.2g} %)",
             iterations=iteration,
             residual=change,
-        ) from error
-    if change <= NEARLY:
-        return _Fit(parameters, model, chosen, weight, log_mu_before, iteration, change)
-    raise ConvergenceError(
-        f"refined surface: no convergence in {iteration} iterations (last change of mu "
-        f"{100 * change:.2g} %)",
-        iterations=iteration,
-        residual=change,
-    )
+        )
 
-
-@dataclass(frozen=True, slots=True)
-class _Merit:
-    """The penalised misfit of simulated runs with fixed effects, weights and hyperparameters."""
-
-    problem: _Problem
-    model: LinearModel
-    smoothness: Smoothness
-    shifts: Array
-    scale: Array
-
-    def at(self, sweep: Sweep, parameters: Array) -> float:
-        """Compute the misfit of runs simulated with given parameters."""
-        residual = (self.problem.log_mu - sweep.log_mu) * self.scale - self.shifts
-        return self.model.misfit(residual, parameters, self.smoothness)
-
-    def along(self, step: Array) -> float:
-        """Compute the decrease of the misfit of the linear model by a Gauss-Newton step.
-
-        It is the square of the step in standard errors of the solution.
-        """
-        return self.model.misfit(self.model.J @ step, step, self.smoothness)
-
-    def descend(self, parameters: Array, step: Array, sweep: Sweep) -> tuple[float, Sweep]:
+    def _descend(
+        self,
+        at: Array,
+        step: Array,
+        done: Sweep,
+        runs: LinearRuns,
+        solution: Solution,
+        sizes: Sizes,
+        weight: Array,
+    ) -> tuple[float, Sweep]:
         """Find the largest share of a step, 1, 1/2, ..., with enough decrease, and its runs.
 
         Raises
@@ -401,26 +487,33 @@ class _Merit:
         BeltidError
             If the runs cannot be simulated with the shortest share.
         """
-        initial, required = self.at(sweep, parameters), 2.0 * DECREASE * self.along(step)
-        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(sweep.J @ step))))
+        scale = np.sqrt(weight) / self.errors
+
+        def merit(simulated: Sweep, coordinates: Array) -> float:
+            residual = (self.log_mu - simulated.log_mu) * scale - solution.shifts
+            return runs.misfit(residual, coordinates, sizes)
+
+        initial = merit(done, at)
+        required = 2.0 * DECREASE * runs.misfit(runs.X @ step, step, sizes)
+        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(done.J @ (self.B @ step)))))
         for last in np.arange(HALVINGS) == HALVINGS - 1:
-            trial = parameters + share * step
+            trial = at + share * step
             try:
-                trial_sweep = sweep_with_slopes(self.problem.rig, self.problem.curves, trial)
+                simulated = sweep(self.rig, self.curves, self.B @ trial)
             except BeltidError:
                 if last:
                     raise
             else:
-                if self.at(trial_sweep, trial) <= initial - share * required:
-                    return share, trial_sweep
+                if merit(simulated, trial) <= initial - share * required:
+                    return share, simulated
             share *= 0.5
-        return 0.0, sweep
+        return 0.0, done
 
 
 def _weights(misfit: Array) -> Array:
     """Compute weights that are smaller for outliers, judged by the median misfit."""
-    scale = max(1.4826 * float(np.median(np.abs(misfit))), SMALLEST_SCALE)
-    return np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER))
+    scale = max(1.4826 * float(np.median(np.abs(misfit))), LEAST_SCALE)
+    return np.asarray(np.square(OUTLIER / np.maximum(np.abs(misfit) / scale, OUTLIER)))
 
 
 def _knots(lowest: float, low: float, high: float) -> Array:
@@ -433,12 +526,7 @@ def _knots(lowest: float, low: float, high: float) -> Array:
     return np.concatenate([below, inside])
 
 
-def _tabulated(
-    curves: Curves, parameters: Array, covariance: Array, forces: Array
-) -> FrictionSurface:
-    """Tabulate the curves on a grid of forces (nf,) [N/m] and speeds, with standard errors."""
-    basis = curves.basis(np.log(forces))
-    shape = curves.log_speed.size, curves.log_force.size
-    mu = np.exp(basis @ parameters.reshape(shape).T)
-    variance = np.einsum("nk,jkjl,nl->nj", basis, covariance.reshape(shape * 2), basis)
-    return FrictionSurface(forces, np.exp(curves.log_speed), mu, mu * np.sqrt(variance))
+def _split(effects: Sequence[Effect], values: Array) -> list[Array]:
+    """Divide the numbers of all effects among them."""
+    ends = np.cumsum([effect.columns.shape[1] for effect in effects])
+    return np.split(values, ends[:-1]) if effects else []

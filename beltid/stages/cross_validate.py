@@ -17,8 +17,8 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import AgreementResult, Statistics
 from beltid.identify.agreement.hold_out import FEWEST, Fold, HoldOut, between_speeds, folds
 from beltid.notes import log
-from beltid.refine.effects import ARC
-from beltid.refine.evidence import BENDING_BEFORE
+from beltid.refine.inverse import refine_surface
+from beltid.refine.posterior import CURVE, PRIORS
 from beltid.stage import Outcome
 from beltid.stages.columns import flat
 from beltid.stages.compare import agreement
@@ -28,7 +28,6 @@ from beltid.stages.refinement import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
-    refined_uncertainty,
     rig_of_runs,
     shared_sources,
     usable_runs,
@@ -37,14 +36,21 @@ from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers, threads
 from beltid.uncertainty.measured import measured_runs, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import refined_campaign
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
     SimulatedUncertainty,
     simulated_uncertainty,
+)
+from beltid.uncertainty.sources import (
+    ARC,
+    BETWEEN_SPEEDS,
+    EFFECT_SOURCES,
+    REDUCTION_SOURCES,
+    Source,
+    all_sources,
+    between_speeds_source,
     with_rig_sources,
 )
-from beltid.uncertainty.sources import Source, all_sources, between_speeds_source
 
 SETTINGS: Final = ("arc_deg", "nominal_tension_N", "pulley_speed_rad_s")
 HELD_OUT: Final = (*NEEDED, "nominal_tension_N", "pulley_speed_rad_s")
@@ -155,10 +161,9 @@ def predict(
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, f"without {fold.name}")
     reference = reference_temperature(config, campaign)
-    solution = refined_campaign(campaign, speeds, shared_sources(campaign, config), reference)
-    rest_uncertainty = refined_uncertainty(solution)
+    solution = refine_surface(campaign, speeds, shared_sources(campaign, config), reference)
     names = [source.name for source in solution.sources]
-    surface = solution.refined.surface.with_covariance(rest_uncertainty.factor, names)
+    surface = solution.surface.with_covariance(solution.uncertainty.factor, names)
 
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
@@ -171,11 +176,11 @@ def predict(
         *(replace(source, place=k) for source in arc_sources for k in range(n_arcs)),
     )
     sources = with_rig_sources(solution.sources, rig_sources)
-    points = [run.point for run in replace(campaign, measured=measured).runs]
+    points = measured.points
     bench = replace(campaign.bench, surface=surface)
     part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind)
     if fold.by == "speed":
-        known = float(np.exp(-BENDING_BEFORE[0]))  # as over ln f_N
+        known = PRIORS[CURVE].median ** 2  # as over ln f_N
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
         missed = between_speeds(measured_at, log_mu, at, known)[:, None]
@@ -186,9 +191,7 @@ def predict(
         )
         sources = (*sources, between_speeds_source(int(fold.left_out[0])))
     force = campaign.measured.normal_force
-    warnings = tuple(
-        f"without {fold.name}: {line}" for line in solution.refined.convergence_warnings()
-    )
+    warnings = tuple(f"without {fold.name}: {line}" for line in solution.convergence_warnings())
     return Predicted(fold, part, sources, (float(force.min()), float(force.max())), warnings)
 
 
@@ -197,14 +200,20 @@ def as_simulated(
 ) -> tuple[dict[str, np.ndarray], RunsUncertainty]:
     """Return predicted runs as a table of reduced runs, and their uncertainty.
 
-    The settings are those of the measured runs, exactly as measured.
+    The settings are those of the measured runs, exactly as measured. Both sides are of one bench:
+    its errors are left out of the difference, unlike effects and an interpolation, which the
+    predicted runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
     sources, aligned = _on_common_sources(predicted)
+    kept = (*EFFECT_SOURCES, *dict(REDUCTION_SOURCES), BETWEEN_SPEEDS)
+    own = np.array([source.error in kept for source in sources])
     labels = [str(label) for label in table["run"]]
-    return {**table, "mu_sliding": mu}, RunsUncertainty.of(labels, mu, sources, aligned)
+    uncertainty = RunsUncertainty.of(labels, mu, sources, aligned)
+    uncertainty = replace(uncertainty, difference=uncertainty.difference * own)
+    return {**table, "mu_sliding": mu}, uncertainty
 
 
 def _on_common_sources(

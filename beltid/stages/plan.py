@@ -13,7 +13,7 @@ from beltid.errors import ConvergenceError, InputError
 from beltid.notes import log
 from beltid.plan.advice import Plan, choose_plan
 from beltid.plan.candidates import Candidates, Settings, simulate_candidates
-from beltid.plan.prior import knowledge_at
+from beltid.plan.knowledge import knowledge_at
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.stage import Outcome
@@ -37,6 +37,10 @@ from beltid.store.place import anyone_s
 if TYPE_CHECKING:
     import pandas as pd
 
+REVERSED: Final = (
+    "a negative speed turns the pulley the other way: runs in both directions tell the gain of the "
+    "load cells from friction"
+)
 CANDIDATES: Final = "%d candidates, simulated with the present surface"
 
 
@@ -162,7 +166,6 @@ def _planned(
     present: Present, settings: Settings, config: Config, wanted: Wanted, based_on: str
 ) -> PlannedRuns:
     """Make the plan from the present knowledge and its assumptions."""
-    points = settings.points()
     try:
         candidates = simulate_candidates(
             bench_of(config, 1.0, present.press.law),
@@ -182,12 +185,17 @@ def _planned(
     target = surface_target(candidates.curves, ranges[0], ranges[1])
     lines = candidates.rows(present.sources, present.noise, present.columns)
     before = knowledge_at(candidates.curves, present.surface, len(present.sources))
-    plan = choose_plan(before, lines, target, present.sources, wanted.runs, wanted.goal_u)
+    sources, reverse = present.sources, candidates.can_reverse
+    plan = choose_plan(before, lines, target, sources, wanted.runs, wanted.goal_u, reverse)
+    ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
     session = schedule(
         plan.chosen,
-        [(point.beta, point.T_0, point.omega) for point in points],
+        ways,
         config.plan.minutes_per_run,
         config.plan.minutes_per_arc_change,
     )
-    rows = session_rows(session, plan, points, candidates.measured, based_on)
-    return PlannedRuns(plan, target, candidates, rows, present.notes)
+    rows = session_rows(session, plan, ways, candidates.measured, based_on)
+    notes = present.notes
+    if any(row["pulley_speed_rad_s"] < 0.0 for row in rows):
+        notes = (*notes, REVERSED)
+    return PlannedRuns(plan, target, candidates, rows, notes)

@@ -12,7 +12,7 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, InputError
 from beltid.laws.penalty import NormalLaw
 from beltid.plan.candidates import NoiseLaw, Settings, noise_law
-from beltid.plan.present import KnownSurface, sources_of_plan
+from beltid.plan.knowledge import KnownSurface, sources_of_plan
 from beltid.stage import Outcome
 from beltid.stages.columns import ok_rows
 from beltid.stages.inputs import press_law, shown, surface_of
@@ -22,8 +22,7 @@ from beltid.stages.uncertainties import standard_uncertainties
 from beltid.store.artifact import Artifact
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import sources_of
-from beltid.uncertainty.sources import Source
+from beltid.uncertainty.sources import Source, sources_of
 
 USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
 """Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""

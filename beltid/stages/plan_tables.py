@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.errors import counted
-from beltid.params import OperatingPoint
 from beltid.plan.advice import Plan
 from beltid.plan.session import ScheduledRun
 from beltid.uncertainty.measured import Measured
@@ -36,11 +35,11 @@ MOST_STATEMENTS: Final = 6
 def session_rows(
     session: Sequence[ScheduledRun],
     plan: Plan,
-    points: Sequence[OperatingPoint],
+    settings: Sequence[tuple[float, float, float]],
     runs: Measured,
     based_on: str,
 ) -> list[dict[str, Any]]:
-    """Return a row per run in the order of the session.
+    """Return a row per run in the order of the session; `settings` has arc, tension and speed.
 
     A run that the plan requires, for its arc or as a repetition, may have no gain of its own.
     """
@@ -48,14 +47,14 @@ def session_rows(
     return [
         {
             "order": order,
-            "arc_deg": round(float(np.degrees(points[scheduled.run].beta)), 9),
-            "initial_tension_N": points[scheduled.run].T_0,
-            "pulley_speed_rad_s": points[scheduled.run].omega,
+            "arc_deg": round(float(np.degrees(settings[scheduled.run][0])), 9),
+            "initial_tension_N": settings[scheduled.run][1],
+            "pulley_speed_rad_s": settings[scheduled.run][2],
             "repeat": scheduled.repeat,
             "repeats": scheduled.repeats,
             "start_minutes": scheduled.start_minutes,
-            "slip_speed_m_s": float(runs.slip_speed[scheduled.run]),
-            "normal_force_N_m": float(runs.normal_force[scheduled.run]),
+            "slip_speed_m_s": float(runs.slip_speed[scheduled.run % runs.mu.size]),
+            "normal_force_N_m": float(runs.normal_force[scheduled.run % runs.mu.size]),
             "gain_percent": 100.0 * max(gains[scheduled.run], 0.0),
             "based_on": based_on,
             "needed_for": plan.needed.get(scheduled.run, ""),

@@ -11,8 +11,9 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import percent
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
-from beltid.refine.inverse import RefinedSurface
+from beltid.refine.inverse import RefinedSurface, refine_surface
+from beltid.refine.posterior import SCATTER
+from beltid.refine.shown import TOGETHER, ShownEffect, contradictions, shown_effects
 from beltid.stage import Outcome
 from beltid.stages.campaign import guided_weight
 from beltid.stages.columns import finite_or_none, in_percent
@@ -21,7 +22,6 @@ from beltid.stages.refinement import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
-    refined_uncertainty,
     shared_sources,
     speed_labels,
 )
@@ -29,13 +29,7 @@ from beltid.stages.surface import friction_formulas, said_of_surface
 from beltid.stages.uncertainties import confounded_note
 from beltid.stages.workers import Workers
 from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.refined import (
-    SCATTER,
-    TOGETHER,
-    ShownEffect,
-    refined_campaign,
-    shown_effects,
-)
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
 
 MOST_NOISE: Final = 3.0
 EFFECT_WORDS: Final = {
@@ -178,15 +172,15 @@ def refined(
     campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
     solution = (workers or Workers()).call(
-        refined_campaign, campaign, speeds, shared_sources(campaign, config), reference
+        refine_surface, campaign, speeds, shared_sources(campaign, config), reference
     )
     result = Refinement(
-        solution.refined,
+        solution,
         tuple(str(columns["run"][i]) for i in used),
         columns["arc_deg"][used],
-        refined_uncertainty(solution),
+        solution.uncertainty,
         shown_effects(solution),
-        solution.contradictions(),
+        contradictions(solution),
     )
     found, uncertainty = result.refined, result.uncertainty
     formulas, notes = friction_formulas(found.surface, uncertainty.factor)
@@ -221,7 +215,8 @@ def refined(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
             ),
             *_unclear_effects(result.effects),
-            *guided_weight(config, [run.point for run in campaign.runs]),
+            *bending_stiffness_shown(found),
+            *guided_weight(config, measured.points),
             *notes,
         ),
         warnings=(*found.convergence_warnings(), *result.disagreement(), *result.outliers()),
@@ -254,6 +249,20 @@ def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
         "well: the runs do not show which it is, and it is not claimed; make the runs in random "
         "order",
     )
+
+
+def bending_stiffness_shown(found: RefinedSurface) -> tuple[str, ...]:
+    """Return a note with EI as stated and as the runs show it; empty if it is stated as exact."""
+    EI = found.campaign.bench.belt.EI
+    for source in found.sources:
+        if source.error == "bending_stiffness":
+            error, sd = found.stated_errors()[source.name]
+            return (
+                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
+                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
+                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one",
+            )
+    return ()
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:

@@ -20,11 +20,9 @@ from beltid.stages.planned_runs import refuse_running
 from beltid.stages.reduction import rig_kind
 from beltid.stages.surface import rows_of_one
 from beltid.stages.uncertainties import standard_uncertainties
-from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import measured_runs, own_errors
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import Refined, changes_and_scatter
+from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import Source, all_sources, reduction_sources
 
 NEEDED: Final = (
@@ -161,17 +159,3 @@ def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
     n_arcs = int(campaign.measured.arc.max()) + 1
     stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
     return (*stated, *reduction_sources(campaign.measured.columns))
-
-
-def refined_uncertainty(found: Refined) -> SurfaceUncertainty:
-    """Return the uncertainty of the refined surface by source."""
-    changes, scatter = changes_and_scatter(found)
-    measured = found.campaign.measured
-    return SurfaceUncertainty(
-        surface=found.refined.surface,
-        sources=found.sources,
-        changes=changes,
-        scatter=scatter,
-        arcs_deg=measured.arcs_deg,
-        degrees_of_freedom=max(measured.mu.size - found.refined.effective_parameters, 1.0),
-    )

@@ -38,13 +38,8 @@ from beltid.stages.workers import Workers, threads
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import (
-    RunsUncertainty,
-    simulated_uncertainty,
-    sources_of,
-    with_rig_sources,
-)
-from beltid.uncertainty.sources import all_sources
+from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
+from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 
 OF_SOLVER: Final = (
     *("elements", "steps", "newton_iterations", "status_changes"),

@@ -8,7 +8,7 @@ from typing import Final
 
 from beltid.config import Config
 from beltid.errors import percent
-from beltid.refine.effects import CONFOUNDED
+from beltid.refine.shown import CONFOUNDED
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
@@ -29,7 +29,7 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     if config.rig.measures not in TORQUE_KINDS:
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
     stated = frozenset(UNIT.sub("", key) for key in section.model_fields_set)
-    return StandardUncertainties(**values, stated=stated)
+    return StandardUncertainties(values, stated)
 
 
 def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:

@@ -20,10 +20,10 @@ from beltid.uncertainty.sources import FITTED, Source
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.95
 TOGETHER = "all together"
 EACH = "each run"
 COMBINED = "combined"
+QUANTITY = "surface"
 LEAST_PERCENT = 1.0e-6
 
 
@@ -56,7 +56,7 @@ def budget(
     quantity : str
         The result whose budget it is.
     sources : sequence of Source
-        Errors that act on all values together.
+        Errors that act on all values together; those of one name are one row.
     changes : ndarray, shape (n, K)
         Relative change of the n values by one standard uncertainty of each source [-].
     *scatter : Scatter
@@ -65,47 +65,48 @@ def budget(
     Returns
     -------
     list of dict
-        quantity, source, acts_on, basis, standard_uncertainty, unit, contribution_percent,
-        largest_percent, share_percent (of the combined variance), degrees_of_freedom.
+        quantity, source, acts_on, basis (stated, assumed or fitted), standard_uncertainty, unit,
+        contribution_percent, largest_percent, share_percent (of the combined variance),
+        degrees_of_freedom.
     """
-    n = scatter[0].relative.size
-    variance = {source.name: np.zeros(n) for source in sources}
-    for source, change in zip(sources, changes.T, strict=True):
-        variance[source.name] += change**2
-    total = sum((np.square(s.relative) for s in scatter), start=sum(variance.values(), np.zeros(n)))
+    total = np.square(combined(changes, np.zeros(scatter[0].relative.size)))
+    total = total + sum(np.square(part.relative) for part in scatter)
     whole = float(np.mean(total))
 
-    def row(name: str, acts_on: str, part: Array, **stated: Any) -> dict[str, Any]:
-        labels = {"quantity": quantity, "source": name, "acts_on": acts_on}
-        unknown = {"basis": "", "standard_uncertainty": None, "unit": ""}
-        figures = {**_figures(part, whole), "degrees_of_freedom": None}
-        return labels | unknown | figures | stated
+    def row(source: str, acts_on: str, part: Array, **known: Any) -> dict[str, Any]:
+        mean = float(np.mean(part))
+        return {
+            "quantity": quantity,
+            "source": source,
+            "acts_on": acts_on,
+            "basis": "",
+            "standard_uncertainty": None,
+            "unit": "",
+            "contribution_percent": 100.0 * math.sqrt(mean),
+            "largest_percent": 100.0 * math.sqrt(float(np.max(part))),
+            "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
+            "degrees_of_freedom": None,
+        } | known
 
     first = {source.name: source for source in reversed(sources)}
-    shared = [row(name, TOGETHER, part, **_stated(first[name])) for name, part in variance.items()]
+    shared = []
+    for name in dict.fromkeys(source.name for source in sources):
+        columns = [k for k, source in enumerate(sources) if source.name == name]
+        known: dict[str, Any] = {"basis": first[name].basis}
+        if first[name].basis != FITTED:
+            known |= {"standard_uncertainty": first[name].shown, "unit": first[name].unit}
+        part = np.sum(np.square(changes[:, columns]), axis=1)
+        shared.append(row(name, TOGETHER, part, **known))
     shared = [entry for entry in shared if entry["largest_percent"] > LEAST_PERCENT]
     shared.sort(key=lambda entry: -entry["contribution_percent"])
     each = [
-        row(
-            s.name,
-            EACH,
-            np.square(s.relative),
-            basis=FITTED,
-            degrees_of_freedom=s.degrees_of_freedom,
-        )
-        for s in scatter
-        if np.any(s.relative)
+        row(part.name, EACH, np.square(part.relative), basis=FITTED, degrees_of_freedom=freedom)
+        for part in scatter
+        for freedom in [part.degrees_of_freedom]
+        if np.any(part.relative)
     ]
     freedom = effective_freedom(whole, scatter)
-    known_freedom = None if math.isinf(freedom) else freedom
-    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=known_freedom)]
-
-
-def _stated(source: Source) -> dict[str, Any]:
-    """Return basis and size of a source; a fitted source has no size to state."""
-    if source.basis == FITTED:
-        return {"basis": FITTED}
-    return {"basis": source.basis, "standard_uncertainty": source.shown, "unit": source.unit}
+    return [*shared, *each, row(COMBINED, "", total, degrees_of_freedom=freedom)]
 
 
 def combined(changes: Array, scatter: Array) -> Array:
@@ -113,29 +114,28 @@ def combined(changes: Array, scatter: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(np.square(changes), axis=-1) + np.square(scatter)))
 
 
-def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float:
-    """Compute the effective degrees of freedom by Welch and Satterthwaite; may be infinite.
+def effective_freedom(whole: float, scatter: Sequence[Scatter]) -> float | None:
+    """Compute the effective degrees of freedom by Welch and Satterthwaite; None if infinite.
 
     Only scatter has finite degrees of freedom: a stated standard uncertainty counts as exact.
     """
-    reciprocal_sum = sum(
+    reciprocal = sum(
         float(np.mean(np.square(part.relative))) ** 2 / part.degrees_of_freedom
         for part in scatter
         if part.degrees_of_freedom is not None
     )
-    return whole**2 / reciprocal_sum if reciprocal_sum > 0.0 else math.inf
+    return whole**2 / reciprocal if reciprocal > 0.0 else None
 
 
-def _figures(square: Array, whole: float) -> dict[str, float]:
-    mean = float(np.mean(square))
-    return {
-        "contribution_percent": 100.0 * math.sqrt(mean),
-        "largest_percent": 100.0 * math.sqrt(float(np.max(square))),
-        "share_percent": 100.0 * mean / whole if whole > 0.0 else 0.0,
-    }
-
-
-QUANTITY = "surface"
+def factor_of(covariance: Array) -> Array:
+    """Factor a covariance (n, n) as S S' with S (n, r); omit directions without variance."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > 1e-10 * values[-1]
+    factor = vectors[:, kept] * np.sqrt(values[kept])
+    # the sign of an eigenvector is arbitrary: fix it, so that all machines agree
+    largest = np.argmax(np.abs(factor), axis=0)
+    signs = np.sign(factor[largest, np.arange(factor.shape[1])])
+    return np.ascontiguousarray((factor * signs)[:, ::-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +171,9 @@ class SurfaceUncertainty:
         return np.concatenate([self.changes, self.scatter], axis=-1)
 
     def columns(self, n_rows: int) -> dict[str, Any]:
-        """Return columns of the surface table: rows of the average first, all others empty.
+        """Return ``mu_u`` and ``mu_factor`` of a surface table of `n_rows` rows.
 
-        Parameters
-        ----------
-        n_rows : int
-            Number of rows of the table.
+        The nodes come first, force by force; the other rows are empty.
         """
         mu = self.surface.mu_nodes
         rows = self.factor.reshape(mu.size, -1)
@@ -194,18 +191,12 @@ class SurfaceUncertainty:
         inside = inside if inside.any() else np.ones(f.size, dtype=bool)
         scatter = np.sqrt(np.sum(np.square(self.scatter[inside]), axis=-1)).ravel()
         changes = self.changes[inside].reshape(scatter.size, len(self.sources))
-        rows = budget(
-            QUANTITY,
-            self.sources,
-            changes,
-            Scatter("scatter of the runs", scatter, self.degrees_of_freedom),
-        )
-        sources = [asdict(source) for source in self.sources]
+        part = Scatter("scatter of the runs", scatter, self.degrees_of_freedom)
         return {
             "uncertainty": {
-                "sources": sources,
+                "sources": [asdict(source) for source in self.sources],
                 "arcs_deg": self.arcs_deg,
                 "budget_force_N_m": [low, high],
             },
-            "budget": rows,
+            "budget": budget(QUANTITY, self.sources, changes, part),
         }

@@ -19,8 +19,7 @@ from beltid.laws.capstan import (
     tensions_by_hub_force,
     tensions_by_torque,
 )
-from beltid.params import GivenForce
-from beltid.refine.effects import Effect
+from beltid.params import GivenForce, OperatingPoint
 from beltid.uncertainty.sources import REDUCTION_SOURCES, Errors
 
 Array = NDArray[np.float64]
@@ -101,17 +100,15 @@ class Measured:
         """Sliding speed, Eq. (7) [m/s]."""
         return sliding_speed(self.omega, self.R)
 
-    def with_effects(self, effects: Sequence[Effect], response: Array) -> Self:
-        """Add effects that shift the friction in addition to the surface to the columns.
+    @property
+    def points(self) -> list[OperatingPoint]:
+        """Settings of the runs."""
+        settings = np.column_stack([self.beta, self.T_0, self.omega])
+        return [OperatingPoint(*row) for row in settings.tolist()]
 
-        `response` (n,) is the derivative of ln mu of each run by the ln of a factor on the surface.
-        """
-        columns = {
-            effect.key: effect.columns * response[:, None]
-            for effect in effects
-            if effect.before is not None
-        }
-        return replace(self, columns={**self.columns, **columns})
+    def with_columns(self, key: str, columns: Array) -> Self:
+        """Return the runs with the change of ln mu (n, places) per unit of one more error."""
+        return replace(self, columns={**self.columns, key: columns})
 
     def corrected(self, errors: Errors) -> Self:
         """Return the runs with errors corrected, i.e. with the true values.
@@ -124,6 +121,7 @@ class Measured:
         setting = np.array([errors.at("arc_setting", int(k)) for k in self.arc])
         beta = self.beta + errors.at("arc") + setting
         tight, slack, T_0 = self._corrected_tensions(errors, beta)
+        T_0 = tension_given(self.given_force, tight, slack, T_0)
         lowest = min(float(np.min(a)) for a in (tight, slack, beta, T_0))
         if not lowest > 0.0:
             raise InputError(
@@ -169,40 +167,39 @@ class Measured:
         kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
+        T_0 = [self._cell(errors, cell, self.T_0) for cell in (0, 1)]
         if kind.measures == "torque_hub":
-            hub = self._cell(
-                errors, 0, hub_force(self.tight, self.slack, self.beta, self.R, kind.spans)
-            )
             spans = replace(
                 kind.spans,
                 EI=kind.spans.EI * (1.0 + errors.at("bending_stiffness")),
                 length=kind.spans.length + errors.at("span_length"),
             )
-            tight, slack = tensions_by_hub_force(M, hub, beta, R, spans)
-            T_0 = self._cell(errors, 0, self.T_0)
-        elif kind.measures == "torque":
+            hub = hub_force(self.tight, self.slack, self.beta, self.R, kind.spans)
+            hub = self._cell(errors, 0, hub)
+            return (*tensions_by_hub_force(M, hub, beta, R, spans), T_0[0])
+        tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
+        lag = errors.at("cell_hysteresis")  # the tight cell rises and reads too little
+        tight = tight + lag * (self.tight - self.T_0)
+        slack = slack - lag * (self.T_0 - self.slack)
+        if kind.measures == "torque":
             is_tight = self.torque_with_tight
             if is_tight is None:
                 is_tight = np.full(self.mu.size, kind.torque_with == "tight")
-            by_tight = tensions_by_torque(M, R, T_tight=self._cell(errors, 0, self.tight))
-            by_slack = tensions_by_torque(M, R, T_slack=self._cell(errors, 1, self.slack))
+            by_tight = tensions_by_torque(M, R, T_tight=tight)
+            by_slack = tensions_by_torque(M, R, T_slack=slack)
             tight, slack = np.where(is_tight, by_tight, by_slack)
-            T_0 = np.where(is_tight, *(self._cell(errors, cell, self.T_0) for cell in (0, 1)))
+            return tight, slack, np.where(is_tight, *T_0)
+        if kind.weight is None:
+            return tight, slack, 0.5 * (T_0[0] + T_0[1])
+        by_mass = self._momentum_error(errors)
+        if kind.weight == "tight":
+            tight = self.tight - by_mass
         else:
-            tight, slack = self._cell(errors, 0, self.tight), self._cell(errors, 1, self.slack)
-            T_0 = 0.5 * (self._cell(errors, 0, self.T_0) + self._cell(errors, 1, self.T_0))
-            if kind.weight is not None:
-                momentum_error = self._momentum_error(errors)
-                T_0 = self.T_0 - momentum_error
-                tight, slack = (
-                    (self.tight - momentum_error, slack)
-                    if kind.weight == "tight"
-                    else (tight, self.slack - momentum_error)
-                )
-        return tight, slack, tension_given(self.given_force, tight, slack, T_0)
+            slack = self.slack - by_mass
+        return tight, slack, self.T_0 - by_mass
 
     def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Return tensions with the errors of a cell corrected [N]; cell 0 is the tight one.
+        """Return tensions with gain and zero of a cell corrected [N]; cell 0 is the tight one.
 
         The cell also reads m v² of a running belt, which is subtracted by the belt's mass.
         """
@@ -221,8 +218,7 @@ class Measured:
         """Return the change of ln mu (n,) by shared errors in `columns`."""
         change = np.zeros(self.mu.size)
         for key, columns in self.columns.items():
-            size = [errors.at(key, place) for place in range(columns.shape[1])]
-            change += np.sum(columns * size, axis=1)
+            change += columns @ [errors.at(key, place) for place in range(columns.shape[1])]
         return change
 
 

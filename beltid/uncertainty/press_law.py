@@ -1,9 +1,10 @@
 """Errors of the press in the coefficients of the contact law, Eq. (3).
 
-With relative errors e_F of the force gain, e_x of the travel gain and e_L of the segment length,
+With relative errors e_F of the force gain, e_x of the travel gain, e_L of the segment length and
+e_k of the law in service (rubber that the press never unloaded, another rate, another specimen),
 
-    k_linear -> k_linear (1 + e_F) / ((1 + e_L) (1 + e_x)),
-    k_quadratic -> k_quadratic (1 + e_F) / ((1 + e_L) (1 + e_x)²).
+    k_linear -> k_linear (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)),
+    k_quadratic -> k_quadratic (1 + e_k) (1 + e_F) / ((1 + e_L) (1 + e_x)²).
 
 An error c of the machine compliance moves a point of force f per length by c L f along the travel.
 The law is fitted with a free contact point, so the change of its coefficients is the projection of
@@ -56,7 +57,8 @@ class PressLaw:
         k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
         k = k + self._scatter_factor() @ [errors.at("law", 0), errors.at("law", 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
-        force = (1.0 + errors.at("press_force")) / (1.0 + errors.at("segment_length"))
+        force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
+        force = force / (1.0 + errors.at("segment_length"))
         travel = 1.0 + errors.at("press_displacement")
         corrected = k * force / np.array([travel, travel**2])
         return np.asarray(np.maximum(corrected, 0.0))

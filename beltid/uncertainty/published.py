@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from beltid.identify.surface.average import SurfaceGrid, average
 from beltid.identify.surface.curves import Curve, CurveSet, Points, build_curves
+from beltid.uncertainty.budget import factor_of
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.refined import factor_of
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.sources import Errors, Source, changes_by
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,7 @@ def published_curves(measured: Measured) -> CurveSet:
 
 def published_grid(measured: Measured) -> SurfaceGrid:
     """Build the averaged surface of a campaign by the published procedure."""
-    curves = published_curves(measured)
-    return average(curves, errors_known=True)[0]
+    return average(published_curves(measured), errors_known=True)[0]
 
 
 def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
@@ -48,8 +47,7 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
     surface = nominal.to_surface()
     f, v = nominal.normal_force_N_m[:, None], nominal.slip_speed_m_s[None, :]
     if other.mu.shape != nominal.mu.shape:  # nodes were added or removed
-        moved = other.to_surface().mu(f, v)
-        return np.asarray(np.log(moved / nominal.mu))
+        return np.asarray(np.log(other.to_surface().mu(f, v) / nominal.mu))
     by_f, by_v = surface.gradient(f, v)
     f_step = np.log(other.normal_force_N_m / nominal.normal_force_N_m)[:, None]
     v_step = np.log(other.slip_speed_m_s / nominal.slip_speed_m_s)[None, :]
@@ -59,11 +57,11 @@ def changes_at_nodes(nominal: SurfaceGrid, other: SurfaceGrid) -> Array:
 
 def published_changes(measured: Measured, nominal: SurfaceGrid, sources: Sequence[Source]) -> Array:
     """Compute the change of ln mu at the nodes by one u of each source, (nf, nv, K)."""
-    columns = [
-        changes_at_nodes(nominal, published_grid(measured.corrected(Errors.single(source))))
-        for source in sources
-    ]
-    return np.stack(columns, axis=-1) if columns else np.zeros((*nominal.mu.shape, 0))
+
+    def repeated(errors: Errors) -> Array:
+        return changes_at_nodes(nominal, published_grid(measured.corrected(errors)))
+
+    return changes_by(sources, repeated)
 
 
 def scatter_factor(curves: CurveSet, grid: SurfaceGrid) -> Array:
@@ -76,11 +74,9 @@ def scatter_factor(curves: CurveSet, grid: SurfaceGrid) -> Array:
     relative = np.where(np.isfinite(grid.mu_se), grid.mu_se, 0.0) / grid.mu
     # the grid may lack speeds of the curves
     at = np.abs(np.subtract.outer(grid.slip_speed_m_s, curves.speeds)).argmin(axis=1)
-    by_speed = curves.by_speed
-    run_covariances = [_run_covariance(by_speed[k], grid.normal_force_N_m) for k in at]
-    covariance = np.zeros((nf, nv, nf, nv))
-    excess = np.zeros((nf, nv))
-    for k, by_runs in enumerate(run_covariances):
+    covariance, excess = np.zeros((nf, nv, nf, nv)), np.zeros((nf, nv))
+    for k, speed in enumerate(at):
+        by_runs = _run_covariance(curves.by_speed[speed], grid.normal_force_N_m)
         from_runs = np.sqrt(np.diag(by_runs))
         # the sum may exceed the standard error of extrapolated or constant nodes: scale it down
         shrink = np.minimum(1.0, relative[:, k] / np.where(from_runs > 0.0, from_runs, 1.0))

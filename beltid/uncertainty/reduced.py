@@ -14,8 +14,8 @@ from beltid.uncertainty.budget import Scatter, budget, combined
 from beltid.uncertainty.measured import measured_runs, valid_rows
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import (
-    Errors,
     StandardUncertainties,
+    changes_by,
     press_sources,
     reduction_sources,
     rig_sources,
@@ -51,30 +51,24 @@ def friction_uncertainty(
         per quantity and source.
     """
     rows = valid_rows(columns, np.flatnonzero(columns["status"] == "ok"))
-    if not rows.size:  # a table may state coefficients without an arc
-        none = np.full(len(columns["status"]), np.nan)
-        return {"mu_sliding_u": none, "normal_force_u_N_m": none}, []
-    measured = measured_runs(columns, rows, R, kind)
-    bench_sources = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
-    sources = (*bench_sources, *reduction_sources(measured.columns))
-    mu_changes, force_changes = np.zeros((2, rows.size, len(sources)))
-    for k, source in enumerate(sources):
-        corrected = measured.corrected(Errors.single(source))
-        mu_changes[:, k] = corrected.mu / measured.mu - 1.0
-        force_changes[:, k] = corrected.normal_force / measured.normal_force - 1.0
-    scatter = measured.mu_se / measured.mu
-    none = np.zeros(rows.size)
-    mu_u, force_u = (np.full(len(columns["status"]), np.nan) for _ in range(2))
-    mu_u[rows] = measured.mu * combined(mu_changes, scatter)
-    force_u[rows] = measured.normal_force * combined(force_changes, none)
-    mu_scatter = Scatter("scatter of the samples", scatter)
-    return (
-        {"mu_sliding_u": mu_u, "normal_force_u_N_m": force_u},
-        [
-            *budget("mu_sliding", sources, mu_changes, mu_scatter),
-            *budget("normal_force_N_m", sources, force_changes, Scatter(mu_scatter.name, none)),
-        ],
-    )
+    found = {key: np.full(len(columns["status"]), np.nan) for key in ("mu", "force")}
+    lines: list[dict[str, Any]] = []
+    if rows.size:  # a table may state coefficients without an arc
+        measured = measured_runs(columns, rows, R, kind)
+        bench = rig_sources(given, int(measured.arc.max()) + 1, bent=kind.spans.EI > 0.0)
+        sources = (*bench, *reduction_sources(measured.columns))
+        mu, force = (
+            changes_by(sources, lambda e: measured.corrected(e).mu) / measured.mu[:, None],
+            changes_by(sources, lambda e: measured.corrected(e).normal_force)
+            / measured.normal_force[:, None],
+        )
+        scatter, none = measured.mu_se / measured.mu, np.zeros(rows.size)
+        found["mu"][rows] = measured.mu * combined(mu, scatter)
+        found["force"][rows] = measured.normal_force * combined(force, none)
+        words = "scatter of the samples"
+        lines = budget("mu_sliding", sources, mu, Scatter(words, scatter))
+        lines += budget("normal_force_N_m", sources, force, Scatter(words, none))
+    return {"mu_sliding_u": found["mu"], "normal_force_u_N_m": found["force"]}, lines
 
 
 def stiffness_uncertainty(
@@ -101,22 +95,15 @@ def stiffness_uncertainty(
     rows: list[dict[str, Any]] = []
     for i, law in enumerate(laws):
         k = np.array([law.k_linear_N_m2, law.k_quadratic_N_m3])
-        press = PressLaw(
-            NormalLaw(*k.tolist()),
-            np.zeros((2, 2)),
-            law.max_penetration_m,
-            segment_length_m,
-        )
         size = np.where(k > 0.0, k, 1.0)
-        changes = np.array([press.coefficients(Errors.single(s)) - k for s in sources])
-        changes = changes.reshape(-1, 2) / size
+        normal_law = NormalLaw(*k.tolist())
+        press = PressLaw(normal_law, np.zeros((2, 2)), law.max_penetration_m, segment_length_m)
+        changes = changes_by(sources, press.coefficients) / size[:, None]
         scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
-        unseen = np.full(2, law.unseen_share)
-        u[i] = size * combined(changes.T, np.hypot(scatter, unseen))
+        u[i] = size * combined(changes, scatter)
         freedom = max(law.n_effective - 2.0 - len(law.tests), 1.0)
         if law is laws[-1]:
             for j, name in enumerate(COEFFICIENTS):
-                curve_scatter = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
-                unseen_scatter = Scatter("virgin rubber, loss by rate: not seen", unseen[j : j + 1])
-                rows += budget(name, sources, changes[:, j][None, :], curve_scatter, unseen_scatter)
+                part = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)
+                rows += budget(name, sources, changes[j : j + 1], part)
     return {"k_linear_u_N_m2": u[:, 0], "k_quadratic_u_N_m3": u[:, 1]}, rows

@@ -10,32 +10,35 @@ are kept by source, with their signs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.params import OperatingPoint, Rig
-from beltid.refine.effects import arc_effect
-from beltid.refine.rig_runs import MeasuredRun, RigRuns, lookup_weights, mesh_of
-from beltid.rig.model import Bench, RigModel
-from beltid.uncertainty.campaign import Campaign
+from beltid.params import OperatingPoint
+from beltid.rig.model import Bench
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.refined import INPUTS, residual_change, simulated_slopes
-from beltid.uncertainty.sources import Errors, Source
+from beltid.uncertainty.rig_runs import (
+    INPUTS,
+    Campaign,
+    RigRuns,
+    input_slopes,
+    mesh_of,
+    residual_changes,
+)
+from beltid.uncertainty.sources import ARC, Source, changes_by, sources_of
 
 Array = NDArray[np.float64]
 
-DIGITS = 5
-MESH_SHARE = 0.4
+DIGITS: Final = 5
+MESH_SHARE: Final = 0.4
 """Mesh error as a share of the change by twice as many elements: a third remains at order two,
 times 1.25, the safety factor of the grid convergence index (ASME V&V 20-2009, section 2)."""
-ARRAYS = ("simulated", "difference", "scatter", "numerical", "by_setting")
-FINER_MESH = 2.0
+FINER_MESH: Final = 2.0
 """Ratio of elements in the finer mesh that shows the mesh error."""
 
 
@@ -102,40 +105,24 @@ class RunsUncertainty:
         sources: tuple[Source, ...],
         parts: Sequence[SimulatedUncertainty],
     ) -> Self:
-        """Combine the uncertainties of groups of runs, in the same order.
-
-        Parameters
-        ----------
-        runs : sequence of str
-            Labels of the runs.
-        mu : ndarray, shape (n,)
-            Simulated coefficients [-].
-        sources : tuple of Source
-            Shared errors.
-        parts : sequence of SimulatedUncertainty
-            The groups.
-        """
-        mesh = np.concatenate([part.mesh for part in parts])
-        limit = np.concatenate([part.mu for part in parts])
+        """Combine the uncertainties of groups of runs, in the order of labels and mu (n,) [-]."""
+        every = {
+            f.name: np.concatenate([getattr(part, f.name) for part in parts])
+            for f in fields(SimulatedUncertainty)
+        }
         # remaining build-up at the end of a simulated run, and error of its time steps
-        remaining = np.abs(np.log(mu / limit))
-        return cls(
-            sources=sources,
-            runs=tuple(runs),
-            simulated=np.concatenate([part.simulated for part in parts]),
-            difference=np.concatenate([part.difference for part in parts]),
-            scatter=np.concatenate([part.scatter for part in parts]),
-            numerical=np.hypot(MESH_SHARE * mesh, remaining),
-            by_setting=np.concatenate([part.by_setting for part in parts]),
-        )
+        remaining = np.abs(np.log(mu / every.pop("mu")))
+        numerical = np.hypot(MESH_SHARE * every.pop("mesh"), remaining)
+        return cls(sources=sources, runs=tuple(runs), numerical=numerical, **every)
 
     def extra(self) -> dict[str, Any]:
         """Return it as JSON data."""
-        return {
-            "sources": [asdict(source) for source in self.sources],
-            "runs": list(self.runs),
-            **{name: _short(getattr(self, name)) for name in ARRAYS},
-        }
+        arrays = {name: _short(getattr(self, name)) for name in ARRAYS}
+        sources = [asdict(source) for source in self.sources]
+        return {"sources": sources, "runs": list(self.runs), **arrays}
+
+
+ARRAYS: Final = tuple(f.name for f in fields(RunsUncertainty) if f.name not in ("sources", "runs"))
 
 
 def _short(values: Array) -> list[Any]:
@@ -150,14 +137,8 @@ def runs_uncertainty_of(extra: Mapping[str, Any]) -> RunsUncertainty | None:
     stored = extra.get("uncertainty")
     if not stored:
         return None
-    sources = sources_of(stored["sources"])
     arrays = {name: np.array(stored[name], dtype=float) for name in ARRAYS}
-    return RunsUncertainty(sources=sources, runs=tuple(stored["runs"]), **arrays)
-
-
-def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
-    """Read sources of error from metadata."""
-    return tuple(Source(**{name: row[name] for name in Source.__slots__}) for row in stored)
+    return RunsUncertainty(sources_of(stored["sources"]), tuple(stored["runs"]), **arrays)
 
 
 def simulated_uncertainty(
@@ -193,51 +174,47 @@ def simulated_uncertainty(
     ConvergenceError
         If a run cannot be simulated.
     """
-    runs = [MeasuredRun(point, 1.0, 0.0) for point in points]
-    omegas = np.unique([point.omega for point in points])
-    speeds = omegas * bench.rig.R
-    rig = RigRuns(bench, runs, speeds, _counts(bench, runs, elements, 1.0))
-    n, surface = len(runs), bench.surface
-    by_surface, scatter = np.zeros((n, len(sources))), np.zeros(n)
-    log_mu, speed_slope, response, tensions = *np.zeros((3, n)), np.zeros((n, 2))
-    for i, (model, state) in enumerate(rig.slide([surface] * speeds.size)):
+    surface, n = bench.surface, len(points)
+    speeds = np.unique([point.omega for point in points]) * bench.rig.R
+    surfaces = [surface] * speeds.size
+    mesh = [elements] * n if elements else mesh_of(bench, points, 1.0)
+    rig = RigRuns(bench, points, speeds, mesh)
+    runs = rig.slide(surfaces)
+    by_surface, scatter, speed_slope = np.zeros((n, len(sources))), np.zeros(n), np.zeros(n)
+    for i, run in enumerate(runs):
         v = float(speeds[rig.label[i]])
-        mu, force, weight = lookup_weights(model, state, surface)
-        shared, scatter[i] = _of_surface(surface, force, v, weight)
+        shared, scatter[i] = _of_surface(surface, run.force, v, run.weight)
         by_surface[i, : shared.size] = shared
-        _, per_v = surface.gradient(force, v)
-        speed_slope[i] = float(weight @ (per_v * v / surface.mu(force, v)))
-        log_mu[i], tensions[i], response[i] = np.log(mu), (state.T_A, state.T_B), weight.sum()
-    finer = RigRuns(bench, runs, speeds, _counts(bench, runs, elements, FINER_MESH))
-    change = finer.log_mu([surface] * speeds.size, speed_slope) - log_mu
-    measured = _as_measured(points, tensions, np.exp(log_mu), bench.rig, kind)
-    measured = replace(measured, arc=arc)
-    campaign = Campaign(measured.with_effects([arc_effect(arc)], response), bench, press)
-    slopes = simulated_slopes(campaign, [surface] * speeds.size, speeds, speed_slope)
-    difference, simulated = np.zeros((n, len(sources))), np.zeros((n, len(sources)))
-    for k, source in enumerate(sources):
-        errors = Errors.single(source)
-        residual = residual_change(campaign, errors, slopes, speed_slope)
-        difference[:, k] = by_surface[:, k] - residual
-        measured_change = np.log(campaign.measured.corrected(errors).mu / campaign.measured.mu)
-        simulated[:, k] = difference[:, k] + measured_change
+        _, per_v = surface.gradient(run.force, v)
+        speed_slope[i] = float(run.weight @ (per_v * v / surface.mu(run.force, v)))
+    mu = np.array([run.mu for run in runs])
+    finer = RigRuns(bench, points, speeds, [2 * round(0.5 * FINER_MESH * m) for m in mesh])
+    response = np.array([run.weight.sum() for run in runs])
+    measured = Measured(
+        R=bench.rig.R,
+        kind=kind,
+        given_force=bench.rig.given_force,
+        arc=arc,
+        beta=rig.beta,
+        T_0=np.array([point.T_0 for point in points]),
+        omega=np.array([point.omega for point in points]),
+        tight=np.array([run.tight for run in runs]),
+        slack=np.array([run.slack for run in runs]),
+        mu=mu,
+        mu_se=np.zeros(n),
+        columns={ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]},
+    )
+    campaign = Campaign(measured, bench, press)
+    slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
+    difference = by_surface - residual_changes(campaign, sources, slopes, speed_slope)
     return SimulatedUncertainty(
-        simulated=simulated,
+        simulated=difference + changes_by(sources, lambda e: np.log(measured.corrected(e).mu)),
         difference=difference,
         scatter=scatter,
-        mesh=np.abs(change),
-        mu=np.exp(log_mu),
+        mesh=np.abs(finer.log_mu(surfaces, speed_slope) - np.log(mu)),
+        mu=mu,
         by_setting=np.column_stack([slopes[:, INPUTS.index("initial tension")], speed_slope]),
     )
-
-
-def _counts(
-    bench: Bench, runs: Sequence[MeasuredRun], elements: int | None, finer: float
-) -> list[int | RigModel]:
-    """Return the number of elements of each run, `finer` times that of the simulation."""
-    if elements is None:
-        return mesh_of(bench, runs, finer)
-    return [2 * round(0.5 * finer * elements)] * len(runs)
 
 
 def _of_surface(
@@ -250,28 +227,3 @@ def _of_surface(
         return columns[:shared], float(np.linalg.norm(columns[shared:]))
     relative = surface.mu_se_at(force, speed) / surface.mu(force, speed)
     return np.zeros(0), float(np.abs(weight) @ np.where(np.isfinite(relative), relative, 0.0))
-
-
-def _as_measured(
-    points: Sequence[OperatingPoint], tensions: Array, mu: Array, rig: Rig, kind: RigKind
-) -> Measured:
-    """Return simulated runs in the form of measured ones."""
-    return Measured(
-        R=rig.R,
-        kind=kind,
-        given_force=rig.given_force,
-        arc=np.zeros(mu.size, dtype=np.intp),
-        beta=np.array([point.beta for point in points]),
-        T_0=np.array([point.T_0 for point in points]),
-        omega=np.array([point.omega for point in points]),
-        tight=tensions[:, 0],
-        slack=tensions[:, 1],
-        mu=mu,
-        mu_se=np.zeros(mu.size),
-    )
-
-
-def with_rig_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
-    """Return the sources stored with a surface, then the given ones that it lacks."""
-    stored_keys = {(source.error, source.place) for source in stored}
-    return (*stored, *(s for s in given if (s.error, s.place) not in stored_keys))

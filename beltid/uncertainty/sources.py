@@ -1,4 +1,4 @@
-"""Sources of error with their standard uncertainties.
+"""Sources of error with their standard uncertainties, and the propagation of each to a result.
 
 A source is one number that is wrong by an unknown amount *for all runs that share it*: the
 calibration of the cells for all runs, the setting of an arc for the runs at that arc, the law of
@@ -13,106 +13,124 @@ Sign: an error is the true value minus the value used, relative to it or in its 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.refine.effects import ARC, COURSE, ORDER, TEMPERATURE
 
 Array = NDArray[np.float64]
 
-STATED = "stated"
-ASSUMED = "assumed"
-FITTED = "fitted"
+STATED: Final = "stated"
+ASSUMED: Final = "assumed"
+FITTED: Final = "fitted"
+
+PERCENT: Final = ("%", 0.01)
+DEGREE: Final = ("deg", math.pi / 180.0)
+NEWTON: Final = ("N", 1.0)
+MILLIMETRE: Final = ("mm", 1.0e-3)
+
+RIG, SPANS, MODEL, PRESS, DRIVE = "rig", "spans", "model", "press", "drive"
+ARCS, PULLEYS, COORDINATES = "arcs", "pulleys", "coordinates"
+
+
+class Kind(NamedTuple):
+    """A kind of error that a user can state.
+
+    `error` is its key in the section ``uncertainty`` of a config without the unit; `unit` the unit
+    for display and its size in SI; `places` how many such errors there are, a number or what they
+    are counted by; `results` what they change: the runs by Eqs. (6) to (8), the direction of bent
+    spans, the simulated rig, the contact law, a drive.
+    """
+
+    error: str
+    name: str
+    unit: tuple[str, float]
+    places: int | str
+    results: tuple[str, ...]
+
+
+KINDS: Final = (
+    Kind("tension_gain", "gain common to both load cells", PERCENT, 1, (RIG,)),
+    Kind("cell_gain", "gain of each load cell", PERCENT, 2, (RIG,)),
+    Kind("cell_hysteresis", "hysteresis of the load cells", PERCENT, 1, (RIG,)),
+    Kind("cell_offset", "zero point of each load cell", NEWTON, 2, (RIG,)),
+    Kind("torque_gain", "gain of the torque", PERCENT, 1, (RIG,)),
+    Kind("bearing_drag", "drag of the bearings in the torque", ("N m", 1.0), 1, (RIG,)),
+    Kind("mass_per_length", "mass per length of the belt", PERCENT, 1, (RIG,)),
+    Kind("arc", "contact arc, all settings together", DEGREE, 1, (RIG,)),
+    Kind("arc_setting", "contact arc, each setting", DEGREE, ARCS, (RIG,)),
+    Kind("pulley_radius", "radius of the belt's centreline", PERCENT, 1, (RIG,)),
+    Kind("pulley_speed", "speed of the pulley", PERCENT, 1, (RIG,)),
+    Kind("span_length", "length of the spans", MILLIMETRE, 1, (MODEL, SPANS)),
+    Kind("bending_stiffness", "bending stiffness of the belt", PERCENT, 1, (MODEL, SPANS)),
+    Kind("axial_stiffness", "axial stiffness of the belt", PERCENT, 1, (MODEL, DRIVE)),
+    Kind("initial_tension", "belt tension at rest", PERCENT, 1, (DRIVE,)),
+    Kind("torque", "torque", PERCENT, 1, (DRIVE,)),
+    Kind("drive_radius", "radius of each pulley", PERCENT, PULLEYS, (DRIVE,)),
+    Kind("drive_centres", "place of each pulley", MILLIMETRE, COORDINATES, (DRIVE,)),
+    Kind("press_force", "force of the press", PERCENT, 1, (PRESS,)),
+    Kind("press_displacement", "travel of the press", PERCENT, 1, (PRESS,)),
+    Kind("press_law", "contact law in service against the press", PERCENT, 1, (PRESS,)),
+    Kind("segment_length", "length of the pressed segment", PERCENT, 1, (PRESS,)),
+    Kind("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1, (PRESS,)),
+)
+"""All errors that can be stated."""
+
+REDUCTION_SOURCES: Final = (
+    ("shared_tail", "shape of the tail"),
+    ("shared_drift", "common drift"),
+    ("shared_cells", "cells as seen at rest"),
+)
+"""Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
+ARC, ORDER, COURSE = "arc_effect", "order_effect", "course_effect"
+TEMPERATURE = "temperature_effect"
+EFFECT_SOURCES: Final = {
+    ARC: "differences between arcs",
+    ORDER: "change over the campaign",
+    COURSE: "change over the campaign",
+    TEMPERATURE: "temperature of the runs",
+}
+"""Key and name of effects that shift the friction in addition to the surface."""
+BETWEEN_SPEEDS: Final = "between_speeds"
 
 
 @dataclass(frozen=True, slots=True)
 class StandardUncertainties:
     """Standard uncertainties (k = 1) of the calibrations and settings of the benches.
 
-    Attributes
+    Parameters
     ----------
-    tension_gain : float
-        Gain of both load cells together, as a share.
-    cell_gain : float
-        Gain of each load cell separately, as a share. Rest does not show it: the belt may hold as
-        much friction.
-    cell_offset : float
-        Zero point of each load cell [N].
-    torque_gain : float
-        Gain of the torque of the friction rig, as a share.
-    bearing_drag : float
-        Drag of its bearings, and zero of its sensor, that remain in that torque [N m].
-    mass_per_length : float
-        Mass per length of a running belt, as a share: m v² is subtracted from its tensions.
-    arc : float
-        Contact arc, common to all settings [rad].
-    arc_setting : float
-        Contact arc of each setting separately [rad].
-    pulley_radius : float
-        Radius of the belt's centreline on the pulley, as a share.
-    span_length : float
-        Length of the free spans [m].
-    pulley_speed : float
-        Gain of the speed of the pulley, as a share.
-    bending_stiffness, axial_stiffness : float
-        EI and EA of the belt, as a share.
-    press_force, press_displacement : float
-        Gains of the press, as a share.
-    segment_length : float
-        Length of belt under the press, as a share.
-    machine_compliance : float
-        Compliance of the press [m/N].
-    drive_radius : float
-        Radius of each pulley of a drive, as a share.
-    drive_centres : float
-        Coordinates of the centre of each pulley of a drive [m].
-    initial_tension : float
-        Belt tension of a drive at rest, as a share.
-    torque : float
-        Gain of the torque of a drive, as a share.
+    sizes : mapping of str to float
+        Size by the key of a kind, as a share or in SI units, >= 0; zero for those left out.
     stated : frozenset of str
-        Names of those that the user stated; the others are assumed.
+        Keys that the user stated; the others are assumed.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown or a size negative or not finite.
     """
 
-    tension_gain: float = 0.0
-    cell_gain: float = 0.0
-    cell_offset: float = 0.0
-    torque_gain: float = 0.0
-    bearing_drag: float = 0.0
-    mass_per_length: float = 0.0
-    arc: float = 0.0
-    arc_setting: float = 0.0
-    pulley_radius: float = 0.0
-    span_length: float = 0.0
-    pulley_speed: float = 0.0
-    bending_stiffness: float = 0.0
-    axial_stiffness: float = 0.0
-    press_force: float = 0.0
-    press_displacement: float = 0.0
-    segment_length: float = 0.0
-    machine_compliance: float = 0.0
-    drive_radius: float = 0.0
-    drive_centres: float = 0.0
-    initial_tension: float = 0.0
-    torque: float = 0.0
+    sizes: Mapping[str, float] = field(default_factory=dict)
     stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
+        known = {kind.error for kind in KINDS}
         problems = [
-            f"uncertainty.{f.name} = {getattr(self, f.name)!r}, must be >= 0 and finite"
-            for f in fields(self)
-            if f.name != "stated" and not 0.0 <= getattr(self, f.name) < math.inf
+            f"uncertainty.{key} = {size!r}, must be >= 0 and finite"
+            for key, size in self.sizes.items()
+            if not 0.0 <= size < math.inf
         ]
+        problems += [f"uncertainty.{key}: no such error" for key in self.sizes if key not in known]
         if problems:
             raise InputError(problems)
 
-    def basis(self, name: str) -> str:
-        """Return whether a standard uncertainty was stated or assumed."""
-        return STATED if name in self.stated else ASSUMED
+    def __getitem__(self, error: str) -> float:
+        return self.sizes.get(error, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +157,11 @@ class Source:
 
     name: str
     error: str
-    place: int
-    size: float
-    unit: str
-    per_unit: float
-    basis: str
+    place: int = 0
+    size: float = 1.0
+    unit: str = "1"
+    per_unit: float = 1.0
+    basis: str = FITTED
 
     @property
     def shown(self) -> float:
@@ -168,57 +186,24 @@ class Errors:
         return cls({source.error: source.size * np.eye(source.place + 1)[source.place]})
 
 
-PERCENT = ("%", 0.01)
-DEGREE = ("deg", math.pi / 180.0)
+def changes_by(sources: Sequence[Source], result: Callable[[Errors], Array]) -> Array:
+    """Compute the change of a result by one standard uncertainty of each source.
 
-RIG_SOURCES: tuple[tuple[str, str, tuple[str, float], int], ...] = (
-    ("tension_gain", "gain common to both load cells", PERCENT, 1),
-    ("cell_gain", "gain of each load cell", PERCENT, 2),
-    ("cell_offset", "zero point of each load cell", ("N", 1.0), 2),
-    ("torque_gain", "gain of the torque", PERCENT, 1),
-    ("bearing_drag", "drag of the bearings in the torque", ("N m", 1.0), 1),
-    ("mass_per_length", "mass per length of the belt", PERCENT, 1),
-    ("arc", "contact arc, all settings together", DEGREE, 1),
-    ("arc_setting", "contact arc, each setting", DEGREE, 0),
-    ("pulley_radius", "radius of the belt's centreline", PERCENT, 1),
-    ("pulley_speed", "speed of the pulley", PERCENT, 1),
-)
-"""Key, name, unit, number of places (0: one per arc), for sources that the formulas need."""
-MODEL_SOURCES = (
-    ("span_length", "length of the spans", ("mm", 1.0e-3), 1),
-    ("bending_stiffness", "bending stiffness of the belt", PERCENT, 1),
-    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
-)
-"""Sources that only the simulated rig needs."""
-BENT_SPANS = ("span_length", "bending_stiffness")
-"""Those of them that change the direction of the spans of a bent belt."""
-PRESS_SOURCES = (
-    ("press_force", "force of the press", PERCENT, 1),
-    ("press_displacement", "travel of the press", PERCENT, 1),
-    ("segment_length", "length of the pressed segment", PERCENT, 1),
-    ("machine_compliance", "compliance of the press", ("mm/N", 1.0e-3), 1),
-)
-DRIVE_SOURCES = (
-    ("axial_stiffness", "axial stiffness of the belt", PERCENT, 1),
-    ("initial_tension", "belt tension at rest", PERCENT, 1),
-    ("torque", "torque", PERCENT, 1),
-)
-PULLEY_SOURCES = (("drive_radius", "radius of each pulley", PERCENT, 0),)
-CENTRE_SOURCES = (("drive_centres", "place of each pulley", ("mm", 1.0e-3), 0),)
+    Parameters
+    ----------
+    sources : sequence of Source
+        The K errors.
+    result : callable
+        The result (...) with errors corrected.
 
-REDUCTION_SOURCES = (
-    ("shared_tail", "shape of the tail"),
-    ("shared_drift", "common drift"),
-    ("shared_cells", "cells as seen at rest"),
-)
-"""Key and name of errors that the reduction of all runs shares; their sizes are in the runs."""
-EFFECT_SOURCES = {
-    ARC: "differences between arcs",
-    ORDER: "change over the campaign",
-    COURSE: "change over the campaign",
-    TEMPERATURE: "temperature of the runs",
-}
-"""Key and name of effects that shift the friction in addition to the surface."""
+    Returns
+    -------
+    ndarray, shape (..., K)
+        With its sign: correlations follow from products of the columns.
+    """
+    nominal = np.asarray(result(Errors()))
+    columns = [result(Errors.single(source)) - nominal for source in sources]
+    return np.stack([*columns, nominal], axis=-1)[..., :-1]
 
 
 def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) -> tuple[Source, ...]:
@@ -226,25 +211,24 @@ def rig_sources(u: StandardUncertainties, n_arcs: int, *, bent: bool = False) ->
 
     `bent` states whether the measured force depends on bending of the spans, as a hub force does.
     """
-    of_spans = [row for row in MODEL_SOURCES if bent and row[0] in BENT_SPANS]
-    return _sources(u, (*RIG_SOURCES, *of_spans), n_arcs)
+    return (*_stated(u, RIG, {ARCS: n_arcs}), *(_stated(u, SPANS, {}) if bent else ()))
 
 
-def press_sources(u: StandardUncertainties) -> tuple[Source, ...]:
-    """Return the sources of the press."""
-    return _sources(u, PRESS_SOURCES, 1)
+def press_sources(u: StandardUncertainties, law_scatter: bool = False) -> tuple[Source, ...]:
+    """Return the sources of the contact law.
+
+    `law_scatter` states whether the covariance of its two coefficients is known. All runs use the
+    same law, so its scatter is an error that they share.
+    """
+    words = "contact law, scatter of the press"
+    return (*(Source(words, "law", k) for k in range(2 * law_scatter)), *_stated(u, PRESS, {}))
 
 
 def all_sources(
     u: StandardUncertainties, n_arcs: int, law_scatter: bool = True
 ) -> tuple[Source, ...]:
-    """Return the sources of a surface that was built with the simulated rig.
-
-    `law_scatter` states whether the covariance of the contact law is known. All runs use the same
-    law, so its scatter is an error that they share.
-    """
-    rig = (*rig_sources(u, n_arcs), *_sources(u, MODEL_SOURCES, 1))
-    return (*rig, *law_scatter_sources(law_scatter), *press_sources(u))
+    """Return the sources of a surface that was built with the simulated rig."""
+    return (*rig_sources(u, n_arcs), *_stated(u, MODEL, {}), *press_sources(u, law_scatter))
 
 
 def drive_sources(
@@ -254,42 +238,30 @@ def drive_sources(
 
     The places of ``drive_centres`` are the abscissae of all pulleys, then their ordinates.
     """
-    geometry = (
-        *_sources(u, PULLEY_SOURCES, n_pulleys),
-        *_sources(u, CENTRE_SOURCES, 2 * n_pulleys),
-    )
-    law = (*law_scatter_sources(law_scatter), *press_sources(u))
-    return (*_sources(u, DRIVE_SOURCES, 1), *geometry, *law)
+    counts = {PULLEYS: n_pulleys, COORDINATES: 2 * n_pulleys}
+    return (*_stated(u, DRIVE, counts), *press_sources(u, law_scatter))
 
 
 def bending_source() -> Source:
     """Return the source for the bending stiffness that a string has not, of unit size."""
-    words = "string without bending stiffness"
-    return Source(words, "without_bending", 0, 1.0, "1", 1.0, FITTED)
+    return Source("string without bending stiffness", "without_bending")
 
 
 def slower_source() -> Source:
     """Return the source for friction at sliding speeds below those measured, of unit size."""
     words = "friction slower than the slowest measured sliding"
-    return Source(words, "slower_friction", 0, 1.0, "1", 1.0, ASSUMED)
+    return Source(words, "slower_friction", basis=ASSUMED)
 
 
 def between_speeds_source(place: int) -> Source:
     """Return the source for friction interpolated to a speed that was left out, of unit size."""
-    words = "interpolation between the speeds"
-    return Source(words, "between_speeds", place, 1.0, "1", 1.0, FITTED)
-
-
-def law_scatter_sources(known: bool) -> tuple[Source, ...]:
-    """Return the scatter of both contact law coefficients, if their covariance is known."""
-    words = "contact law, scatter of the press"
-    return tuple(Source(words, "law", k, 1.0, "1", 1.0, FITTED) for k in range(2 * known))
+    return Source("interpolation between the speeds", BETWEEN_SPEEDS, place)
 
 
 def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
     """Return the sources of the reduction that runs have columns for; each of unit size."""
     return tuple(
-        Source(words, key, 0, 1.0, "1", 1.0, FITTED)
+        Source(words, key)
         for key, words in REDUCTION_SOURCES
         if key in columns and np.any(columns[key])
     )
@@ -297,22 +269,27 @@ def reduction_sources(columns: Mapping[str, Array]) -> tuple[Source, ...]:
 
 def effect_sources(key: str, size: float, count: int) -> tuple[Source, ...]:
     """Return the sources of an effect; `size` is the standard deviation that the runs show."""
-    return tuple(
-        Source(EFFECT_SOURCES[key], key, k, size, *PERCENT, FITTED)
-        for k in range(count)
-        if size > 0.0
-    )
+    places = range(count if size > 0.0 else 0)
+    return tuple(Source(EFFECT_SOURCES[key], key, k, size, *PERCENT) for k in places)
 
 
-def _sources(
-    u: StandardUncertainties,
-    table: Sequence[tuple[str, str, tuple[str, float], int]],
-    n_arcs: int,
-) -> tuple[Source, ...]:
+def sources_of(stored: Sequence[Mapping[str, Any]]) -> tuple[Source, ...]:
+    """Read sources of error from metadata."""
+    return tuple(Source(**{name: row[name] for name in Source.__slots__}) for row in stored)
+
+
+def with_rig_sources(stored: Sequence[Source], given: Sequence[Source]) -> tuple[Source, ...]:
+    """Return the sources stored with a surface, then the given ones that it lacks."""
+    there = {(source.error, source.place) for source in stored}
+    return (*stored, *(s for s in given if (s.error, s.place) not in there))
+
+
+def _stated(u: StandardUncertainties, result: str, counts: Mapping[str, int]) -> tuple[Source, ...]:
+    """List the errors that change a result, by the number of arcs, pulleys, coordinates."""
     return tuple(
-        Source(words, key, place, size, *unit, u.basis(key))
-        for key, words, unit, count in table
-        for size in (getattr(u, key),)
-        for place in range(count or n_arcs)
-        if size > 0.0
+        Source(kind.name, kind.error, k, size, *kind.unit, STATED if is_stated else ASSUMED)
+        for kind in KINDS
+        if result in kind.results and (size := u[kind.error]) > 0.0
+        for is_stated in [kind.error in u.stated]
+        for k in range(kind.places if isinstance(kind.places, int) else counts[kind.places])
     )

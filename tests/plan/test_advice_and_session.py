@@ -14,7 +14,7 @@ from beltid.plan.target import Target, surface_target
 from beltid.refine.curves import Curves
 from beltid.uncertainty.sources import Source
 
-GAIN = Source("gain of the cell", "cell_gain", 0, 0.01, "%", 0.01, "stated")
+GAIN = Source("gain of the torque", "torque_gain", 0, 0.01, "%", 0.01, "stated")
 ARC = Source("contact arc", "arc", 0, 0.002, "deg", math.pi / 180.0, "assumed")
 TAIL = Source("shape of the tail", "shared_tail", 0, 1.0, "1", 1.0, "fitted")
 SOURCES = (GAIN, ARC, TAIL)
@@ -71,6 +71,25 @@ def test_stop_where_shared_errors_remain_with_the_statement_that_helps_most():
     assert arc.source == ARC
     assert arc.contribution == pytest.approx(0.04, rel=1e-6)
     assert arc.halved == pytest.approx(math.sqrt(shared + scatter - 0.75 * 0.04**2), rel=1e-6)
+
+
+def test_runs_in_both_directions_where_the_gain_of_the_cells_is_not_known():
+    gains = tuple(
+        Source("gain of each load cell", "cell_gain", k, 0.01, "%", 0.01, "stated") for k in (0, 1)
+    )
+    runs = RunRows(
+        np.ones((4, 1)),
+        np.tile([0.01, -0.01], (4, 1)),
+        np.full(4, 0.001**2),
+        np.array([0, 0, 1, 1]),
+    )
+    before = Knowledge(np.array([[1e6]]), np.zeros((1, 2)))
+    one_way = choose_plan(before, runs, TARGET, gains, 4, goal=0.0)
+    assert one_way.after == pytest.approx(0.01 * math.sqrt(2.0), rel=0.01)
+    both = choose_plan(before, runs, TARGET, gains, 4, goal=0.0, can_reverse=True)
+    # as many one way as the other: what is left is the noise
+    assert sum(i >= 4 for i in both.chosen) == 2
+    assert both.after == pytest.approx(0.001 / 2.0, rel=0.01)
 
 
 def test_stop_where_runs_are_too_noisy_to_help():

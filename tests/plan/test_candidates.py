@@ -15,14 +15,14 @@ from beltid.plan.candidates import (
     Candidates,
     NoiseLaw,
     Settings,
+    in_both_directions,
     noise_law,
     simulate_candidates,
 )
-from beltid.refine.effects import ARC
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import Source
+from beltid.uncertainty.sources import ARC, Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
 SETTINGS = Settings((40.0, 82.0), (60.0, 300.0), (0.05, 0.42))
@@ -74,9 +74,20 @@ def test_an_arc_that_is_larger_lowers_what_was_measured_on_it_alone(candidates):
 def test_an_effect_of_an_arc_and_a_tail_are_columns_of_their_runs(candidates):
     sources = [source(ARC, 0.003, place=1), source("shared_tail", 1.0)]
     rows = candidates.rows(sources, NoiseLaw(), {"shared_tail": 0.002})
-    np.testing.assert_allclose(rows.S[:4, 0], 0.003 * candidates.response[:4], rtol=5e-3)
+    np.testing.assert_allclose(rows.S[:4, 0], 0.003 * candidates.J.sum(axis=1)[:4], rtol=5e-3)
     assert np.all(rows.S[4:, 0] == 0.0)
     np.testing.assert_allclose(rows.S[:, 1], 0.002, rtol=5e-3)
+
+
+def test_a_gain_of_a_cell_changes_its_sign_with_the_direction_and_nothing_else_does(candidates):
+    sources = [source("cell_gain", 0.002, 0), source("cell_gain", 0.002, 1), source("arc", 0.01)]
+    rows = in_both_directions(candidates.rows(sources, NoiseLaw(), {}), sources)
+    forward, back = np.split(rows.S, 2)
+    np.testing.assert_allclose(back[:, :2], forward[:, [1, 0]])
+    # Eq. (6): ln(T_tight / T_slack); the tension at rest, which both move, counts little
+    np.testing.assert_allclose(forward[:, 0], -forward[:, 1], rtol=0.25)
+    np.testing.assert_array_equal(back[:, 2], forward[:, 2])
+    np.testing.assert_array_equal(*np.split(rows.J, 2))
 
 
 def test_the_noise_law_of_runs_is_found_again(candidates):

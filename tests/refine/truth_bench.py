@@ -1,20 +1,24 @@
-"""The synthetic benches, whose truth comes from another model, as runs to refine a surface from."""
+"""The synthetic benches, whose truth comes from another model, as campaigns to refine."""
 
 from __future__ import annotations
 
 import csv
 import functools
-import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.params import Belt, Contact, OperatingPoint, Rig
-from beltid.refine.inverse import MeasuredRun, RefinedSurface, refine_surface
+from beltid.params import Belt, Contact, GivenForce, Rig
+from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.rig.model import Bench
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.rig_runs import Campaign
 
 TRUTH = Path(__file__).parents[1] / "truth"
 R = 0.05
@@ -29,15 +33,16 @@ BELTS = {
 }
 
 
-def true_mu(belt: str, f: np.ndarray, v: float) -> np.ndarray:
+def true_mu(belt: str, f: Any, v: Any) -> np.ndarray:
     mu0, a, c, v0 = BELTS[belt][4:]
-    return mu0 * (f / 5400) ** -a * (1 + c * (math.log1p(v / v0) / math.log1p(0.01 / v0) - 1))
+    speed = np.log1p(np.asarray(v) / v0) / np.log1p(0.01 / v0)
+    return np.asarray(mu0 * (np.asarray(f) / 5400) ** -a * (1 + c * (speed - 1)))
 
 
-def bench_and_runs(
-    belt: str, noise: float = 0.0, speeds: np.ndarray = SPEEDS
-) -> tuple[Bench, list[MeasuredRun], np.ndarray]:
-    """The synthetic bench of a belt with the coefficients of the truth, with noise or without."""
+def campaign(
+    belt: str = "5pk", noise: float = 0.0, speeds: np.ndarray = SPEEDS, given: GivenForce = "none"
+) -> Campaign:
+    """A synthetic bench with its true coefficients, with noise or without, in one order."""
     EA, EI, k1, k2 = BELTS[belt][:4]
     with (TRUTH / belt / "truth.csv").open() as file:
         rows = [
@@ -45,42 +50,60 @@ def bench_and_runs(
             for row in csv.DictReader(file)
             if np.any(np.abs(float(row["omega"]) * R / speeds - 1.0) < 0.02)
         ]
-    points = [
-        OperatingPoint(math.radians(float(r["arc_deg"])), float(r["T0"]), float(r["omega"]))
-        for r in rows
-    ]
-    mu = np.array([float(r["mu_app"]) for r in rows])
+    arc_deg, T_0, omega, mu, f = (
+        np.array([float(row[key]) for row in rows])
+        for key in ("arc_deg", "T0", "omega", "mu_app", "f_ref")
+    )
     mu = mu * (1 + noise * np.random.default_rng(5).normal(size=mu.size))
-    f = np.array([float(r["f_ref"]) for r in rows])
-    se = max(noise, 1e-4) * mu
-    published = build_surface(
-        [math.degrees(p.beta) for p in points], f, [p.omega * R for p in points], mu, se
-    ).surface
-    bench = Bench(Belt(EA, EI, 0.10), Rig(R, 0.10), Contact(), NormalLaw(k1, k2), published)
-    return bench, [MeasuredRun(*run) for run in zip(points, mu, se, strict=True)], f
+    beta = np.radians(arc_deg)
+    slack = f * R * mu * beta / np.expm1(mu * beta)
+    measured = Measured(
+        R=R,
+        arc=np.unique(arc_deg, return_inverse=True)[1],
+        beta=beta,
+        T_0=T_0,
+        omega=omega,
+        tight=slack * np.exp(mu * beta),
+        slack=slack,
+        mu=mu,
+        mu_se=max(noise, 1e-4) * mu,
+        order=np.zeros(mu.size, dtype=np.intp),
+        given_force=given,
+    )
+    law = NormalLaw(k1, k2)
+    start = build_surface(arc_deg, f, omega * R, mu, measured.mu_se).surface
+    bench = Bench(Belt(EA, EI, 0.10), Rig(R, 0.10, given_force=given), Contact(), law, start)
+    return Campaign(measured, bench, PressLaw(law, np.zeros((2, 2)), 1.2e-4, 0.04))
 
 
 @functools.cache
-def solved(
-    belt: str, noise: float = 0.0, speeds: tuple[float, ...] = tuple(SPEEDS)
-) -> RefinedSurface:
+def solved(belt: str = "5pk", noise: float = 0.0, speeds: tuple[float, ...] = tuple(SPEEDS)) -> Any:
     """The inverse problem of a bench, solved once for all tests that look at it."""
-    bench, runs, _ = bench_and_runs(belt, noise, np.array(speeds))
-    return refine_surface(bench, runs, np.array(speeds))
+    return refine_surface(campaign(belt, noise, np.array(speeds)), np.array(speeds))
 
 
-def errors(
-    belt: str,
-    surface: FrictionSurface,
-    runs: list[MeasuredRun],
-    f: np.ndarray,
-    speeds: np.ndarray = SPEEDS,
-) -> tuple:
+def shifted(of: Campaign, change: np.ndarray, noise: float, seed: int = 3, **more: Any) -> Campaign:
+    """The campaign with ln mu of its runs changed, noise, and other columns."""
+    factor = np.exp(change + noise * np.random.default_rng(seed).normal(size=change.size))
+    mu = of.measured.mu * factor
+    return replace(of, measured=replace(of.measured, mu=mu, mu_se=noise * mu, **more))
+
+
+def errors(belt: str, surface: FrictionSurface, of: Campaign, speeds: np.ndarray = SPEEDS) -> Any:
     """RMS and largest relative error over the forces of the runs at each speed."""
-    all_errors = []
+    found = []
     for v in speeds:
-        mine = [i for i, run in enumerate(runs) if abs(run.point.omega * R / v - 1) < 0.02]
-        force = np.geomspace(f[mine].min(), f[mine].max(), 40)
-        all_errors.append(surface.mu(force, v) / true_mu(belt, force, v) - 1)
-    flat = np.array(all_errors)
-    return float(np.sqrt(np.mean(flat**2))), float(np.max(np.abs(flat)))
+        f = of.measured.normal_force[np.abs(of.measured.slip_speed / v - 1) < 0.02]
+        force = np.geomspace(f.min(), f.max(), 40)
+        found.append(surface.mu(force, v) / true_mu(belt, force, v) - 1)
+    return float(np.sqrt(np.mean(np.square(found)))), float(np.max(np.abs(found)))
+
+
+def at_nodes(found: RefinedSurface) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of ln mu of 5PK at the nodes within the forces of all runs; their standard errors."""
+    surface, f = found.surface, found.campaign.measured.normal_force
+    force = surface.normal_force_N_m
+    inside = (force >= f.min()) & (force <= f.max())
+    truth = true_mu("5pk", force[inside, None], surface.slip_speed_m_s)
+    se = surface.mu_se_nodes[inside] / surface.mu_nodes[inside]  # type: ignore[index]
+    return np.log(surface.mu_nodes[inside] / truth).ravel(), se.ravel()

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from repetitions import repetition
-from virtual_bench import NO_ERRORS, SMALL, read_campaign
 
 import beltid
 from beltid.config.model import UncertaintySection
-from beltid.refine.inverse import refine_surface
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
-from beltid.uncertainty.refined import changes_and_scatter, refined_campaign
 from beltid.uncertainty.simulated import RunsUncertainty
 from beltid.uncertainty.sources import reduction_sources
 
@@ -93,12 +88,6 @@ def plain():
     return beltid.refine_surface(friction(), LAW, NOTHING)
 
 
-@pytest.fixture(scope="module")
-def usual():
-    """With the default uncertainties: an arc is set to 0.2°."""
-    return beltid.refine_surface(friction(), LAW)
-
-
 def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     published = beltid.build_surface(with_shared(), NOTHING)
     response = refined.result.refined.response
@@ -119,40 +108,12 @@ def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
 
 
 def test_the_fit_weighs_runs_by_their_own_scatter(refined, plain):
-    # what rounding leaves of the own errors moves hyperparameters and step within their limits
-    np.testing.assert_allclose(refined.columns["mu"], plain.columns["mu"], rtol=2e-3)
-    shares = [
-        found.result.refined.errors / found.result.refined.errors.mean()
-        for found in (refined, plain)
-    ]
-    np.testing.assert_allclose(*shares, rtol=2e-3)
     f, measured = refined.columns["normal_force_N_m"], friction()["normal_force_N_m"]
     inside = (f > measured.min()) & (f < measured.max())
+    # with stated errors the knots are placed once more, where the refined surface lets forces act
+    both = [found.columns["mu"][inside] for found in (refined, plain)]
+    np.testing.assert_allclose(*both, rtol=3e-3)
     assert np.all((refined.columns["mu_u"] > 1.5 * plain.columns["mu_u"])[inside])
-
-
-def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
-    campaign = read_campaign(replace(SMALL, given=NO_ERRORS), np.random.default_rng(2))
-    found = refine_surface(campaign.bench, campaign.runs, SMALL.speeds)
-    column = 0.005 * found.response[:, None]  # a factor of 0.5 % on the surface
-    for times in (1.0, 0.1):  # of the stated standard errors
-        measured = replace(campaign.measured, mu_se=times * campaign.measured.mu_se)
-        measured = replace(measured, columns={"shared_cells": column})
-        other = replace(campaign, measured=measured)
-        sources = reduction_sources(measured.columns)
-        changes, _ = changes_and_scatter(refined_campaign(other, SMALL.speeds, sources))
-        np.testing.assert_allclose(changes[..., 0], 0.005, rtol=0.02)
-
-
-@pytest.mark.long
-def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
-    design = replace(SMALL, given=NO_ERRORS, noise=0.001, shared=0.01)
-    found = [repetition(design, 200 + seed) for seed in range(12)]
-    z = np.array([r.error / r.combined for r in found])
-    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
-    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
-    alone = np.array([r.error / r.scatter for r in found])
-    assert np.mean(np.abs(alone) < 1.96) < 0.5
 
 
 def test_without_any_uncertainty_stated_both_surfaces_and_a_campaign_are_made(plain):
@@ -190,27 +151,6 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
     np.testing.assert_allclose(found.validation.measured_scatter, own, rtol=1e-6)
     np.testing.assert_allclose(found.validation.u_validation, math.hypot(own, left), rtol=1e-6)
     assert [source.error for source in found.sources] == ["shared_tail"]
-
-
-@pytest.mark.long
-def test_arcs_that_differ_are_reported_with_their_size_and_are_in_the_uncertainty(usual):
-    table = friction()
-    effect = np.select([table["arc_deg"] == arc for arc in (40, 68, 82)], [0.03, -0.03, 0.03])
-    noise = 1.0 + OWN * np.random.default_rng(1).standard_normal(effect.size)
-    table["mu_sliding"] = table["mu_sliding"] * np.exp(effect) * noise
-    found = beltid.refine_surface(table, LAW)
-    (line,) = found.warnings
-    assert line.startswith("arcs differ: the runs at ")
-    (apart,) = (effect for effect in found.result.effects if effect.key == "arc_effect")
-    # default uncertainties of the arcs and cells: 0.3 % off in some draws, 0.8 % in others
-    assert abs(apart.size - 0.06) < 1.96 * apart.uncertainty < 0.02
-    assert apart.arcs_deg[0] == pytest.approx(68.0)
-    budget = lines(found.tables["budget"])
-    # the three effects have a standard deviation of 3.5 %; their mean, 1 %, is not seen
-    assert 1.0 < budget["differences between arcs"] < 5.0
-    # arcs that agree: an effect could hide in what an arc is stated to be set to, not beyond it
-    agreeing = lines(usual.tables["budget"])
-    assert agreeing["differences between arcs"] < agreeing["contact arc, each setting"]
 
 
 def test_runs_that_scatter_far_more_than_they_say_are_reported(plain):

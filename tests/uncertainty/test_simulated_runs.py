@@ -15,12 +15,8 @@ from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.agreement import Validation
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.simulated import (
-    SimulatedUncertainty,
-    simulated_uncertainty,
-    with_rig_sources,
-)
-from beltid.uncertainty.sources import StandardUncertainties, rig_sources
+from beltid.uncertainty.simulated import SimulatedUncertainty, simulated_uncertainty
+from beltid.uncertainty.sources import StandardUncertainties, rig_sources, with_rig_sources
 
 POINTS = [
     OperatingPoint(math.radians(arc), T_0, omega)
@@ -28,7 +24,7 @@ POINTS = [
 ]
 ARC = np.array([0, 1, 1], dtype=np.intp)
 SHARE, OWN = 0.02, 0.015
-GIVEN = StandardUncertainties(arc=math.radians(0.2), tension_gain=0.002)
+GIVEN = StandardUncertainties({"arc": math.radians(0.2), "tension_gain": 0.002})
 
 
 def scaled(by: float) -> FrictionSurface:
@@ -101,7 +97,7 @@ def test_an_error_of_the_bench_is_in_what_was_measured_as_the_formulas_say(
     of_measured = plain.simulated - plain.difference
     # Eq. (6): the logarithm of the tensions over the arc; a gain of both cells cancels
     beta = np.array([point.beta for point in POINTS])
-    expected = -np.log1p(GIVEN.arc / beta)
+    expected = -np.log1p(GIVEN["arc"] / beta)
     np.testing.assert_allclose(of_measured[:, errors.index("arc")], expected, rtol=1e-9)
     np.testing.assert_allclose(of_measured[:, errors.index("tension_gain")], 0.0, atol=1e-12)
 
@@ -127,7 +123,7 @@ def test_a_mesh_twice_as_fine_is_the_measure_of_the_mesh(plain: SimulatedUncerta
 
 def test_sources_a_surface_knows_are_kept_as_they_were() -> None:
     stored = rig_sources(GIVEN, 2)
-    given = rig_sources(replace(GIVEN, arc=math.radians(9.0), cell_offset=0.1), 2)
+    given = rig_sources(StandardUncertainties({"arc": math.radians(9.0), "cell_offset": 0.1}), 2)
     together = with_rig_sources(stored, given)
     assert together[: len(stored)] == stored
     assert [(s.error, s.place) for s in together[len(stored) :]] == [

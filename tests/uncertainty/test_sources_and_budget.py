@@ -108,6 +108,15 @@ def test_an_arc_acts_on_its_own_setting_or_on_all():
     np.testing.assert_allclose(both.mu / runs().mu, BETA / (BETA + 0.01), rtol=1e-12)
 
 
+def test_hysteresis_of_the_cells_lowers_what_they_show_of_the_coefficient():
+    # a share of the change since rest: the tight cell rises and lags, the slack one falls and lags
+    after = runs().corrected(errors(cell_hysteresis=[0.01]))
+    np.testing.assert_allclose(after.tight, TIGHT + 0.01 * (TIGHT - runs().T_0), rtol=1e-12)
+    np.testing.assert_allclose(after.slack, SLACK - 0.01 * (runs().T_0 - SLACK), rtol=1e-12)
+    assert np.all(after.mu > runs().mu)
+    np.testing.assert_allclose(after.T_0, runs().T_0)
+
+
 def test_radius_and_speed_move_force_and_sliding_speed():
     after = runs().corrected(errors(pulley_radius=[0.02], pulley_speed=[0.03]))
     np.testing.assert_allclose(after.normal_force, runs().normal_force / 1.02, rtol=1e-12)
@@ -118,15 +127,18 @@ def test_an_error_as_large_as_a_tension_is_refused():
     with pytest.raises(InputError, match="lowest tension 70 N"):
         runs().corrected(errors(cell_offset=[0.0, -71.0]))
     with pytest.raises(InputError, match=r"uncertainty\.arc = -1"):
-        StandardUncertainties(arc=-1.0)
+        StandardUncertainties({"arc": -1.0})
 
 
 def test_gains_of_the_press_scale_the_coefficients():
     press = PressLaw(LAW, NONE, 1e-4, 0.04)
     found = press.coefficients(
-        errors(press_force=[0.02], press_displacement=[0.01], segment_length=[0.03])
+        errors(
+            press_force=[0.02], press_displacement=[0.01], segment_length=[0.03], press_law=[0.05]
+        )
     )
-    expected = [6.5e7 * 1.02 / 1.03 / 1.01, 3.0256e11 * 1.02 / 1.03 / 1.01**2]
+    scale = 1.05 * 1.02 / 1.03
+    expected = [6.5e7 * scale / 1.01, 3.0256e11 * scale / 1.01**2]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -164,7 +176,7 @@ def test_scatter_of_the_press_has_its_covariance():
 
 
 def test_sources_say_what_was_stated():
-    u = StandardUncertainties(arc=0.01, cell_gain=0.002, stated=frozenset({"arc"}))
+    u = StandardUncertainties({"arc": 0.01, "cell_gain": 0.002}, frozenset({"arc"}))
     basis = {source.name: source.basis for source in rig_sources(u, 3)}
     assert basis == {
         "gain of each load cell": "assumed",
@@ -180,7 +192,7 @@ def test_sources_say_what_was_stated():
 
 
 def test_a_budget_adds_squares_and_names_the_largest_first():
-    sources = rig_sources(StandardUncertainties(tension_gain=0.002, cell_gain=0.001), 1)
+    sources = rig_sources(StandardUncertainties({"tension_gain": 0.002, "cell_gain": 0.001}), 1)
     changes = np.array([[0.01, 0.03, 0.04], [0.01, 0.03, 0.04]])
     rows = budget("x", sources, changes, Scatter("scatter", np.array([0.02, 0.02]), 9.0))
     found = {row["source"]: row["contribution_percent"] for row in rows}

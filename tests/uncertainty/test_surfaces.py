@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from repetitions import repetition
-from virtual_bench import GIVEN, SMALL, read_campaign
+from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
 from beltid.identify.surface.average import average
 from beltid.identify.surface.curves import Points, build_curves
-from beltid.refine.rig_runs import RigRuns, mesh_of, surfaces_of
+from beltid.refine.inverse import refine_surface
 from beltid.uncertainty.published import (
     changes_at_nodes,
     published_changes,
@@ -19,26 +18,22 @@ from beltid.uncertainty.published import (
     published_grid,
     scatter_factor,
 )
-from beltid.uncertainty.refined import (
-    INPUTS,
-    parameter_changes,
-    refined_campaign,
-)
-from beltid.uncertainty.sources import Errors, all_sources, rig_sources
+from beltid.uncertainty.rig_runs import INPUTS, RigRuns, mesh_of
+from beltid.uncertainty.sources import Errors, all_sources, reduction_sources, rig_sources
 
 
 @pytest.fixture(scope="module")
 def nominal():
     campaign = read_campaign(SMALL, np.random.default_rng(4))
     sources = all_sources(GIVEN, len(SMALL.arcs_deg), law_scatter=False)
-    return refined_campaign(campaign, SMALL.speeds, sources)
+    return refine_surface(campaign, SMALL.speeds, sources)
 
 
 def test_slopes_obey_the_dimensions(nominal):
     # scaled forces (T0, EI, EA and both stiffnesses) with a surface scaled along the force change
     # nothing; neither do scaled lengths
     slope = dict(zip(INPUTS, nominal.slopes.T, strict=True))
-    curves, refined = nominal.refined.curves, nominal.refined
+    curves, refined = nominal.curves, nominal
     step = 1e-5
     basis = (curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)) / (
         2 * step
@@ -57,13 +52,13 @@ def test_slopes_obey_the_dimensions(nominal):
 
 def solved_again(nominal, campaign):
     """Chord steps with knots and smoothness as they are; the rig is laid on anew."""
-    refined = nominal.refined
+    refined = nominal
 
-    def difference(bench_runs, parameters):
-        bench, runs = bench_runs.bench, bench_runs.runs
-        rig = RigRuns(bench, runs, SMALL.speeds, mesh_of(bench, runs, 1.0))
-        simulated = rig.log_mu(surfaces_of(refined.curves, parameters), refined.speed_slope)
-        return np.log(bench_runs.measured.mu) - simulated
+    def difference(of, parameters):
+        points = of.measured.points
+        rig = RigRuns(of.bench, points, SMALL.speeds, mesh_of(of.bench, points, 1.0))
+        simulated = rig.log_mu(refined.curves.surfaces(parameters), refined.speed_slope)
+        return np.log(of.measured.mu) - simulated
 
     start = difference(nominal.campaign, refined.parameters)
     moved = np.zeros(refined.parameters.size)
@@ -78,12 +73,22 @@ def solved_again(nominal, campaign):
 
 
 def test_the_refined_surface_follows_an_error_as_a_new_solution_does(nominal):
-    campaign, refined = nominal.campaign, nominal.refined
-    for source in nominal.sources:
-        change = parameter_changes(campaign, refined, [source], nominal.slopes)[:, 0]
-        again = solved_again(nominal, campaign.corrected(Errors.single(source)))
-        found, expected = refined.J @ again, refined.J @ change
+    for source, change in zip(nominal.sources, nominal.changes.T, strict=True):
+        again = solved_again(nominal, nominal.campaign.corrected(Errors.single(source)))
+        found, expected = nominal.J @ again, nominal.J @ change
         np.testing.assert_allclose(found, expected, atol=0.1 * np.abs(expected).max() + 1e-5)
+
+
+def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
+    campaign = read_campaign(replace(SMALL, given=NO_ERRORS), np.random.default_rng(2))
+    response = refine_surface(campaign, SMALL.speeds).response
+    for times in (1.0, 0.1):  # of the stated standard errors
+        measured = replace(campaign.measured, mu_se=times * campaign.measured.mu_se)
+        # a factor of 0.5 % on the surface
+        measured = measured.with_columns("shared_cells", 0.005 * response[:, None])
+        sources = reduction_sources(measured.columns)
+        found = refine_surface(replace(campaign, measured=measured), SMALL.speeds, sources)
+        np.testing.assert_allclose(found.uncertainty.changes[..., 0], 0.005, rtol=0.02)
 
 
 def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
@@ -94,7 +99,7 @@ def test_the_published_surface_follows_an_error_as_the_procedure_does(nominal):
     both = changes[..., [s.error == "tension_gain" for s in sources]][..., 0]
     # a gain of both cells moves the forces alone: mu changes by the slope along the force
     by_f, _ = grid.to_surface().gradient(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
-    expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN.tension_gain
+    expected = -by_f * grid.normal_force_N_m[:, None] / grid.mu * GIVEN["tension_gain"]
     np.testing.assert_allclose(both, expected, atol=1e-5)
     other = published_grid(measured.corrected(Errors.single(sources[0])))
     np.testing.assert_allclose(changes_at_nodes(grid, other), both, atol=1e-12)
@@ -129,9 +134,17 @@ def test_scatter_at_a_speed_is_that_of_its_own_runs_where_another_speed_is_left_
     assert np.sum(factor**2, axis=2) == pytest.approx((grid.mu_se / grid.mu) ** 2, rel=1e-9)
 
 
-def test_without_sources_nothing_is_shared(nominal):
-    found = parameter_changes(nominal.campaign, nominal.refined, [], nominal.slopes)
-    assert found.shape == (nominal.refined.parameters.size, 0)
+def test_between_nodes_a_surface_is_no_better_known_than_its_neighbours(nominal):
+    measured = nominal.campaign.measured
+    grid = published_grid(measured)
+    surface = grid.to_surface().with_covariance(scatter_factor(published_curves(measured), grid))
+    f, v = (np.sqrt(x[1:] * x[:-1]) for x in (grid.normal_force_N_m, grid.slip_speed_m_s))
+    relative = surface.mu_u(f[:, None], v) / surface.mu(f[:, None], v)
+    nodes = grid.mu_se / grid.mu
+    least = np.minimum(np.minimum(nodes[1:, 1:], nodes[:-1, 1:]), nodes[1:, :-1])
+    assert np.all(relative >= np.minimum(least, nodes[:-1, :-1]) * (1.0 - 1e-12))
+    at_nodes = surface.mu_u(grid.normal_force_N_m[:, None], grid.slip_speed_m_s)
+    np.testing.assert_allclose(at_nodes, grid.mu_se, rtol=1e-6)
 
 
 @pytest.mark.long
@@ -144,3 +157,14 @@ def test_intervals_of_the_refined_surface_hold_the_truth():
     # the scatter alone, as if many runs averaged the bench's errors away, does not hold it
     alone = np.array([r.error / r.scatter for r in found])
     assert np.mean(np.abs(alone) < 1.96) < 0.8
+
+
+@pytest.mark.long
+def test_a_common_error_is_covered_and_its_scatter_alone_does_not():
+    design = replace(SMALL, given=NO_ERRORS, noise=0.001, shared=0.01)
+    found = [repetition(design, 200 + seed) for seed in range(12)]
+    z = np.array([r.error / r.combined for r in found])
+    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
+    alone = np.array([r.error / r.scatter for r in found])
+    assert np.mean(np.abs(alone) < 1.96) < 0.5

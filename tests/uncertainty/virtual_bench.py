@@ -16,12 +16,13 @@ from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
+from beltid.refine.inverse import refine_surface
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.uncertainty.campaign import Campaign
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.press_law import PressLaw
-from beltid.uncertainty.sources import StandardUncertainties
+from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.sources import StandardUncertainties, all_sources, reduction_sources
 
 BELT, RIG, LAW = Belt(1.0e5, 0.02, 0.10), Rig(0.05, 0.10), NormalLaw(6.5e7, 3.0256e11)
 FORCE = np.geomspace(80.0, 40000.0, 60)
@@ -29,35 +30,39 @@ SPEED = np.geomspace(1e-3, 0.1, 25)
 FINER = 1.5
 
 USUAL_CLASS = StandardUncertainties(
-    tension_gain=0.002,
-    cell_gain=0.001,
-    cell_offset=0.05,
-    arc=math.radians(0.1),
-    arc_setting=math.radians(0.2),
-    pulley_radius=0.002,
-    span_length=5.0e-4,
-    pulley_speed=0.002,
-    bending_stiffness=0.05,
-    axial_stiffness=0.05,
-    press_force=0.005,
-    press_displacement=0.002,
-    segment_length=0.005,
+    {
+        "tension_gain": 0.002,
+        "cell_gain": 0.001,
+        "cell_offset": 0.05,
+        "arc": math.radians(0.1),
+        "arc_setting": math.radians(0.2),
+        "pulley_radius": 0.002,
+        "span_length": 5.0e-4,
+        "pulley_speed": 0.002,
+        "bending_stiffness": 0.05,
+        "axial_stiffness": 0.05,
+        "press_force": 0.005,
+        "press_displacement": 0.002,
+        "segment_length": 0.005,
+    }
 )
-"""Those that a config has by default, with the compliance of the press known."""
+"""Those of a usual bench, with the compliance of the press known."""
 GIVEN = StandardUncertainties(
-    tension_gain=0.002,
-    cell_gain=0.002,
-    cell_offset=0.1,
-    arc=math.radians(0.2),
-    arc_setting=math.radians(0.3),
-    pulley_radius=0.004,
-    span_length=1.0e-3,
-    pulley_speed=0.003,
-    bending_stiffness=0.08,
-    axial_stiffness=0.05,
-    press_force=0.01,
-    press_displacement=0.005,
-    segment_length=0.01,
+    {
+        "tension_gain": 0.002,
+        "cell_gain": 0.002,
+        "cell_offset": 0.1,
+        "arc": math.radians(0.2),
+        "arc_setting": math.radians(0.3),
+        "pulley_radius": 0.004,
+        "span_length": 1.0e-3,
+        "pulley_speed": 0.003,
+        "bending_stiffness": 0.08,
+        "axial_stiffness": 0.05,
+        "press_force": 0.01,
+        "press_displacement": 0.005,
+        "segment_length": 0.01,
+    }
 )
 """Standard uncertainties of the virtual bench."""
 NO_ERRORS = StandardUncertainties()
@@ -100,18 +105,18 @@ def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
     def draw(size: float) -> float:
         return size * float(rng.standard_normal())
 
-    gain, gains = draw(u.tension_gain), [draw(u.cell_gain) for _ in range(2)]
-    zeros, arc = [draw(u.cell_offset) for _ in range(2)], draw(u.arc)
-    settings = [draw(u.arc_setting) for _ in design.arcs_deg]
+    gain, gains = draw(u["tension_gain"]), [draw(u["cell_gain"]) for _ in range(2)]
+    zeros, arc = [draw(u["cell_offset"]) for _ in range(2)], draw(u["arc"])
+    settings = [draw(u["arc_setting"]) for _ in design.arcs_deg]
     belt = replace(
         BELT,
-        EI=BELT.EI * (1 + draw(u.bending_stiffness)),
-        EA=BELT.EA * (1 + draw(u.axial_stiffness)),
+        EI=BELT.EI * (1 + draw(u["bending_stiffness"])),
+        EA=BELT.EA * (1 + draw(u["axial_stiffness"])),
     )
-    rig = Rig(RIG.R * (1 + draw(u.pulley_radius)), RIG.span + draw(u.span_length))
-    turning, press = 1 + draw(u.pulley_speed), 1 + draw(u.press_force)
-    press /= 1 + draw(u.segment_length)
-    travel = 1 + draw(u.press_displacement)
+    rig = Rig(RIG.R * (1 + draw(u["pulley_radius"])), RIG.span + draw(u["span_length"]))
+    turning, press = 1 + draw(u["pulley_speed"]), 1 + draw(u["press_force"])
+    press /= 1 + draw(u["segment_length"])
+    travel = 1 + draw(u["press_displacement"])
     law = NormalLaw(LAW.k_linear_N_m2 * press / travel, LAW.k_quadratic_N_m3 * press / travel**2)
     bench = Bench(belt, rig, Contact(), law, TRUE_SURFACE)
     rows = []
@@ -152,3 +157,28 @@ def read_campaign(design: Design, rng: np.random.Generator) -> Campaign:
     ).surface
     press_law = PressLaw(LAW, np.zeros((2, 2)), 1.2e-4, 0.04)
     return Campaign(measured, Bench(BELT, RIG, Contact(), LAW, start), press_law)
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """Errors of ln mu at the nodes within the forces of the runs, and their uncertainties."""
+
+    error: np.ndarray
+    scatter: np.ndarray
+    combined: np.ndarray
+
+
+def repetition(design: Design, seed: int) -> Repetition:
+    """A campaign read, refined and compared with the truth."""
+    campaign = read_campaign(design, np.random.default_rng(seed))
+    stated = all_sources(design.given, len(design.arcs_deg), campaign.press.has_scatter)
+    sources = (*stated, *reduction_sources(campaign.measured.columns))
+    found = refine_surface(campaign, design.speeds, sources).uncertainty
+    f, force = found.surface.normal_force_N_m, campaign.measured.normal_force
+    inside = (f >= force.min()) & (f <= force.max())
+    truth = true_mu(f[inside][:, None], design.speeds[None, :])
+    return Repetition(
+        error=np.log(found.surface.mu_nodes[inside] / truth),
+        scatter=np.linalg.norm(found.scatter[inside], axis=-1),
+        combined=np.linalg.norm(found.factor[inside], axis=-1),
+    )

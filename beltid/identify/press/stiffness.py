@@ -24,8 +24,6 @@ from beltid.laws.penalty import NormalLaw
 
 SAME_TEMPERATURE_K = 3.0  # width of the range that counts as one nominal temperature
 RELEVANT = 5.0e-3  # share of the force below which an effect does not matter
-PRESS_LAW = 0.05
-"""Assumed relative standard uncertainty of the force in service: virgin rubber, other rates."""
 CLEAR = 2.6  # standard errors beyond which a slope is significant
 DEPTH_M = (2.0e-6, 5.0e-3)  # smallest and largest penetration of belt ribs
 LINE_FORCE_N_M = (1.0e2, 1.0e6)
@@ -61,11 +59,6 @@ class LawEstimate:
     def k_quadratic_se_N_m3(self) -> float:
         """Standard error of k_quadratic [N/m³]."""
         return math.sqrt(self.covariance[3])
-
-    @property
-    def unseen_share(self) -> float:
-        """Relative standard uncertainty of the force from what no press recording shows [-]."""
-        return PRESS_LAW
 
     @property
     def tests(self) -> tuple[str, ...]:

@@ -1,0 +1,263 @@
+"""Runs on the simulated rig: the sliding limit with a surface, and its derivatives.
+
+The belt of each run is laid on the pulley once; the run then slides with many surfaces. The adjoint
+of the sliding state gives the derivatives of ln mu by Eq. (6) with respect to mu at every place
+where the belt looks it up, and so with respect to any parameter of the surface. The derivatives by
+the inputs of the rig come from one more simulation for each input.
+
+This is the only module of the rooms ``uncertainty``, ``refine`` and ``plan`` that calls the rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltid.laws.capstan import friction_coefficient
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import OperatingPoint
+from beltid.rig.model import Bench, RigModel
+from beltid.rig.sensitivity import tension_sensitivity
+from beltid.rig.steady import StaticState, lay_on, slide
+from beltid.uncertainty.measured import Measured
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import Errors, Source, changes_by
+
+Array = NDArray[np.float64]
+
+INPUTS: Final = ("arc", "initial tension", "radius", "span", "EI", "EA", "k_linear", "k_quadratic")
+"""Inputs of the simulated rig whose errors act on a run."""
+STEP: Final = 2.0e-3
+"""Relative step of the differences by the inputs; their error is of its order."""
+MESH: Final = 2.0
+"""Ratio of elements to the default: where contact points come and go, derivatives scatter more than
+values, those by bending stiffness (0.03) at the smallest tensions by a tenth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Measured runs and the bench on which they are simulated.
+
+    Attributes
+    ----------
+    measured : Measured
+        The runs.
+    bench : Bench
+        Belt, rig, and the surface that the inverse solution starts from.
+    press : PressLaw
+        The contact law and its fit to the press.
+    """
+
+    measured: Measured
+    bench: Bench
+    press: PressLaw
+
+    def corrected(self, errors: Errors) -> Self:
+        """Return runs and bench with errors corrected."""
+        belt, rig = self.bench.belt, self.bench.rig
+        measured = self.measured.corrected(errors)
+        bench = replace(
+            self.bench,
+            belt=replace(
+                belt,
+                EA=belt.EA * (1.0 + errors.at("axial_stiffness")),
+                EI=belt.EI * (1.0 + errors.at("bending_stiffness")),
+            ),
+            rig=replace(rig, R=measured.R, span=rig.span + errors.at("span_length")),
+            law=self.press.corrected(errors),
+        )
+        return replace(self, measured=measured, bench=bench)
+
+    def log_inputs(self) -> Array:
+        """Return the ln of the inputs of the simulated rig (n, 8), in the order of `INPUTS`."""
+        bench, measured = self.bench, self.measured
+        k = np.array([bench.law.k_linear_N_m2, bench.law.k_quadratic_N_m3])
+        shared = [bench.rig.R, bench.rig.span, bench.belt.EI, bench.belt.EA]
+        shared += [*np.where(k > 0.0, k, 1.0)]
+        columns = [measured.beta, measured.T_0, *(np.full(measured.mu.size, x) for x in shared)]
+        return np.log(np.column_stack(columns))
+
+    def stepped(self, name: str) -> Self:
+        """Return the campaign with one input a step larger and unchanged sliding speeds."""
+        factor = {n: 1.0 + STEP * (n == name) for n in INPUTS}
+        bench, measured = self.bench, self.measured
+        belt, rig, law = bench.belt, bench.rig, bench.law
+        k = law.k_linear_N_m2 * factor["k_linear"], law.k_quadratic_N_m3 * factor["k_quadratic"]
+        R = rig.R * factor["radius"]
+        return replace(
+            self,
+            bench=replace(
+                bench,
+                belt=replace(belt, EA=belt.EA * factor["EA"], EI=belt.EI * factor["EI"]),
+                rig=replace(rig, R=R, span=rig.span * factor["span"]),
+                law=replace(law, k_linear_N_m2=k[0], k_quadratic_N_m3=k[1]),
+            ),
+            measured=replace(
+                measured,
+                R=R,
+                omega=measured.omega / factor["radius"],
+                beta=measured.beta * factor["arc"],
+                T_0=measured.T_0 * factor["initial tension"],
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """The sliding limit of a run.
+
+    Attributes
+    ----------
+    tight, slack : float
+        Tensions [N].
+    mu : float
+        Coefficient by Eq. (6) [-].
+    force, load : ndarray, shape (m,)
+        Line forces at which the belt looks up its friction [N/m], and the normal loads on which
+        this friction acts [N].
+    weight : ndarray, shape (m,)
+        Derivatives of ln mu with respect to ln mu of each look-up.
+    """
+
+    tight: float
+    slack: float
+    mu: float
+    force: Array
+    load: Array
+    weight: Array
+
+
+class RigRuns:
+    """Runs with the belt laid on once, ready to slide with many surfaces.
+
+    Parameters
+    ----------
+    bench : Bench
+        Belt, rig, normal law.
+    points : sequence of OperatingPoint
+        Settings of the n runs.
+    speeds : ndarray, shape (m,)
+        Speed settings [m/s], increasing; each run belongs to the nearest one.
+    meshes : sequence of int or RigModel
+        Number of belt elements of each run, even (:func:`mesh_of`), or the model of the same run on
+        a bench that differs a little, to take its mesh.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        points: Sequence[OperatingPoint],
+        speeds: Array,
+        meshes: Sequence[int | RigModel],
+    ) -> None:
+        self.beta = np.array([point.beta for point in points])
+        self.speeds = np.asarray(speeds, dtype=float)
+        v = np.array([point.omega * bench.rig.R for point in points])
+        self.label = np.argmin(np.abs(np.log(v[:, None] / self.speeds)), axis=1)
+        self.off_speed = np.log(v / self.speeds[self.label])
+        self.models: list[RigModel] = []
+        self._laid: list[StaticState] = []
+        for point, j, mesh in zip(points, self.label, meshes, strict=True):
+            at_speed = OperatingPoint(point.beta, point.T_0, self.speeds[j] / bench.rig.R)
+            self.models.append(bench.model(at_speed, mesh))
+            self._laid.append(lay_on(self.models[-1]))
+
+    def slide(self, surfaces: Sequence[FrictionSurface]) -> list[Sliding]:
+        """Compute every run with the surface of its speed, with derivatives by the friction.
+
+        Raises
+        ------
+        ConvergenceError
+            If a run has no sliding state.
+        """
+        runs = []
+        for model, state, surface in self._states(surfaces):
+            beta, speed = model.point.beta, model.point.omega * model.path.R
+            mu = float(friction_coefficient(state.T_A, state.T_B, beta))
+            s = tension_sensitivity(model, state)
+            per_mu = s.tension_tight_N / state.T_A - s.tension_slack_N / state.T_B
+            weight = per_mu / (beta * mu) * surface.mu(s.normal_force_N_m, speed)
+            load = state.points[state.touching]["F_N"]
+            runs.append(Sliding(state.T_A, state.T_B, mu, s.normal_force_N_m, load, weight))
+        return runs
+
+    def log_mu(self, surfaces: Sequence[FrictionSurface], speed_slope: Array) -> Array:
+        """Simulate the logarithms of the coefficients (n,), corrected for the speed of each run."""
+        tensions = [(state.T_A, state.T_B) for _, state, _ in self._states(surfaces)]
+        tight, slack = np.array(tensions).T
+        mu = friction_coefficient(tight, slack, self.beta)
+        return np.asarray(np.log(mu) + self.off_speed * speed_slope)
+
+    def _states(
+        self, surfaces: Sequence[FrictionSurface]
+    ) -> list[tuple[RigModel, StaticState, FrictionSurface]]:
+        states = []
+        for model, laid, j in zip(self.models, self._laid, self.label, strict=True):
+            run = model.with_surface(surfaces[j])
+            states.append((run, slide(run, laid), surfaces[j]))
+        return states
+
+
+def mesh_of(bench: Bench, points: Sequence[OperatingPoint], finer: float) -> list[int]:
+    """Choose the number of elements of each run, even: `finer` times the default."""
+    counts = (bench.model(point).nodes.size - 1 for point in points)
+    return [2 * round(0.5 * finer * n) for n in counts]
+
+
+def input_slopes(
+    campaign: Campaign, surfaces: Sequence[FrictionSurface], speeds: Array, speed_slope: Array
+) -> Array:
+    """Compute derivatives of the simulated ln mu of each run by the ln of each input (n, 8).
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Runs and bench; all simulations have the mesh of its runs.
+    surfaces : sequence of FrictionSurface
+        The surface at each speed.
+    speeds : ndarray, shape (m,)
+        Speed settings [m/s].
+    speed_slope : ndarray, shape (n,)
+        Derivative of ln mu of each run by ln v.
+    """
+    points = campaign.measured.points
+    rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
+    nominal = rig.log_mu(surfaces, speed_slope)
+
+    def log_mu(other: Campaign) -> Array:
+        # on the same mesh: the noise of another one is larger than the difference
+        near = RigRuns(other.bench, other.measured.points, speeds, rig.models)
+        return near.log_mu(surfaces, speed_slope)
+
+    columns = [log_mu(campaign.stepped(name)) - nominal for name in INPUTS]
+    return np.asarray(np.column_stack(columns) / np.log1p(STEP))
+
+
+def residual_changes(
+    campaign: Campaign, sources: Sequence[Source], slopes: Array, speed_slope: Array
+) -> Array:
+    """Compute the change of measured minus simulated ln mu by each source (n, K).
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Runs and bench.
+    sources : sequence of Source
+        The errors that are corrected, each by its standard uncertainty.
+    slopes, speed_slope : ndarray, shape (n, 8), (n,)
+        Derivatives of the simulated ln mu, see :func:`input_slopes`.
+    """
+    before, inputs = campaign.measured, campaign.log_inputs()
+
+    def residual(errors: Errors) -> Array:
+        corrected = campaign.corrected(errors)
+        after = corrected.measured
+        simulated = np.einsum("ni,ni->n", slopes, corrected.log_inputs() - inputs)
+        simulated += speed_slope * np.log(after.slip_speed / before.slip_speed)
+        return np.asarray(np.log(after.mu / before.mu) - simulated)
+
+    return changes_by(sources, residual)
