@@ -160,9 +160,9 @@ def add_contact(
             for j in range(4):
                 x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
             rho = math.sqrt(x * x + y * y)
-            point.rho, point.theta = rho, math.atan2(x, y)
             w = mesh.w_c[el, c] * stretch
             f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            point.rho, point.theta = rho, math.atan2(x, y)
             if f <= 0.0:
                 point.f_N = point.F_N = point.F_T = 0.0
                 point.limit = point.slip = point.speed = 0.0

@@ -7,6 +7,7 @@ B, so the span at A is the tight one (trap (d) of the method).
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -93,8 +94,7 @@ class Mesh(NamedTuple):
 
 def mesh_on(nodes: Array, n_c: int) -> Mesh:
     """Tabulate the shape functions of elements between ``nodes`` (n_e + 1,) [m]."""
-    h = np.diff(nodes)
-    x_g, x_m, x_c = 0.5 + 0.5 * GAUSS, 0.5 + 0.5 * MASS_POINTS, (np.arange(n_c) + 0.5) / n_c
+    h, (x_g, x_m, x_c) = np.diff(nodes), places(n_c)
     N_m = shapes(x_m, h, 0)
     return Mesh(
         h=h,
@@ -108,11 +108,24 @@ def mesh_on(nodes: Array, n_c: int) -> Mesh:
     )
 
 
-def shapes(x: Array, h: Array, order: int) -> Array:
-    """Return derivatives of the cubic Hermite functions at local places x, shape (n_e, m, 4)."""
-    values = polynomial.polyval(x, polynomial.polyder(HERMITE, order, axis=1).T).T
-    powers = h[:, None, None] ** (np.array([0, 1, 0, 1]) - order)
-    return np.ascontiguousarray(values * powers)
+@functools.cache
+def places(n_c: int) -> tuple[tuple[float, ...], ...]:
+    """Return the local coordinates of Gauss points, mass points and n_c contact points."""
+    middles = (np.arange(n_c) + 0.5) / n_c
+    return tuple(tuple(x) for x in (0.5 + 0.5 * GAUSS, 0.5 + 0.5 * MASS_POINTS, middles))
+
+
+@functools.cache
+def unit_shapes(x: tuple[float, ...], order: int) -> Array:
+    """Return derivatives of the Hermite functions of an element of length 1, shape (m, 4)."""
+    values = polynomial.polyval(np.array(x), polynomial.polyder(HERMITE, order, axis=1).T)
+    return np.ascontiguousarray(values.T)
+
+
+def shapes(x: tuple[float, ...], h: Array, order: int) -> Array:
+    """Return derivatives of the shape functions at local places x, shape (n_e, m, 4)."""
+    powers = h[:, None] ** (np.array([0.0, 1.0, 0.0, 1.0]) - order)
+    return unit_shapes(x, order) * powers[:, None, :]
 
 
 def bending_length(EI: float, T: float) -> float:

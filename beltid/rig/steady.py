@@ -150,7 +150,7 @@ def _approach(
 def _check_plausible(model: RigModel, s: State) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
     R = model.path.R
-    if not np.any(s.now["F_N"] > 0.0):
+    if not s.now["F_N"].max() > 0.0:
         raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
     depth = R - float(s.now["rho"].min())
     if depth > DEEPEST * R:
