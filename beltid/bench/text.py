@@ -218,6 +218,8 @@ def _first_cells(body: bytes, separator: str) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
+    if not lines:
+        return []
     rows = [cells_of(line, separator) for line in lines]
     width = len(
         lines[0].split() if separator == " " else next(csv.reader([lines[0]], delimiter=separator))
