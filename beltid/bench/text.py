@@ -25,6 +25,8 @@ from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
 from beltid.errors import InputError, Problems
 
+csv.field_size_limit(100_000_000)  # a long cell is refused by what it holds
+
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 MAX_COLUMNS: Final = 2000
