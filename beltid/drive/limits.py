@@ -15,7 +15,7 @@ from beltid.drive.loop import Loop, LoopState, solve_loop
 from beltid.drive.model import DrivePoint
 from beltid.drive.results import Simulator
 from beltid.drive.string import StringLevel
-from beltid.errors import ConvergenceError, InputError
+from beltid.errors import ConvergenceError
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,8 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     differences of rods and string of a state just below it.
     """
     if point.omega < 0.0:
-        return slip_limit(simulator.backwards, replace(point.reversed(), omega=-point.omega))
+        forwards = replace(point.reversed(), omega=-point.omega)
+        return slip_limit(simulator.backwards, forwards)
     return SlipLimit(_largest(simulator, point, False), _largest(simulator, point, True))
 
 
@@ -129,10 +130,7 @@ def _of_loop(
     def from_near(low: float, high: float) -> float | None:
         if drive.tensioner is not None and np.isfinite(drive.tensioner.stops).any():
             return None
-        try:
-            found = root(residual, np.append(loop.start(near), low), tol=1e-9)
-        except InputError:  # it strayed to forces that no belt carries: the bracket decides
-            return None
+        found = root(residual, np.append(loop.start(near), low), tol=1e-9)
         solved = np.abs(found.fun).max() < TOLERANCE and low <= found.x[-1] <= high
         return float(found.x[-1]) if solved else None
 

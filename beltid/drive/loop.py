@@ -32,6 +32,8 @@ DAMPED: Final = 0.1
 """First step of the second attempt, over the size of the unknowns; 100 in the first one."""
 SLACK: Final = 1e-5
 """A span with less than this share of the largest span force is slack."""
+LARGEST: Final = 1e4
+"""Largest scaled force, flow or angle that is tried."""
 SLOWEST: Final = 1e-3
 """Smallest flow for which the belt on the pulleys is computed, over that of the driver."""
 
@@ -124,6 +126,8 @@ class Loop:
     def residual(self, u: Array) -> Array:
         """Return the residuals of (D7) to (D9), scaled to order one."""
         try:
+            if not np.abs(u).max() < LARGEST:
+                return np.full(u.size, 1e3)
             state = self.last = self.state(u)
         except InputError:  # no belt path fits at this angle of the arm
             return np.full(u.size, 1e3)

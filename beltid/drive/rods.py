@@ -51,6 +51,8 @@ END_STEP: Final = 0.4
 """Step of the logarithm of the force at which the ends of an arc are computed."""
 LOOSEST: Final = 1.5
 """Bending length over the radius up to which they are."""
+TIGHTEST: Final = 0.05
+"""Strain up to which they are."""
 REMEMBERED: Final = 12
 """Number of stored states per pulley; the next solution starts from the nearest one."""
 
@@ -336,8 +338,9 @@ class RodLevel:
         pulley, b = self.drive.pulleys[i], bending_length(self.drive.belt.EI, P)
         if not pulley.ribs:
             return b**3 / (12.0 * pulley.R**2)
-        # a looser belt hardly touches
-        place = math.log(max(P, self.drive.belt.EI / (LOOSEST * pulley.R) ** 2)) / END_STEP
+        # a looser belt hardly touches, a tighter one hardly bends
+        loosest = self.drive.belt.EI / (LOOSEST * pulley.R) ** 2
+        place = math.log(min(max(P, loosest), TIGHTEST * self.drive.belt.EA)) / END_STEP
         k = math.floor(place)
         t = place - k
         assert self.drive.law is not None

@@ -48,7 +48,7 @@ def test_rows_columns_and_a_published_point() -> None:
     assert list(frame["run"]) == ["1", "1", "2", "2"]
     assert list(frame["pulley"]) == ["driver", "driven"] * 2
     row = frame.iloc[3]
-    # the table of the two-pulley bench, see tests/drive/test_published_drives.py
+    # the table of the two-pulley bench, see tests/drive/test_strings.py
     assert row["speed_loss_rad_s"] == pytest.approx(0.275689, rel=1e-4)
     assert (row["tension_out_N"], row["tension_in_N"]) == pytest.approx(
         (475.711, 155.249), rel=1e-4
@@ -175,7 +175,7 @@ def test_slip_limit_over_the_tension_is_that_of_each_tension() -> None:
     assert np.all(np.diff([row["slip_limit_torque_N_m"] for row in rows]) > 0.0)
 
 
-def test_a_string_warns_that_its_ribs_are_rigid() -> None:
+def test_a_drive_warns_that_its_ribs_are_rigid() -> None:
     soft = config() | {"belt": {"shear_stiffness_N_m2": 3.4e7}}
     outcome = beltid.simulate_drive(soft, true_surface(), LAW)
     (warning,) = (line for line in outcome.warnings if "shear_stiffness_N_m2" in line)
