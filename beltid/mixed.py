@@ -45,7 +45,7 @@ from scipy.optimize import minimize
 from beltid.errors import NumericsError
 
 Array = NDArray[np.float64]
-NEWTON, SETTLED, SHRINK = 60, 1e-8, 0.9
+NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 STILL = 0.02

@@ -1,6 +1,6 @@
 """Do the 95 % intervals of the identification hold? ``python -m benchmarks.coverage_identify``.
 
-Synthetic recordings with a known answer are reduced many times over; docs/coverage_identify.md
+Synthetic recordings with a known answer are reduced many times over; docs/coverage.md
 tells in which part of them the interval ``value ± 1.96 se`` contains it. ``--cases`` and ``--n``
 choose a part, which is printed; only the whole study writes the page.
 """
@@ -30,7 +30,7 @@ sys.path.insert(0, str(ROOT / "tests" / "identify"))
 from press_bench import Bench, read  # noqa: E402
 from virtual_rig import CASES, RADIUS_M, Drawn, draw  # noqa: E402
 
-PAGE = ROOT / "docs" / "coverage_identify.md"
+PAGE = ROOT / "docs" / "coverage.md"
 NOISE_N = 0.5
 """Noise of the load cells in rigdata [N]."""
 BENCHES = {1: 40, 5: 12, 20: 8, 120: 6}

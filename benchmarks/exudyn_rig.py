@@ -11,15 +11,11 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from beltid.params import OperatingPoint
-from beltid.rig.mesh import Path, graded_nodes
-from benchmarks.work import BELT, LAW, MU, RIG
 
 sys.exudynFast = True  # type: ignore[attr-defined]  # Exudyn's build without range checks
 import exudyn as _exudyn  # noqa: E402
@@ -27,7 +23,9 @@ import exudyn as _exudyn  # noqa: E402
 exudyn: Any = _exudyn  # the signatures of its stubs lack self
 
 INITIAL = exudyn.ConfigurationType.Initial
-MESH_TENSION_N = 200.0  # the graded mesh is made for this tension
+EA_N, EI_N_M2, MASS_KG_M, DAMPING_S = 1.0e5, 0.02, 0.10, 1.0e-4
+RADIUS_M, SPAN_M, MU, K_LINEAR = 0.05, 0.10, 0.5, 1.0e8
+BED_M = (4.0 * EI_N_M2 / K_LINEAR) ** 0.25  # length of a beam on the elastic bed
 MARGIN_M = 4.0e-3  # elements this far beyond the tangent points get contact segments, too
 SLIP_PENALTY = 1.0e6  # N s/m: every segment slides at every speed of the comparison
 
@@ -40,8 +38,6 @@ class PeerSettings:
     ----------
     elements, segments : int
         Belt elements, and contact segments of each.
-    graded : bool
-        Elements small on the arc and growing in the spans, as in beltid; else all alike.
     modified_newton : bool
         Keep the tangent while the iteration contracts; else a new one in each iteration.
     tolerance : float
@@ -50,22 +46,21 @@ class PeerSettings:
 
     elements: int
     segments: int = 6
-    graded: bool = False
     modified_newton: bool = False
     tolerance: float = 1.0e-6
 
     def __str__(self) -> str:
-        mesh = "graded" if self.graded else "uniform"
         newton = "modified" if self.modified_newton else "full"
-        return f"{self.elements} elements x {self.segments} segments, {mesh} mesh, {newton} Newton"
+        return f"{self.elements} elements x {self.segments} segments, {newton} Newton"
 
 
-def mesh(beta: float, settings: PeerSettings) -> NDArray[np.float64]:
-    """Path coordinates of the nodes [m]."""
-    if settings.graded:
-        point = OperatingPoint(beta, MESH_TENSION_N, 1.0)
-        return graded_nodes(BELT, RIG, LAW, point.beta, point.T_0, settings.elements)
-    return np.linspace(0.0, Path(RIG.R, RIG.span, beta).length, settings.elements + 1)
+def shape_of(s: NDArray[np.float64], beta: float) -> NDArray[np.float64]:
+    """Position and slope (n, 4) on the path: straight along x, over the pulley, straight."""
+    angle = np.clip((s - SPAN_M) / RADIUS_M, 0.0, beta)
+    before, after = np.minimum(s - SPAN_M, 0.0), np.maximum(s - SPAN_M - RADIUS_M * beta, 0.0)
+    cos, sin = np.cos(angle), np.sin(angle)
+    x = RADIUS_M * sin + before + after * cos
+    return np.stack([x, RADIUS_M * cos - after * sin, cos, -sin], axis=1)
 
 
 class PeerRig:
@@ -78,13 +73,10 @@ class PeerRig:
         self._container = exudyn.SystemContainer()
         self._mbs = self._container.AddSystem()
         self._contacts: list[Any] = []
-        nodes = mesh(beta, settings)
-        path = Path(RIG.R, RIG.span, beta)
-        position, tangent = np.hsplit(path.coordinates(nodes), 2)
-        cos, sin = tangent[0, 0], -tangent[0, 1]
-        turn = np.array([[cos, -sin], [sin, cos]])
+        length = 2.0 * SPAN_M + RADIUS_M * beta
+        nodes = np.linspace(0.0, length, settings.elements + 1)
         self._add_pulley()
-        self._add_belt(nodes, np.hstack([position @ turn.T, tangent @ turn.T]), path.length)
+        self._add_belt(nodes, shape_of(nodes, beta), length)
         self._mbs.Assemble()
         self._static = self._static_settings()
         self._solver = exudyn.MainSolverStatic()
@@ -126,16 +118,16 @@ class PeerRig:
                 {
                     "objectType": "ANCFCable2D",
                     "length": h,
-                    "massPerLength": BELT.rhoA,
-                    "bendingStiffness": BELT.EI,
-                    "axialStiffness": BELT.EA,
-                    "bendingDamping": BELT.damping_time * BELT.EI,
-                    "axialDamping": BELT.damping_time * BELT.EA,
+                    "massPerLength": MASS_KG_M,
+                    "bendingStiffness": EI_N_M2,
+                    "axialStiffness": EA_N,
+                    "bendingDamping": DAMPING_S * EI_N_M2,
+                    "axialDamping": DAMPING_S * EA_N,
                     "nodeNumbers": [ends[i], ends[i + 1]],
                     "useReducedOrderIntegration": 1,
                 }
             )
-            near = RIG.span - MARGIN_M
+            near = SPAN_M - MARGIN_M
             if nodes[i + 1] >= near and nodes[i] <= length - near:
                 self._add_contact(cable, nodes[i], float(h), length)
         self._end = ends[0]
@@ -150,7 +142,7 @@ class PeerRig:
         mbs, n = self._mbs, self.settings.segments
         middle = start + h * (np.arange(n) + 0.5) / n
         # the contact ends about half an elastic-bed length inside the tangent points
-        inside = RIG.span + 0.5 * (4.0 * BELT.EI / LAW.k_linear_N_m2) ** 0.25
+        inside = SPAN_M + 0.5 * BED_M
         gap = np.where((middle > inside) & (middle < length - inside), -1.0e-5, 1.0e-5)
         data = mbs.AddNode(
             {
@@ -169,8 +161,8 @@ class PeerRig:
                     "markerNumbers": [self._rim, shape],
                     "nodeNumber": data,
                     "numberOfContactSegments": n,
-                    "contactStiffness": LAW.k_linear_N_m2 * h / n,
-                    "circleRadius": RIG.R,
+                    "contactStiffness": K_LINEAR * h / n,
+                    "circleRadius": RADIUS_M,
                     "useSegmentNormals": False,
                 }
             )
@@ -231,35 +223,11 @@ class PeerRig:
         self._solve()
         return self.tensions()
 
-    def turn(self, omega: float, steps: int, travel: float) -> tuple[float, float]:
-        """Tensions [N] after ``steps`` of generalised-alpha over a travel of the rim [m]."""
-        mbs = self._mbs
-        mbs.SetObjectParameter(self._rotation, "velocityLevel", True)
-        mbs.SetObjectParameter(self._rotation, "offset", -omega)
-        self._set_contacts(frictionVelocityPenalty=1.0e2, frictionStiffness=1.0e6)
-        mbs.systemData.SetSystemState(self._laid, configuration=INITIAL)
-        settings = self._static_settings()
-        dynamic = settings.timeIntegration
-        dynamic.verboseMode = 0
-        dynamic.endTime = travel / (RIG.R * omega)
-        dynamic.numberOfSteps = steps
-        dynamic.adaptiveStep = False
-        dynamic.generalizedAlpha.spectralRadius = 0.6
-        dynamic.generalizedAlpha.computeInitialAccelerations = False
-        dynamic.newton.relativeTolerance = self.settings.tolerance
-        dynamic.newton.useModifiedNewton = True
-        dynamic.discontinuous.maxIterations = 8
-        solver = exudyn.MainSolverImplicitSecondOrder()
-        if not solver.SolveSystem(mbs, settings):
-            raise RuntimeError("Exudyn's time integration failed")
-        return self.tensions()
 
-
-def apparent_mu(tensions: tuple[float, float], beta: float) -> float:
+def mu_of(tensions: tuple[float, float], beta: float) -> float:
     """Coefficient of friction by Eq. (6)."""
     return math.log(tensions[0] / tensions[1]) / beta
 
 
-# what a user who knows both the problem and the solver sets: among the fastest of 120 tried
-TUNED = PeerSettings(10, 4, graded=True, modified_newton=True, tolerance=1.0e-4)
-TUNED_FINE = replace(TUNED, elements=16, segments=6)
+PLAIN = PeerSettings(20, tolerance=1.0e-8)
+"""As a user would set it for a friction coefficient to 0.05 %."""

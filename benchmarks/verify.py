@@ -11,6 +11,7 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt, Contact, OperatingPoint, Rig
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from benchmarks.report import table
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "rig"))
@@ -48,6 +48,12 @@ in time, {steps} steps from rest, at a speed of 0.05 to 2 rad/s and with 1 to 1.
 at rest: the tensions at the end of the plateau against those of the steady method at that speed.
 
 """
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [" | ".join(head), " | ".join("---" for _ in head), *(" | ".join(r) for r in rows)]
+    return "\n".join(f"| {line} |" for line in lines) + "\n"
 
 
 @dataclass(frozen=True, slots=True)

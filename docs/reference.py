@@ -20,7 +20,7 @@ HEAD = """\
 # All columns and keys
 
 Columns of recordings and artifacts, keys of a config; other names and units:
-[](formats.md). A column is float64 if no type is told; *may be missing*: empty
+[](cases.md). A column is float64 if no type is told; *may be missing*: empty
 in some rows; *optional*: the whole column may be missing.
 """
 
@@ -31,7 +31,7 @@ PER_RECORDING_TEXT = """
 ### columns, units, runs
 
 Per recording: under `columns` and `units` any of its columns above; under `runs` the keys
-`pattern`, `table` and `values`, see [](formats.md).
+`pattern`, `table` and `values`, see [](cases.md).
 """
 
 

@@ -34,8 +34,9 @@ class Source:
     def plain(self) -> Iterator[tuple[Path, str]]:
         """Give the file and its format; a packed one is unpacked to a temporary file."""
         path, member = self.path, self.member
-        with tempfile.TemporaryDirectory(prefix="beltid-") as folder:
-            form = "zip" if member else format_of(path, self.inside.name)
+        form = "zip" if member else format_of(path, self.inside.name)
+        packed = tempfile.TemporaryDirectory(prefix="beltid-") if form in ("gzip", "zip") else None
+        with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
             for name in ("recording", "unpacked"):  # a zip file may hold gzip files
                 if form == "gzip" or member:
                     out = Path(folder) / name

@@ -25,6 +25,8 @@ from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
 from beltid.errors import InputError, Problems
 
+csv.field_size_limit(100_000_000)  # a long cell is refused by what it holds
+
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 MAX_COLUMNS: Final = 2000
@@ -218,6 +220,8 @@ def _first_cells(body: bytes, separator: str) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
+    if not lines:
+        return []
     rows = [cells_of(line, separator) for line in lines]
     width = len(
         lines[0].split() if separator == " " else next(csv.reader([lines[0]], delimiter=separator))

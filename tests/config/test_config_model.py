@@ -17,7 +17,6 @@ from pydantic import ValidationError
 from beltid.config import config_text, load_config
 from beltid.config.model import TensionerSection
 from beltid.identify.press.recording import StiffnessSettings
-from beltid.stages.uncertainties import standard_uncertainties
 from beltid.tables import schemas
 
 ROOT = Path(__file__).parents[2]
@@ -88,10 +87,6 @@ def test_values_in_si_units_have_its_suffix():
     points = {"driver_speed_rad_s": [22, 22], "torque_N_m": {"driven": [4, 4], "x": 1}}
     found = load_config({"drive": {"operating_points": points}}).drive.operating_points
     assert found.si()["torque_N_m"] == {"driven": (4.0, 4.0), "x": (1.0,)}  # may repeat a number
-    known = load_config({"uncertainty": {"machine_compliance_mm_N": 2e-3, "arc_deg": 9}})
-    assert standard_uncertainties(known).machine_compliance == pytest.approx(2e-6)
-    assert standard_uncertainties(known).arc == pytest.approx(math.pi / 20)
-    assert standard_uncertainties(known).stated == {"machine_compliance", "arc"}
 
 
 def test_paths_count_from_the_folder_of_the_config(tmp_path, monkeypatch):

@@ -76,7 +76,7 @@ def test_a_file_with_another_content_is_replaced_with_force_only(results: Path) 
     path.write_text("# tuned by hand\n")
     refused = call("exudyn", results)
     assert refused.exit_code == 2
-    assert f"{path}: already exists; use --force" in refused.stderr
+    assert f"{path}: is already there, not replaced" in refused.stderr
     assert path.read_text() == "# tuned by hand\n"
     call("exudyn", results, "--force", "--normal-force", 5000, "--speed", 0.02)
     assert path.read_bytes() == written

@@ -1,6 +1,6 @@
 """Stated intervals of mu_sliding are honest: a few benches that stand for those of the docs.
 
-docs/coverage_identify.md measures the intervals on all benches. Here three benches of twenty runs
+docs/coverage.md measures the intervals on all benches. Here three benches of twenty runs
 a case are reduced, each by itself. The 95 % intervals must hold in a part of the runs that no true
 coverage between 90 and 99 % rules out, errors must be as large as stated, and a statement may not
 be saved by its width.

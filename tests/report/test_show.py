@@ -82,13 +82,14 @@ def test_the_table_of_an_artifact_is_written_as_csv(folder: Path, tmp_path: Path
 
 def test_results_in_python_hand_on_that_their_data_are_synthetic(tmp_path: Path) -> None:
     config = {"data": {"origin": "synthetic"}}
-    depth = np.linspace(0.0, 1e-4, 200)
+    depth = np.linspace(-2e-5, 1e-4, 200)
     up_and_down = np.concatenate([depth, depth[::-1]])
+    pressed = np.maximum(up_and_down, 0.0)
     press = {
         "test": ["P1"] * up_and_down.size,
         "time_s": 0.1 * np.arange(up_and_down.size),
         "displacement_mm": 1e3 * up_and_down,
-        "force_N": 0.04 * (5e7 * up_and_down + 2e11 * up_and_down**2),
+        "force_N": 0.04 * (5e7 * pressed + 2e11 * pressed**2),
     }
     law = beltid.fit_stiffness(press, config)
     assert "synthetic data" in words(law.plot())
@@ -134,5 +135,5 @@ def test_verbose_prints_every_row(folder: Path) -> None:
     _, whole, _ = shown(folder / "rig_curves.parquet", "-v")
     count = len(np.unique(sheets()["rig_curves"].columns["run"]))
     assert count == 3
-    assert "R11" not in short.split("friction coefficient")[0].split("kind")[1]
+    assert short.count("R11") == 1  # the row of its range
     assert whole.count("R11") == 41  # its samples

@@ -63,6 +63,6 @@ def test_columns_are_named_once_and_their_units_are_known(table: schemas.Table) 
 def test_the_config_names_the_kinds_of_recordings() -> None:
     config = Config()
     for kinds in (config.columns, config.units, config.runs):
-        assert tuple(kinds) == schemas.RECORDINGS
+        assert set(kinds) < set(schemas.RECORDINGS)  # those of the rig serve its plateaus
     known = {name for kind in schemas.RECORDINGS for name in schemas.table(kind).names}
     assert set(schemas.SETTINGS) <= known

@@ -1,0 +1,416 @@
+"""A second friction bench with a known answer, independent of the benches in the tests.
+
+    python -m benchmarks.other_bench [--n 1 5 20] [--draws 6] [--faults held slow] [--csv FILE]
+
+A belt of a law of its own (Stribeck over speed, a hyperbola over force) is dragged over the pulley
+between two stiff spans: both tensions follow from the travel of the pulley, so that the build-up,
+the peak and the decay to the plateau are one curve over the sliding distance. Every fault is a
+function that changes a recording. The recordings enter by ``beltid.fit_friction``, the door that
+users have; the table holds the RMS error of ``mu_sliding``, the median stated uncertainty, the
+share of intervals ``value ± 1.96 u`` that hold the truth, and z, the RMS of error over standard
+error. All of it is synthetic.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import beltid
+
+Array = NDArray[np.float64]
+RADIUS_M = 0.04
+"""Radius of the belt's centreline on the pulley [m]."""
+EA_N, SPAN_M = 1.3e5, 0.12
+FACTOR = 1.96
+
+
+@dataclass
+class Bench:
+    """What one draw of the bench has in common: its belt and the settings of its faults."""
+
+    rng: np.random.Generator
+    mu_0: float
+    """Coefficient at 4,000 N/m and high speed."""
+    bend: float
+    """Share by which it is larger at a vanishing force."""
+    rise: float
+    """Share by which it is smaller at a vanishing speed."""
+    peak: float
+    """Excess of the sticking peak over the plateau."""
+    length_m: float
+    """Sliding distance over which the peak decays."""
+    noise_N: float = 0.4
+    rate_Hz: float = 50.0
+    rest_s: float = 1.0
+    distance_rad: float = 1.4
+    """Turn of the pulley in a run."""
+    tail: Callable[[Array], Array] = lambda x: np.exp(-x)
+    """Decay of the peak over sliding distance by `length_m`, 1 at 0."""
+    reversed_share: float = 0.0
+    """Share of the runs in which the pulley turns the other way."""
+
+    def mu(self, force_N_m: float, speed_m_s: float) -> float:
+        """Sliding friction at a force per length and a speed."""
+        over_force = 1.0 + self.bend / (1.0 + force_N_m / 2500.0)
+        over_speed = 1.0 - self.rise / (1.0 + speed_m_s / 0.006)
+        return self.mu_0 * over_force * over_speed
+
+
+@dataclass
+class Run:
+    """A recording before and after its faults: tensions over time at the two spans."""
+
+    bench: Bench
+    arc_rad: float
+    tension_N: float
+    omega: float
+    """Speed of the pulley [rad/s], positive."""
+    sense: int
+    """-1 if it turns the other way: then the slack span is the one called tight."""
+    time_s: Array
+    turning: NDArray[np.bool_]
+    """Mask of the samples in which the pulley turns."""
+    leading: Array
+    trailing: Array
+    """Tensions of the spans that pull and are pulled [N]."""
+    mu: float
+
+    @property
+    def since_start_s(self) -> Array:
+        """Time since the pulley turns, 0 before [s]."""
+        return np.maximum(self.time_s - self.bench.rest_s, 0.0)
+
+    @property
+    def angle_rad(self) -> Array:
+        """Turn of the pulley since the start [rad]."""
+        return self.omega * self.since_start_s
+
+
+def a_run(bench: Bench, arc_deg: float, tension_N: float, omega: float, reverse: bool) -> Run:
+    """One run without faults."""
+    arc = np.radians(arc_deg)
+    length_s = bench.rest_s + bench.distance_rad / omega
+    time = np.arange(0.0, length_s, 1.0 / bench.rate_Hz)
+    travel = RADIUS_M * omega * np.maximum(time - bench.rest_s, 0.0)
+    actual = tension_N * (1.0 + 0.01 * bench.rng.normal())  # never set exactly
+    mu = bench.mu(actual / RADIUS_M, RADIUS_M * omega)
+    # two springs EA/span: the difference grows with the travel until all of the arc slides
+    most = mu * (1.0 + bench.peak)
+    difference = 2.0 * actual * np.tanh(most * arc / 2.0)
+    stiff = EA_N / SPAN_M * 0.8
+    seated = -np.expm1(-stiff * travel / difference)
+    slid = np.maximum(travel - 4.0 * difference / stiff, 0.0)
+    sliding = mu * (1.0 + bench.peak * bench.tail(slid / bench.length_m))
+    z = arc * sliding * seated
+    leading = 2.0 * actual / (1.0 + np.exp(-z))
+    white = bench.noise_N * bench.rng.normal(size=(2, time.size))
+    return Run(
+        bench,
+        arc,
+        tension_N,
+        omega,
+        sense=-1 if reverse else 1,
+        time_s=time,
+        turning=time >= bench.rest_s,
+        leading=leading + white[0],
+        trailing=2.0 * actual - leading + white[1],
+        mu=mu,
+    )
+
+
+Fault = Callable[[list[Run]], None]
+"""Changes the tensions of the runs of one bench, which share what the bench shares."""
+
+
+def zeros_drift(leading_N: float, trailing_N: float) -> Fault:
+    """The zeros of the cells move over each record by so much, in newtons."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            course = run.time_s / run.time_s[-1]
+            run.leading += leading_N * course
+            run.trailing += trailing_N * course
+
+    return change
+
+
+def held(share: float, spread: float = 0.0, decays: bool = False) -> Fault:
+    """Friction that the belt holds at rest, a share of the tension; gone once it slides."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            own = share + spread * run.bench.rng.normal()
+            rest = ~run.turning
+            force = own * run.tension_N * np.ones(np.count_nonzero(rest))
+            if decays:
+                force *= np.exp(-run.time_s[rest] / 0.7)
+            # one side of the bench, whichever way the pulley turns afterwards
+            run.leading[rest] += 0.5 * run.sense * force
+            run.trailing[rest] -= 0.5 * run.sense * force
+
+    return change
+
+
+def gain(share: float) -> Fault:
+    """The cell that hangs at the left end reads a share too much."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            if run.sense > 0:
+                run.leading *= 1.0 + share
+            else:
+                run.trailing *= 1.0 + share
+
+    return change
+
+
+def hysteresis(share: float, range_N: float = 1000.0) -> Fault:
+    """The loaded cell lags: what rose reads too little, what fell too much."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            for tension, sign in ((run.leading, -1.0), (run.trailing, 1.0)):
+                away = np.abs(tension - tension[0])
+                tension += sign * share * range_N * -np.expm1(-away / 20.0)
+
+    return change
+
+
+def slow_noise(newtons: float, memory_s: float) -> Fault:
+    """Noise of each cell that remembers, an Ornstein-Uhlenbeck process."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            keep = np.exp(-1.0 / (run.bench.rate_Hz * memory_s))
+            for tension in (run.leading, run.trailing):
+                kicks = run.bench.rng.normal(size=tension.size)
+                kicks[1:] *= np.sqrt(1.0 - keep**2)
+                value, course = 0.0, np.empty(tension.size)
+                for i, kick in enumerate(kicks.tolist()):
+                    value = keep * value + kick
+                    course[i] = value
+                tension += newtons * course
+
+    return change
+
+
+def seam(share: float, width_rad: float = 0.25) -> Fault:
+    """Friction that rises where the seam of the coating passes, about its mean of a turn."""
+    mean = width_rad / np.sqrt(2.0 * np.pi)
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            place = 2.0 * np.pi * run.bench.rng.random()
+            away = np.angle(np.exp(1j * (run.angle_rad - place)))
+            _more_friction(run, share * (np.exp(-0.5 * (away / width_rad) ** 2) - mean))
+
+    return change
+
+
+def warming(newtons: float) -> Fault:
+    """The leading cell warms while the belt slides."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            run.leading += newtons * -np.expm1(-run.since_start_s / 4.0)
+
+    return change
+
+
+def _more_friction(run: Run, share: Array) -> None:
+    """Raise the friction by a share, at constant sum of the tensions."""
+    total = run.leading + run.trailing
+    z = np.log(run.leading / run.trailing) * (1.0 + share)
+    run.leading[:] = total / (1.0 + np.exp(-z))
+    run.trailing[:] = total - run.leading
+
+
+def hum(newtons: float, hertz: float = 49.3) -> Fault:
+    """Mains in both cells."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            phase = 2.0 * np.pi * run.bench.rng.random()
+            for tension in (run.leading, run.trailing):
+                tension += newtons * np.sin(2.0 * np.pi * hertz * run.time_s + phase)
+
+    return change
+
+
+def converter(step_N: float) -> Fault:
+    """Both cells are read in steps."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            for tension in (run.leading, run.trailing):
+                tension[:] = step_N * np.round(tension / step_N)
+
+    return change
+
+
+def scatter(share: float) -> Fault:
+    """Runs repeat to a share of their friction only: the truth of a run is its own."""
+
+    def change(runs: list[Run]) -> None:
+        for run in runs:
+            own = share * run.bench.rng.normal()
+            run.mu *= 1.0 + own
+            _more_friction(run, np.full(run.time_s.size, own))
+
+    return change
+
+
+def nothing(runs: list[Run]) -> None:
+    """A bench without faults."""
+
+
+def log_tail(x: Array) -> Array:
+    """A decay by the logarithm, done after twenty lengths."""
+    return np.maximum(1.0 - np.log1p(x) / np.log(21.0), 0.0)
+
+
+def two_tails(x: Array) -> Array:
+    """A quick and a slow exponential."""
+    return 0.7 * np.exp(-4.0 * x) + 0.3 * np.exp(-0.4 * x)
+
+
+ROWS: dict[str, tuple[dict[str, object], Fault]] = {
+    "clean": ({}, nothing),
+    "tail: logarithm": ({"tail": log_tail}, nothing),
+    "tail: two exponentials": ({"tail": two_tails}, nothing),
+    "tail: power law": ({"tail": lambda x: 1.0 / (1.0 + x) ** 2}, nothing),
+    "runs that scatter by 0.5 %": ({}, scatter(0.005)),
+    "slow noise 1 N, 0.3 s": ({}, slow_noise(1.0, 0.3)),
+    "slow noise 1 N, 1 s": ({}, slow_noise(1.0, 1.0)),
+    "leading zero drifts 0.5 N": ({"rest_s": 2.0}, zeros_drift(0.5, 0.0)),
+    "trailing zero drifts 0.5 N *": ({"rest_s": 2.0}, zeros_drift(0.0, 0.5)),
+    "both zeros drift 0.5 N": ({"rest_s": 2.0}, zeros_drift(0.5, 0.5)),
+    "held at rest, 0.25 %": ({}, held(0.0025)),
+    "held at rest, 2 %": ({}, held(0.02)),
+    "held at rest, 10 %": ({}, held(0.10)),
+    "held at rest, 2 ± 1 %": ({}, held(0.02, 0.01)),
+    "held at rest, 2 %, decaying": ({}, held(0.02, decays=True)),
+    "held at rest, 10 %, decaying": ({}, held(0.10, decays=True)),
+    "held at rest, 2 %, half reversed": ({"reversed_share": 0.5}, held(0.02)),
+    "gain +2 %, half reversed": ({"reversed_share": 0.5}, gain(0.02)),
+    "gain +0.2 % *": ({}, gain(0.002)),
+    "hysteresis 0.05 % of 1 kN *": ({}, hysteresis(0.0005)),
+    "seam of 3 % once a turn *": ({}, seam(0.03)),
+    "seam of 3 %, four turns": ({"distance_rad": 25.0, "rate_Hz": 20.0}, seam(0.03)),
+    "leading cell warms by 1 N *": ({}, warming(1.0)),
+    "converter of 1 N": ({"noise_N": 0.2}, converter(1.0)),
+    "hum of 3 N": ({}, hum(3.0)),
+    "short runs": ({"distance_rad": 0.35}, nothing),
+    "2 samples a second": ({"rate_Hz": 2.0, "rest_s": 4.0}, nothing),
+    "500 samples a second": ({"rate_Hz": 500.0, "distance_rad": 0.7}, nothing),
+}
+"""Row -> what the bench is, and its fault; ``*``: no recording can show it."""
+
+
+def draw(name: str, n: int, seed: int) -> tuple[pd.DataFrame, Array]:
+    """Return the recording of n runs of a bench, and the true friction of each."""
+    rng = np.random.default_rng([seed, n, sum(name.encode())])
+    options, fault = ROWS[name]
+    bench = Bench(
+        rng,
+        mu_0=rng.uniform(0.5, 1.1),
+        bend=rng.uniform(0.2, 0.6),
+        rise=rng.uniform(0.1, 0.4),
+        peak=rng.uniform(0.02, 0.12),
+        length_m=rng.uniform(0.4e-3, 2e-3),
+        **options,  # type: ignore[arg-type]
+    )
+    arcs, tensions = (30.0, 55.0, 90.0), (80.0, 140.0, 210.0, 290.0, 380.0)
+    speeds = (0.07, 0.16, 0.35, 0.7)
+    grid = [(a, t, w) for a in arcs for t in tensions for w in speeds] * 2
+    rows = sorted(rng.permutation(len(grid))[:n].tolist())
+    back = rng.permutation(n) < round(bench.reversed_share * n)
+    chosen = zip((grid[row] for row in rows), back.tolist(), strict=True)
+    runs = [a_run(bench, arc, tension, omega, reverse) for (arc, tension, omega), reverse in chosen]
+    fault(runs)
+    frames = [_frame(f"{i + 1:03d}", run) for i, run in enumerate(runs)]
+    return pd.concat(frames, ignore_index=True), np.array([run.mu for run in runs])
+
+
+def _frame(label: str, run: Run) -> pd.DataFrame:
+    """One run in the columns of rig.csv: what is called tight is the span that pulls forward."""
+    tight, slack = (run.leading, run.trailing)[:: run.sense]
+    speed = run.sense * np.where(run.turning, run.omega, 0.0)
+    return pd.DataFrame(
+        {
+            "run": label,
+            "time_s": run.time_s,
+            "tension_tight_N": tight,
+            "tension_slack_N": slack,
+            "pulley_speed_rad_s": speed,
+            "arc_deg": round(float(np.degrees(run.arc_rad)), 6),
+            "initial_tension_N": run.tension_N,
+        }
+    )
+
+
+CONFIG = {
+    "rig": {"pulley_radius_m": RADIUS_M},
+    "belt": {"axial_stiffness_N": EA_N},
+}
+
+
+def measured(name: str, n: int, draws: int, first: int) -> str:
+    """Reduce some draws of a row and return its line of the table."""
+    found: list[list[float]] = []
+    for seed in range(first, first + draws):
+        frame, mu = draw(name, n, seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                table = beltid.fit_friction(frame, CONFIG).to_frame()
+            except beltid.BeltidError:
+                found += [[np.nan] * 3] * n
+                continue
+        for i, row in enumerate(table.itertuples()):
+            ok = row.status == "ok"
+            values = (row.mu_sliding, row.mu_sliding_se, row.mu_sliding_u)
+            found.append([v / mu[i] if ok else np.nan for v in values])
+    ratio, se, u = np.array(found, dtype=float).T
+    kept = np.isfinite(ratio)
+    if not kept.any():
+        return f"| {name} | {n} | | | | | 0 of {kept.size} |"
+    error, se, u = ratio[kept] - 1.0, se[kept], u[kept]
+    rms, z = 100.0 * np.sqrt(np.mean(error**2)), np.sqrt(np.mean((error / se) ** 2))
+    inside = 100.0 * np.mean(np.abs(error) < FACTOR * u)
+    return (
+        f"| {name} | {n} | {rms:.3g} | {100 * np.median(u):.3g} | {inside:.0f} | {z:.2f} "
+        f"| {np.count_nonzero(kept)} of {kept.size} |"
+    )
+
+
+def main() -> None:
+    """Print the table, or write one recording."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--n", type=int, nargs="*", default=[1, 5, 20], help="runs of a bench")
+    parser.add_argument("--draws", type=int, default=6, help="benches of a row")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first bench")
+    parser.add_argument("--rows", nargs="*", help="only rows with one of these in their name")
+    parser.add_argument("--csv", type=Path, help="write the first draw of the first row")
+    chosen = parser.parse_args()
+    names = [name for name in ROWS if not chosen.rows or any(part in name for part in chosen.rows)]
+    if chosen.csv:
+        draw(names[0], chosen.n[0], chosen.first)[0].to_csv(chosen.csv, index=False)
+        return
+    print("| bench | n | RMS error [%] | median u [%] | covered by u [%] | z of se | kept |")
+    print("|---|---|---|---|---|---|---|")
+    for name in names:
+        for n in chosen.n:
+            print(measured(name, n, chosen.draws, chosen.first), flush=True)
+
+
+if __name__ == "__main__":
+    main()
