@@ -41,7 +41,6 @@ Module                 Responsibility                                         Pa
 ``mixed``              estimation: linear mixed model, sizes by likelihood
 ``laws``               constitutive formulas, one function per equation       Eqs. (1) to (9)
 ``params``             frozen parameter values with their bounds
-``child_processes``    imports and signals of the processes that beltid starts
 ``notes``              notes and progress, by the logger of the standard library
 ``errors``             the errors, with their exit statuses
 ====================== ====================================================== =================
