@@ -16,7 +16,7 @@ import pandas as pd
 from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
-from beltid.bench.files import Source, folders_left_out, is_many, sources_of
+from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
@@ -107,8 +107,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
     assert settings is not None
-    recording = recording_of(parts, path, settings)
-    return replace(recording, notes=(*recording.notes, *folders_left_out(path, sources)))
+    return recording_of(parts, path, settings)
 
 
 def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
@@ -251,7 +250,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
         options = ReadOptions(rig=options.rig)  # names and units are ours already
         frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
-    raw = frames.frame_of(frame, "frame", {options.names.get(n, n) for n in table.names})
+    raw = frames.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
     options = replace(options, pattern=None, run_table=None, names=names)
@@ -279,17 +278,17 @@ def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     InputError
         With every column that holds values of the wrong type.
     """
-    simple = {c.name: c.dtype == "string" for c in table.columns if c.dtype not in ("list", "bool")}
-    raw = frames.frame_of(frame, name, simple)
-    columns, problems = {}, []
-    for column, is_word in simple.items():
-        values = raw.frame.get(column)
-        if values is not None and is_word:
-            columns[column] = np.array([word_of(v) for v in values], dtype=object)
-        elif values is not None and pd.api.types.is_numeric_dtype(values):
-            columns[column] = values.to_numpy()
-        elif values is not None:
-            problems.append(f"{name}: column {column} holds texts, must hold numbers")
+    raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
+    for column in table.columns:
+        values = raw.get(column.name)
+        if values is None or column.dtype in ("list", "bool"):
+            continue
+        if column.dtype == "string":
+            columns[column.name] = np.array([word_of(v) for v in values], dtype=object)
+        elif pd.api.types.is_numeric_dtype(values):
+            columns[column.name] = values.to_numpy()
+        else:
+            problems.append(f"{name}: column {column.name} holds texts, must hold numbers")
     if problems:
         raise InputError(problems)
     return columns

@@ -30,7 +30,7 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 
 
 def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
-    """Read HDF5 or a MATLAB file of version 7.3; what lies in another file is refused."""
+    """Read HDF5 or a MATLAB file of version 7.3; links, which may leave the file, are refused."""
     import h5py
 
     with path.open("rb") as stream:
@@ -44,42 +44,32 @@ def _group(group: Any, place: str) -> dict[str, Any]:
     import h5py
 
     members: dict[str, Any] = {}
-    for name in group:
-        if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-            raise InputError(f"{place}: {name} lies in another file, which is not followed")
-        item = None if name.startswith("#") else group.get(name)
-        if isinstance(item, h5py.Group):
-            members[name] = _group(item, place)
-        elif item is not None:
-            members[name] = _dataset(item, place)
+    for name in (name for name in group if not name.startswith("#")):
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise InputError(f"{place}: {name} is a link, which is not followed")
+        item = group[name]
+        members[name] = _group(item, place) if isinstance(item, h5py.Group) else _dataset(item)
     for name, value in group.attrs.items():  # plain HDF5 stores settings as attributes
         if not name.startswith("MATLAB") and np.size(value) == 1:
             members.setdefault(name, _plain(value))
     return members
 
 
-def _dataset(item: Any, place: str) -> Any:
-    """Convert a dataset: an array, a text, a table of records, or a struct with a unit."""
+def _dataset(item: Any) -> Any:
+    """Convert a dataset: an array, a text, or a struct with a unit; None for any other."""
     import h5py
 
     attributes = dict(item.attrs)
-    if item.is_virtual or item.external:
-        raise InputError(f"{place}: {item.name} lies in another file, which is not followed")
-    if item.dtype == h5py.ref_dtype or attributes.get("MATLAB_empty", 0):
-        return None  # a cell array, an array of structs
-    values = np.asarray(item[()])
+    # in other files, cells and arrays of structs, records, no numbers at all
+    if item.is_virtual or item.external or item.dtype == h5py.ref_dtype or item.dtype.names:
+        return None
+    if attributes.get("MATLAB_empty", 0):
+        return None
+    values = np.squeeze(np.asarray(item[()]))
     if attributes.get("MATLAB_class", b"") == b"char":
-        return "".join(chr(code) for code in np.ravel(values, order="F"))
-    if values.dtype.names:
-        return {n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names}
-    values = np.squeeze(values)
+        return "".join(chr(code) for code in np.ravel(values))
     if values.dtype.kind in "OS":
         return np.array([_plain(v) for v in np.ravel(values)], dtype=object)
-    for mark in ("_FillValue", "missing_value"):
-        if np.isin(attributes.get(mark, np.nan), values).any():
-            raise InputError(
-                f"{place}: {item.name} marks missing samples by a {mark}: export to CSV"
-            )
     scaling = {n: v for n, v in attributes.items() if n.lower() in SCALING}
     unit = next((_plain(v) for n, v in attributes.items() if n in UNITS), None)
     if values.ndim == 1 and (unit is not None or unapplied_scaling(values, scaling)):
@@ -121,12 +111,8 @@ def _struct(
         array, unit = np.asarray(value), str(units.get(key, ""))
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
         if isinstance(value, Mapping):
-            if _channel(key, value, rasters) or value is units:
-                continue
-            if any(isinstance(v, Mapping) or np.size(v) > 1 for v in value.values()):
+            if value is not units and not _channel(key, value, rasters):
                 inner[f"{name}.{key}" if name else key] = value
-            else:  # a struct of settings only
-                fields += [Field(k, str(_plain(v))) for k, v in value.items()]
         elif array.size == 1 and array.dtype.kind in "biufOSU" and value is not None:
             fields.append(Field(key, str(_plain(array)), unit))
         elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):

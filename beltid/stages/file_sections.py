@@ -7,10 +7,8 @@ import re
 from typing import Any
 
 from beltid.bench.inspection import Inspection
-from beltid.bench.mapping import sensors_of
 from beltid.bench.options import ReadOptions
 from beltid.config import Config
-from beltid.config.layout import KINDS
 from beltid.tables import schemas
 from beltid.tables.units import Calibration, canonical_unit
 
@@ -45,8 +43,6 @@ def file_sections(inspection: Inspection, config: Config) -> dict[str, Lines]:
         if match.how != "own name"
     }
     sections = {"columns": {kind: [f"    {role}: {name}" for role, name in columns.items()]}}
-    for other, lines in _open_columns(inspection).items():
-        sections["columns"].setdefault(other, []).extend(lines)
     if kind:
         options = ReadOptions.of(config, kind)
         units = _units(inspection, options)
@@ -57,28 +53,6 @@ def file_sections(inspection: Inspection, config: Config) -> dict[str, Lines]:
         name: {k: lines for k, lines in by_kind.items() if lines}
         for name, by_kind in sections.items()
     }
-
-
-def _open_columns(inspection: Inspection) -> Lines:
-    """Return commented entries for columns without a channel, with the channels that would fit."""
-    names = {c.qualified: c.name for c in inspection.channels}
-    fitting: dict[str, list[str]] = {}
-    for qualified, roles in inspection.can_be.items():
-        for role in roles:
-            fitting.setdefault(role, []).append(names[qualified])
-    found: Lines = {}
-    for kind in [inspection.kind] if inspection.kind else KINDS:
-        sensors, used = {*sensors_of(schemas.table(kind))}, set[str]()
-        if not inspection.kind and not (sensors and sensors <= {*fitting}):
-            continue
-        for role in (c.name for c in schemas.table(kind).columns if c.name in fitting):
-            channels = list(dict.fromkeys(fitting[role]))
-            first = next((name for name in channels if name not in used), channels[0])
-            used.add(first)
-            others = [quoted(name) for name in channels if name != first][:5]
-            alternatives = f"  # or {', '.join(others)}" if others else ""
-            found.setdefault(kind, []).append(f"#     {role}: {quoted(first)}{alternatives}")
-    return found
 
 
 def _units(inspection: Inspection, options: ReadOptions) -> dict[str, str]:

@@ -110,9 +110,8 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
             "read_as": roles.get(channel.base),
             "samples": len(channel.raw.frame),
             **{name: finite_or_none(value) for name, value in span.items()},
-            "can_be": ", ".join(inspection.can_be.get(channel.qualified, ())) or None,
         }
-    for name in ("rate_Hz", "can_be", "read_as"):
+    for name in ("rate_Hz", "read_as"):
         if all(row[name] is None for row in rows.values()):
             for row in rows.values():
                 del row[name]

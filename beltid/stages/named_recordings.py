@@ -60,31 +60,6 @@ def unread_recordings(config: Config) -> list[str]:
     return problems
 
 
-def mismatched_kinds(source: ConfigSource) -> list[str]:
-    """Return problems of text files whose columns are those of another kind of recording."""
-    from beltid.bench.inspection import kind_of_file
-
-    config, path = source.config, source.path
-    assert path is not None
-    places, data = read_source(path), config.data.files
-    found_kinds = {kind: kind_of_file(file, config, kind) for kind, file in data.items()}
-    mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
-    problems: list[str] = []
-    for kind, found in mismatched.items():
-        if mismatched.get(found) != kind:
-            text = f"data.{kind} = {data[kind]}, holds the columns of a {found} recording"
-        elif list(mismatched).index(kind) < list(mismatched).index(found):
-            text = (
-                f"data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
-                f"a {found} recording, {data[found]} those of a {kind} recording"
-            )
-        else:
-            continue
-        where = places.at(places.place(("data", kind)))
-        problems.append(f"{where}{text}")
-    return problems
-
-
 def _file_problems(file: Path, tables: list[Path]) -> Iterator[str]:
     """Yield the problems of the files of a path, as the text after its key."""
     if not exists(file):
