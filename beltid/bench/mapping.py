@@ -346,7 +346,9 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return ask(f"may be in {ending} by its name", ending, ours)
     if plain in RAW:
         per = "mV" if plain == "mV" else "V"
-        return ask(f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250}")
+        return ask(
+            f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250, offset: 0}"
+        )
     if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND and not is_turn:
         return ask(f"is in {unit}, turns or radians", "rev/s", "rad/s")
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
