@@ -83,22 +83,21 @@ def read_part(
     if problems.count > wrong:
         return None
     clock, notes = Clock(), [note for raw in raws for note in raw.notes]
-    notes += notes_of(found, needs.table, channels)
-    columns, rows, more = _columns(raws, found, needs, place, clock)
+    main = Raw(place, pd.DataFrame()) if several else first
+    columns, rows, more = _columns(raws, found, needs, main, clock)
     for raw in raws:
         problems.take(raw.problems)
     if problems.count > wrong and not columns:
         return None
+    notes += [*notes_of(found, needs.table, channels), *more, *clock.notes()]
     fields = tuple(dict.fromkeys(f for raw in raws for f in raw.fields))
     # without the tables, whose memory is free once the columns are used up
-    bare = {id(raw): raw.bare() for raw in raws}
-    main = Raw(place, pd.DataFrame()) if several else bare[id(first)]
+    bare = {id(raw): raw.bare() for raw in (*raws, main)}
     found = {
         role: replace(f, channel=replace(f.channel, raw=bare[id(f.channel.raw)]))
         for role, f in found.items()
     }
-    notes += [*more, *clock.notes()]
-    return Part(place, main, columns, found, fields=fields, notes=notes, rows=rows)
+    return Part(place, bare[id(main)], columns, found, fields=fields, notes=notes, rows=rows)
 
 
 def _found(
@@ -108,12 +107,11 @@ def _found(
     if len(raws) == 1:
         return mapped(channels, needs, place)
     names = [c.name for c in needs.table.columns]
-    inside = {id(raw): [c for c in channels if c.raw is raw] for raw in raws}
-    whole = next((own for own in inside.values() if is_whole(own, needs)), None)
+    inside = [[c for c in channels if c.raw is raw] for raw in raws]
+    whole = next((own for own in inside if is_whole(own, needs)), None)
     if whole is None:
         # every raster may have its own time channel; a single one applies to all
-        silent = Needs(needs.table, needs.options)
-        shared = mapped(channels, silent, place, ["time_s"])
+        shared = mapped(channels, Needs(needs.table, needs.options), place, ["time_s"])
         return mapped(channels, needs, place, [n for n in names if n != "time_s" or shared])
     found = mapped(whole, needs, place)
     lacking = [n for n in names if n not in found and n != "time_s"]
@@ -121,18 +119,15 @@ def _found(
 
 
 def _columns(
-    raws: Sequence[Raw], found: dict[str, Found], needs: Needs, place: str, clock: Clock
+    raws: Sequence[Raw], found: dict[str, Found], needs: Needs, main: Raw, clock: Clock
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
-    """Return our columns, the rows of the table that they are (None: all), and notes."""
-    problems, table, wrong = needs.problems, needs.table, needs.problems.count
+    """Return our columns, the rows of the table `main` that they are (None: all), and notes."""
+    problems, table, wrong, place = needs.problems, needs.table, needs.problems.count, main.place
     values = {role: values_of(f, needs) for role, f in found.items() if role != "time_s"}
     if "time_s" not in table.names:
-        if len({len(v) for v in values.values()}) > 1:
-            problems.add(f"{place}: the columns have different lengths")
-            return {}, None, []
         return *_filled(values, values), []
     used = {id(f.channel.raw): f.channel.raw for f in found.values()}
-    times = {key: _time(raw, found, needs, place, clock, raws) for key, raw in used.items()}
+    times = {key: _time(raw, found, needs, clock, raws) for key, raw in used.items()}
     timed: Timed = {}
     for role, column in values.items():
         channel = found[role].channel
@@ -148,13 +143,10 @@ def _columns(
     columns, notes = aligned(timed, names, table.kind, place, problems)
     columns, rows = _filled(columns, found) if len(raws) == 1 else (columns, None)
     if clock.first and columns:
-        codes = np.asarray(
-            pd.factorize(columns.get(table.label, np.zeros(len(columns["time_s"]))))[0]
-        )
-        part = Part(
-            place, raws[0] if len(raws) == 1 else Raw(place, pd.DataFrame()), columns, {}, rows=rows
-        )
-        columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at, problems)
+        labels = columns.get(table.label, np.zeros(len(columns["time_s"])))
+        codes = np.asarray(pd.factorize(labels)[0])
+        at = Part(place, main, columns, {}, rows=rows).at
+        columns["time_s"] = clock.elapsed(columns["time_s"], codes, at, problems)
     return columns, rows, notes
 
 
@@ -184,12 +176,7 @@ def values_of(found: Found, needs: Needs) -> np.ndarray:
 
 
 def _time(
-    raw: Raw,
-    found: Mapping[str, Found],
-    needs: Needs,
-    place: str,
-    clock: Clock,
-    raws: Sequence[Raw],
+    raw: Raw, found: Mapping[str, Found], needs: Needs, clock: Clock, raws: Sequence[Raw]
 ) -> np.ndarray | None:
     """Return the times of a table [s]: of its channel, of the format, or shared by all."""
     time = found.get("time_s")
@@ -197,7 +184,7 @@ def _time(
         if raw.times is not None:
             return raw.times
         own = Needs(needs.table, ReadOptions())
-        time = mapped(channels_of([raw]), own, place, ["time_s"]).get("time_s", time)
+        time = mapped(channels_of([raw]), own, "", ["time_s"]).get("time_s", time)
     if time is None or not time.is_clock:
         return None if time is None else values_of(time, needs)
     of, date = time.channel.raw, time.date
@@ -223,10 +210,9 @@ def aligned(
     others = [role for role, (_, time) in channels.items() if not _same(time, clock)]
     if not others:
         return {**{r: values for r, (values, _) in channels.items()}, "time_s": clock}, []
-    wrong = problems.count
     for role in (first, *others):
         time = channels[role][1]
-        if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0) or time.size < 2:
+        if time.size < 2 or not np.all(np.diff(time) > 0):
             problems.add(
                 f"{place}: the time of {names[role]} (time_s) does not increase from sample to "
                 "sample, so channels of other rates cannot be aligned with it"
@@ -239,6 +225,7 @@ def aligned(
                 f"{_rate(clock):.4g}; rates that differ by more than {MAX_RATE_RATIO:g} times are "
                 "not aligned"
             )
+            return {}, []
     bounding = [time for role, (_, time) in channels.items() if role in masters]
     begin, end = max(t[0] for t in bounding), min(t[-1] for t in bounding)
     kept = (clock >= begin) & (clock <= end)
@@ -247,21 +234,16 @@ def aligned(
             f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "
             f"s; must be at least {MIN_OVERLAP}"
         )
-    if problems.count > wrong:
         return {}, []
-    shared = clock[kept]
     columns = {
-        role: _interpolated(values, time, shared) if role in others else values[kept]
+        role: _interpolated(values, time, clock[kept]) if role in others else values[kept]
         for role, (values, time) in channels.items()
     }
     shown = ", ".join(f"{names[r]} ({_rate(channels[r][1]):.4g}/s)" for r in others)
-    notes = [f"{shown} interpolated linearly to the times of {names[first]} ({_rate(clock):.4g}/s)"]
+    note = f"{shown} interpolated linearly to the times of {names[first]} ({_rate(clock):.4g}/s)"
     if not kept.all():
-        notes.append(
-            f"{(~kept).sum()} samples outside the time shared by the sensors, {begin:g} to "
-            f"{end:g} s, left out"
-        )
-    return {**columns, "time_s": shared}, notes
+        note += f"; {(~kept).sum()} samples outside the time shared by the sensors left out"
+    return {**columns, "time_s": clock[kept]}, [note]
 
 
 def _rate(time: np.ndarray) -> float:
