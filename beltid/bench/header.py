@@ -11,7 +11,7 @@ from typing import Final
 
 from beltid.bench.clock import is_clock, is_date
 from beltid.bench.numbers import MISSING, is_number
-from beltid.bench.raw import Field
+from beltid.bench.raw import POSITION, Field
 from beltid.tables.units import canonical_unit, is_known_unit
 
 SEARCHED: Final = 400
@@ -24,8 +24,6 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 """Brackets at the end of a name, which may hold its unit."""
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""Number that distinguishes channels of the same name."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 

@@ -8,7 +8,8 @@ import unicodedata
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from beltid.bench.header import IN_NAME, POSITION, without_unit
+from beltid.bench.header import IN_NAME, without_unit
+from beltid.bench.raw import POSITION
 from beltid.tables import schemas
 
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
@@ -57,16 +58,6 @@ def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     """Return our columns of a kind of recording that a channel's name can mean."""
     plain = simplified(name)
     return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
-
-
-def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
-    """Return our columns that a channel's name hints at: one of their words is part of it."""
-    plain = simplified(name)
-    return tuple(
-        role
-        for role, words in _words_of(kind)
-        if any(len(key.pattern) >= 8 and key.search(plain) for key in words.keys)  # 4 letters
-    )
 
 
 def means_date(name: str) -> bool:
