@@ -16,7 +16,7 @@ from beltid.bench.mapping import KINDS, Channel, Found, Needs, bench_of, channel
 from beltid.bench.mapping import mapped as mapped_channels
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
-from beltid.bench.raw import Raw, is_text
+from beltid.bench.raw import TIME, Raw, is_text
 from beltid.bench.recording import of_plateaus, read_recording, tables_in
 from beltid.bench.runs import settings_in_head
 from beltid.config.name_pattern import name_pattern
@@ -176,7 +176,7 @@ def ranges(channel: Channel) -> dict[str, float]:
         numbers = numbers_of(values, raw.signs, "", raw.at, Problems())
     finite = numbers[np.isfinite(numbers)]
     low, high, first = (finite.min(), finite.max(), finite[0]) if finite.size else [np.nan] * 3
-    step = _step(raw.times if raw.times is not None else finite[:0])
+    step = _step(raw.frame[TIME].to_numpy() if TIME in raw.frame else finite[:0])
     rate = 1.0 / step if step > 0 else np.nan
     return {"rate_Hz": rate, "min": float(low), "max": float(high), "first": float(first)}
 

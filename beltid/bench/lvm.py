@@ -14,7 +14,7 @@ import pandas as pd
 
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.packed import as_utf8
-from beltid.bench.raw import Field, Rasters, Raw, even_times, in_seconds
+from beltid.bench.raw import TIME, Field, Rasters, Raw, even_times, in_seconds
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -142,9 +142,9 @@ def _start(header: Header) -> list[Field]:
 
 def _continues(before: Raw, after: Raw) -> bool:
     """Return whether a segment starts one time step after the end of the previous one."""
-    a, b = before.times, after.times
-    if list(before.frame) != list(after.frame) or a is None or b is None or len(a) < 2:
+    if list(before.frame) != list(after.frame) or TIME not in after.frame or len(before.frame) < 2:
         return False
+    a, b = (raw.frame[TIME].to_numpy() for raw in (before, after))
     step = (a[-1] - a[0]) / (len(a) - 1)
     if abs(b[0] - a[-1] - step) <= 0.5 * step:
         return True
@@ -156,16 +156,16 @@ def _continues(before: Raw, after: Raw) -> bool:
 
 def _concatenated(part: Sequence[Raw]) -> Raw:
     """Join segments; where the time restarts in a segment, it is shifted behind the last one."""
-    times = [np.asarray(part[0].times)] if part[0].times is not None else []
+    frames = [part[0].frame]
     for raw in part[1:]:
-        time, last = np.asarray(raw.times), times[-1]
+        last, time = frames[-1][TIME].to_numpy(), raw.frame[TIME].to_numpy()
         step = (last[-1] - last[0]) / max(len(last) - 1, 1)
-        is_behind = abs(time[0] - last[-1] - step) <= 0.5 * step
-        times.append(time if is_behind else time - time[0] + last[-1] + step)
+        gap = time[0] - last[-1] - step
+        shift = gap if abs(gap) > 0.5 * step else 0.0
+        frames.append(raw.frame.assign(**{TIME: time - shift}))
     return replace(
         part[0],
-        frame=pd.concat([raw.frame for raw in part], ignore_index=True),
+        frame=pd.concat(frames, ignore_index=True),
         fields=tuple(f for f in part[0].fields if f.name != _START),
-        times=np.concatenate(times) if times else None,
         lines=np.concatenate([np.asarray(raw.lines) for raw in part]),
     )

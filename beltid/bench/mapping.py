@@ -66,11 +66,10 @@ OTHER_UNITS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A column of a table as written; `group` is the table's name if the file has several."""
+    """A column of a table as written."""
 
     raw: Raw
     name: str
-    group: str = ""
     word: str = "column"
 
     @cached_property
@@ -85,20 +84,15 @@ class Channel:
 
     @property
     def base(self) -> str:
-        """Name without the position among channels of the same name."""
-        return without_position(self.name)
-
-    @property
-    def qualified(self) -> str:
-        """Name with its group: ``group/name``."""
-        return f"{self.group}/{self.name}"
+        """Name without its group, and the position among channels of the same name."""
+        return without_position(self.name.removeprefix(f"{self.raw.groups.get(self.name)}/"))
 
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """By which it is called: as written, and ever less exactly."""
+        qualified = f"{self.raw.groups.get(self.name)}/{self.name}"
         bare = (without_unit(self.name), without_unit(self.base))
-        ours = OTHER_UNITS.get(self.base, ("",))[:1]
-        return (self.name, self.qualified), (self.base,), bare, ours
+        return (self.name, qualified), (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
 
     @property
     def shown(self) -> str:
@@ -167,8 +161,7 @@ class Needs:
 
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
     """Return the channels of the tables of a file."""
-    several = len(raws) > 1
-    return [Channel(r, str(n), r.name if several else "") for r in raws for n in r.frame if n]
+    return [Channel(raw, str(name)) for raw in raws for name in raw.frame if name]
 
 
 def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, str | None]) -> list[Channel]:
@@ -178,7 +171,7 @@ def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, str | None])
         signs = NumberSigns.of([entry.text], dialect["decimal"], dialect["thousands"])
         frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
         raw = Raw("", frame, units={entry.name: entry.unit}, signs=signs)
-        channels.append(Channel(raw, entry.name, "", "header field"))
+        channels.append(Channel(raw, entry.name, "header field"))
     return channels
 
 
@@ -215,7 +208,7 @@ def meant(
     found = {c.name: named for c in columns if (named := _named(c.name, channels, options))}
     taken = {id(named[0].channel) for named in found.values()}
     free = [c for c in channels if id(c) not in taken]
-    words = {id(c): roles_meant(c.name, table.kind) for c in free}
+    words = {id(c): roles_meant(c.base, table.kind) for c in free}
     for column in columns:
         if column.name in found or column.name in options.names:
             continue
@@ -297,11 +290,9 @@ def with_unit(match: Found, needs: Needs, place: str) -> Found:
 
 def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
     """Return the message that several channels can be a column."""
-    grouped = len({c.group for c in channels}) > 1
-    names = [c.qualified if grouped else c.name for c in channels]
-    shown = names if grouped else [c.shown for c in channels]
+    names = [c.name for c in channels]
     say = needs.say("columns", role, f'"{names[0]}"')
-    text = f"{', '.join(shown[:8])} can be {role}, say which: {say}"
+    text = f"{', '.join(c.shown for c in channels[:8])} can be {role}, say which: {say}"
     if role == "force_N":  # two forces and a travel are not always those of a press
         text += (
             f'; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{names[0]}", '

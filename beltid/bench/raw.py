@@ -22,6 +22,8 @@ SCALING: Final = {
 """Properties that scale the counts of a converter -> the value that has no effect."""
 POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
 """Number that distinguishes channels of the same name."""
+TIME: Final = "time_s"
+"""Name of the times of samples, if a format has them besides its channels."""
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
 
@@ -45,7 +47,7 @@ class Raw:
     format: str = ""  # in words
     units: dict[str, str] = field(default_factory=dict)  # written name -> unit, if stated
     fields: tuple[Field, ...] = ()  # entries of the header
-    times: np.ndarray | None = None  # of every row [s], if the format has it besides the columns
+    groups: dict[str, str] = field(default_factory=dict)  # of names, if several are one table
     scaling: dict[str, str] = field(default_factory=dict)  # stated, but not applied
     lines: Sequence[int] | np.ndarray = ()  # of the rows in the file, from 1; empty: none
     header_line: int = 0  # of the names; 0 if there is none
@@ -57,7 +59,7 @@ class Raw:
 
     def bare(self) -> Raw:
         """Return the table with its first rows only."""
-        return replace(self, frame=self.frame.head(200).copy(), times=None)
+        return replace(self, frame=self.frame.head(200).copy())
 
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
@@ -96,8 +98,11 @@ class Rasters:
         if not values.size:
             return
         key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-        raw = Raw(self.place, pd.DataFrame(), self.name, self.form, {}, times=times, scaling={})
-        raw = self.parts.setdefault(key, raw)
+        if key not in self.parts:
+            frame = pd.DataFrame() if times is None else pd.DataFrame({TIME: times})
+            units = {} if times is None else {TIME: "s"}
+            self.parts[key] = Raw(self.place, frame, self.name, self.form, units)
+        raw = self.parts[key]
         alike = sum(1 for known in raw.frame if POSITION.sub("", known) == name)
         name = f"{name} #{alike + 1}" if alike else name
         raw.frame[name] = column_of(values)

@@ -158,12 +158,11 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     if not raws:
         return []
     needs, parts = settings.needs, []
-    groups, notes = tables_of_runs(raws, needs)
-    for group in groups:
-        name = group[0].name if len(groups) > 1 else ""
-        where = f"{place}, {name}" if name else place
-        tables = [replace(raw, place=where) for raw in group]
-        part = read_part(tables, needs, where, settings.elsewhere(group))
+    runs, notes = tables_of_runs(raws, needs)
+    for raw in runs:
+        name = raw.name if len(runs) > 1 else ""
+        table = replace(raw, place=f"{place}, {name}" if name else place)
+        part = read_part(table, needs, settings.elsewhere(table))
         if part is not None:
             names: tuple[str, ...] = (inside.name, inside.stem)
             if name:
@@ -211,7 +210,7 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
     table, problems = schemas.rig_table(), Problems()
-    part = Part(str(path), Raw(str(path), pd.DataFrame(), format="Parquet"), artifact.columns, {})
+    part = Part(Raw(str(path), pd.DataFrame(), format="Parquet"), artifact.columns, {})
     columns = {name: artifact.columns[name] for name in table.names if name in artifact.columns}
     notes = Checker(str(path), columns, table, part.at, problems).run(table.names)
     problems.raise_if_any()

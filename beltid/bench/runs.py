@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import text
-from beltid.bench.columns import Part, read_part, values_of
+from beltid.bench.columns import Part, read_part, together, values_of
 from beltid.bench.header import side_by_side, without_position
 from beltid.bench.mapping import (
     Found,
@@ -42,8 +42,8 @@ PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
 
-def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
-    """Group the tables of a file: those with all sensors are runs, else they are rasters of one.
+def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[Raw], list[str]]:
+    """Return the tables of a file that are runs: those with all sensors, else all are one.
 
     Tables with the same channels, none of which has all sensors, are runs that lack something.
     """
@@ -53,17 +53,16 @@ def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], 
         names, count = Counter(tuple(raw.frame) for raw in raws).most_common(1)[0]
         runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
-            return [raws], []
+            return [together(raws, needs)], []
     if len(runs) == 1 and all(is_timed(raw, needs.table.kind) for raw in raws):
-        return [raws], []
+        return [together(raws, needs)], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
-    return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
+    return runs, [f"groups left out: {left_out}"] if left_out else []
 
 
 def is_timed(raw: Raw, kind: str) -> bool:
-    """Return whether a table has a time: of its format, or in a column."""
-    names = [str(name) for name in raw.frame]
-    return raw.times is not None or any("time_s" in (n, *roles_meant(n, kind)) for n in names)
+    """Return whether a table has a time."""
+    return any("time_s" in (n, *roles_meant(n, kind)) for n in map(str, raw.frame))
 
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
@@ -96,10 +95,9 @@ class Settings:
         self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
         self.used: set[str] = set()
 
-    def elsewhere(self, raws: Sequence[Raw]) -> set[str]:
-        """Return our columns that the tables of a file need not contain."""
-        fields = [field for raw in raws for field in raw.fields]
-        roles = {self.table.label, *self._stated, *settings_in_head(fields, self.needs)}
+    def elsewhere(self, raw: Raw) -> set[str]:
+        """Return our columns that the table of a file need not contain."""
+        roles = {self.table.label, *self._stated, *settings_in_head(raw.fields, self.needs)}
         return roles | (set(SETTINGS) if self.options.run_table else set())
 
     @property
@@ -194,7 +192,8 @@ def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional), ReadOptions())
-    part = read_part([*text.read(path, str(path), DIALECT, needs.table.names)], needs, str(path))
+    (raw,) = text.read(path, str(path), DIALECT, needs.table.names)
+    part = read_part(raw, needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, tuple[int, Mapping[str, Any]]] = {}
