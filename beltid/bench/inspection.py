@@ -176,7 +176,8 @@ def ranges(channel: Channel) -> dict[str, float]:
         numbers = numbers_of(values, raw.signs, "", raw.at, Problems())
     finite = numbers[np.isfinite(numbers)]
     low, high, first = (finite.min(), finite.max(), finite[0]) if finite.size else [np.nan] * 3
-    step = _step(raw.frame[TIME].to_numpy() if TIME in raw.frame else finite[:0])
+    is_timed = TIME in raw.frame and not is_text(raw.frame[TIME])
+    step = _step(raw.frame[TIME].to_numpy() if is_timed else finite[:0])
     rate = 1.0 / step if step > 0 else np.nan
     return {"rate_Hz": rate, "min": float(low), "max": float(high), "first": float(first)}
 

@@ -20,6 +20,7 @@ from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
 from beltid.bench.vocabulary import means_date, roles_meant, simplified
+from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Column, Table
@@ -36,7 +37,6 @@ from beltid.tables.units import (
 RAW: Final = ("V", "mV", "mV/V", "A", "mA")
 """Units of raw signals, which need a calibration."""
 NO_UNIT: Final = ("", "-", "1")
-KINDS: Final = ("press", "rig", "speedloss")
 FORCES: Final[tuple[str, ...]] = (
     *("tension_tight_N", "tension_slack_N", "weight_N", "torque_N_m", "hub_force_N"),
 )
@@ -380,42 +380,36 @@ def refuse_missing(
     if not missing and (found or any(c.required for c in table.columns)):
         return
     kind, is_whole_one = bench_of(channels)
-    if is_whole_one and kind != table.kind:
-        needs.problems.add(
-            f"{place}: these are the columns of a recording of {schemas.table(kind).command}, "
-            f"not of {table.command}; in a config its key is data.{kind}"
-        )
-        return
     own = meant(channels, Needs(schemas.table("rig"), needs.options))
-    if table.kind == "rig" and (keys := rig_of(own, needs)):
-        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
-        needs.problems.add(
-            f"{place}: column {missing[0]} is missing; these are the channels of rig: {{{stated}}}"
-        )
-        return
     shown = [
         names.get(role, role)
         + (f" (which the config names for {role})" if names.get(role, role) != role else "")
         + (f" (is it {close[role]}?)" if role in close else "")
         for role in missing
     ] or [f"of {table.command}"]
-    first = next((r for r in missing if r in close), next(iter(missing), "mu"))
-    say = needs.say("columns", first, f'"{close.get(first, "its name in the file")}"')
-    held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "")
     verb = "is missing" if len(shown) == 1 else "are missing"
-    needs.problems.add(
-        f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}; not yet read: "
-        f"{held or 'none'}; if it has another name, state it: {say}"
-    )
+    text = f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}"
+    if is_whole_one and kind != table.kind:
+        command = schemas.table(kind).command
+        text = (
+            f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
+        )
+    elif table.kind == "rig" and (keys := rig_of(own, needs)):
+        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
+        text += f"; these are the channels of rig: {{{stated}}}"
+    else:
+        first = next((r for r in missing if r in close), next(iter(missing), "mu"))
+        say = needs.say("columns", first, f'"{close.get(first, "its name in the file")}"')
+        held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
+        text += f"; not yet read: {held}; if it has another name, state it: {say}"
+    needs.problems.add(text)
 
 
 def how_to_state(setting: str, kind: str) -> str:
     """Return advice on how to state a setting that no column holds."""
     return (
-        f"; if it is the same for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if "
-        f"the file names contain it: runs: {{{kind}: {{pattern: "
-        f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
-        "{table: runs.csv}}"
+        f"; state it in runs: {{{kind}: {{values: {{{setting}: ...}}}}}} for all runs, by pattern: "
+        f'"{{run}}_{{{setting}}}.csv" of the file names, or by table: runs.csv with a row per file'
     )
 
 

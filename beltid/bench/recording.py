@@ -127,29 +127,28 @@ def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
 
 def tables_in(source: Source, needs: Needs) -> list[Raw]:
     """Read the tables of one file as written; what is wrong with it is a problem of `needs`."""
-    names = needs.options.names
+    names, dialect = needs.options.names, needs.options.dialect
     known = {names.get(c.name, c.name) for c in needs.table.columns}
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(text.read(file, source.name, needs.options.dialect, known))
+                return list(text.read(file, source.name, dialect, known))
             if form == "lvm":
-                return list(lvm.read(file, source.name, needs.options.dialect))
-            try:
-                tables = list(READERS[form](file, source.name))
-            except (InputError, MemoryError):
-                raise
-            except Exception as error:  # a damaged file can raise nearly anything
-                what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-                raise InputError(f"{source.name}: {what}") from None
+                return list(lvm.read(file, source.name, dialect))
+            tables = list(READERS[form](file, source.name))
             if not any(len(table.frame) for table in tables):
                 raise InputError(f"{source.name}: is empty: it holds no channel with samples")
             return tables
     except InputError as error:
         for line in error.problems:
             needs.problems.add(line)
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file can raise nearly anything
+        what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
+        needs.problems.add(f"{source.name}: {what}")
     return []
 
 
@@ -161,16 +160,15 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     runs, notes = tables_of_runs(raws, needs)
     for raw in runs:
         name = raw.name if len(runs) > 1 else ""
+        names: tuple[str, ...] = (inside.name, inside.stem)
+        names = (f"{inside.name}/{name}", name, *names) if name else names
         table = replace(raw, place=f"{place}, {name}" if name else place)
         part = read_part(table, needs, settings.elsewhere(table))
         if part is not None:
-            names: tuple[str, ...] = (inside.name, inside.stem)
-            if name:
-                names = (f"{inside.name}/{name}", name, *names)
-            label = name or inside.stem
-            parts.append(replace(part, label=label, names=names, notes=[*notes, *part.notes]))
-            notes = []
-    if not parts:  # the missing columns may be among those left out
+            parts.append(replace(part, label=name or inside.stem, names=names))
+    if parts:
+        parts[0].notes.extend(notes)
+    else:  # the missing columns may be among those left out
         for note in notes:
             needs.problems.add(f"{place}: {note}")
     return parts
