@@ -172,18 +172,11 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
     fields = []
     for row in rows:
         cells = [cell.strip('" ') for cell in row]
-        while cells and not cells[-1]:
-            cells.pop()
-        if not cells:
-            continue
-        cells[0] = cells[0].lstrip("#%").strip()
         if len(cells) == 1:
-            name, mark, text = re.match(r"([^=:]*)([=:]?)(.*)", cells[0], re.DOTALL).groups()  # type: ignore[union-attr]
-            if mark and name.strip():
-                fields.append(read_field(name.strip(), text.strip()))
-        elif len(cells) <= 3 and cells[0]:
-            unit = cells[2] if len(cells) > 2 else ""
-            fields.append(read_field(cells[0].rstrip(":= "), cells[1], unit))
+            cells = re.split("[=:]", cells[0], maxsplit=1)
+        name = cells[0].strip("#%:= ") if cells else ""
+        if name and 2 <= len(cells) <= 3:
+            fields.append(read_field(name, *(cell.strip() for cell in cells[1:])))
     return tuple(fields)
 
 

@@ -110,13 +110,13 @@ def inspect_recording(
         Needs(schemas.table(kind), options[kind]),
         [f for t in tables for f in t.fields],
     )
-    has = {*meant(channels, of_kind), *settings_in_head(fields, of_kind)}
+    has = settings_in_head(fields, of_kind) | meant(channels, of_kind)
     rig = {} if config.rig.model_fields_set & {"kind", "holds"} else rig_of(has, needs)
     rig = rig if kind == "rig" else {}
     if rig:
         config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
         needs = Needs(ReadOptions.of(config, kind).table(kind), options[kind])
-    pattern = _pattern(names, needs, has, len(tables))
+    pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
         stated = {kind: {**config.runs[kind], "pattern": pattern}}
         config = config.model_copy(update={"runs": config.runs | stated})
@@ -125,6 +125,12 @@ def inspect_recording(
         recording = read_recording(path, kind, config)
         found, notes = recording.found, recording.notes
         runs = runs_found(recording.columns, recording.kind)
+        spans = {"tension_tight_N", "tension_slack_N", "hub_force_N"} & {*recording.found}
+        if config.rig.kind == "torque" and not spans and config.rig.holds is None:
+            ask = (
+                "state the span that carries the weight, rig: {holds: weight_tight} or weight_slack"
+            )
+            problems = (f"{path}: a weight beside a torque: {ask}",)
     except InputError as error:
         found, notes, problems = {}, tables[0].notes, error.problems
         for table in tables:

@@ -19,7 +19,7 @@ from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_posit
 from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import means_date, roles_meant, simplified
+from beltid.bench.vocabulary import means_date, roles_meant, simplified, span_of
 from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
@@ -433,7 +433,7 @@ def bench_of(
     return (kinds[0], best[0]) if len(kinds) == 1 else ("", False)
 
 
-def rig_of(has: Collection[str], needs: Needs) -> dict[str, str]:
+def rig_of(has: Mapping[str, Sequence[Found]], needs: Needs) -> dict[str, str]:
     """Return the `rig` keys of the forces that a file has, if they are not those of the config."""
     tight, slack, weight, torque, hub = (name in has for name in FORCES)
     if (tight and slack) or not lacking(needs.table, has):
@@ -442,7 +442,9 @@ def rig_of(has: Collection[str], needs: Needs) -> dict[str, str]:
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     if not torque or not (tight or slack or hub or weight):
         return {}
-    return {"kind": "torque_hub" if hub else "torque"}
+    span = span_of(has["weight_N"][0].channel.name) if weight and not hub else ""
+    holds = {"holds": f"weight_{span}"} if span else {}
+    return {"kind": "torque_hub" if hub else "torque", **holds}
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:

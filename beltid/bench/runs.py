@@ -162,11 +162,10 @@ class Settings:
         found: dict[str, Any] = {}
         assert self.pattern is not None
         for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
-            column = self.table.column(role)
+            column, found[role] = self.table.column(role), values[role]
             unit = self.pattern.units.get(role, column.unit)
             by = conversion(unit, column.unit)
             try:
-                found[role] = values[role]
                 if column.dtype != "string":
                     found[role] = by.apply(number(values[role])) if by else float("unknown unit")
             except ValueError:

@@ -60,6 +60,14 @@ def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
 
 
+def span_of(name: str) -> str:
+    """Return the span that a channel's name tells: "tight", "slack" or ""."""
+    plain, words = simplified(name), _vocabulary()
+    spans = ("tight", "slack")
+    told = [s for s in spans if any(key.search(plain) for key in words[f"tension_{s}_N"].keys)]
+    return told[0] if len(told) == 1 else ""
+
+
 def means_date(name: str) -> bool:
     """Return whether a channel's name says that it holds dates."""
     return _vocabulary()["date"].mean(simplified(name))

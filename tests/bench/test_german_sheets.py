@@ -28,6 +28,7 @@ def test_init_states_all_that_the_sheets_of_weight_and_torque_hold(tmp_path: Pat
         "press": "presse.xlsx",
     }
     assert [*config.rig.arcs_deg] == [40.0, 68.0, 82.0]
+    assert config.rig.holds == "weight_slack"  # by the name of the field
     weights = [mass * german_sheets.G for mass in german_sheets.WEIGHTS_KG]
     np.testing.assert_allclose(config.rig.initial_tensions_N, weights, 1e-3)
     np.testing.assert_allclose(config.rig.pulley_speeds_rad_s, german_sheets.SPEEDS_RAD_S[:2], 1e-3)
@@ -44,8 +45,11 @@ def test_init_states_all_that_the_sheets_of_weight_and_torque_hold(tmp_path: Pat
 
 
 @pytest.mark.long
-def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path: Path) -> None:
-    truth = german_sheets.write_rig(tmp_path / "versuche", "tension_tight_N", 150)
+@pytest.mark.parametrize("channel", ["tension_tight_N", "torque_N_m"])
+def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(
+    tmp_path: Path, channel: str
+) -> None:
+    truth = german_sheets.write_rig(tmp_path / "versuche", channel, 150)
     german_sheets.write_press(tmp_path / "presse.xlsx")
     done(tmp_path, "inspect", "presse.xlsx")
     done(tmp_path, "init", "5pk", "versuche", "presse.xlsx")
