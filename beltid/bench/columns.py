@@ -13,7 +13,7 @@ import pandas as pd
 from beltid.bench.clock import DAY_S, Clock
 from beltid.bench.mapping import Found, Needs, channels_of, mapped, meant, notes_of, refuse_missing
 from beltid.bench.numbers import is_number, numbers_of, words_of
-from beltid.bench.raw import Field, Raw, first_texts, is_text
+from beltid.bench.raw import Raw, first_texts, is_text
 from beltid.tables.units import Conversion
 from beltid.tables.values import absent
 
@@ -41,16 +41,6 @@ class Part:
     names: tuple[str, ...] = ()  # by which patterns and tables of runs know it
     notes: list[str] = field(default_factory=list)
     rows: np.ndarray | None = None  # of the table that are samples; None: all
-
-    @property
-    def place(self) -> str:
-        """File, and group in it, for messages."""
-        return self.raw.place
-
-    @property
-    def fields(self) -> tuple[Field, ...]:
-        """Entries of the header."""
-        return self.raw.fields
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

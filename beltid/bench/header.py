@@ -78,8 +78,6 @@ def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str,
     upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
     if sum(map(bool, upper)) > 1:  # a title is one cell
         names = [name or over for name, over in itertools.zip_longest(names, upper, fillvalue="")]
-    while names and not names[-1]:
-        names = names[:-1]
     return tuple(names)
 
 

@@ -37,14 +37,13 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     sign = found[1] if found else "\t"
     lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
-    problems, parts, count, end = Problems(), list[list[Raw]](), 0, 0
+    problems, parts, end = Problems(), list[list[Raw]](), 0
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
         rasters = _segment(lines, (at, end), own, place, problems)
-        count += bool(rasters)
         if len(rasters) == 1 and parts and _continues(parts[-1][-1], rasters[0]):
             parts[-1] += rasters
         else:
@@ -54,8 +53,6 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     problems.raise_if_any()
     if not parts:
         raise InputError(f"{place}: holds no samples, only a header")
-    if len(parts) < count:
-        notes.append(f"{count} segments without gaps between them joined into {len(parts)}")
     for number, part in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
         yield replace(_concatenated(part), name=name, encoding=encoding, notes=tuple(notes))

@@ -84,8 +84,8 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
 class Settings:
     """Label and settings of runs whose columns do not hold them.
 
-    They are in the head of the file, in its name, in a table of runs, or apply to all runs. What
-    the config states takes precedence over header fields recognised by known words.
+    They are in the head of the file, in its name, in a table of runs, or apply to all runs; what
+    the config states takes precedence over the head.
     """
 
     def __init__(self, needs: Needs) -> None:
@@ -107,16 +107,15 @@ class Settings:
 
     def of(self, part: Part) -> dict[str, Any]:
         """Return label and settings of a run from outside its columns."""
-        recognised, named = self._from_head(part)
-        found = recognised | dict(self.options.values) | named
+        found = self._from_head(part) | dict(self.options.values)
         needed = [c.name for c in self.table.columns if c.required and c.name in SETTINGS]
         is_complete = part.found.keys() >= {self.table.label, *needed}
         if self.pattern is not None:
             values = next(filter(None, map(self.pattern.values, part.names)), None)
-            found |= self._in_name(values, part.place) if values else {}
+            found |= self._in_name(values, part.raw.place) if values else {}
             if not values and not is_complete:
                 self.needs.problems.add(
-                    f"{part.place}: the name does not match runs.{self.table.kind}.pattern = "
+                    f"{part.raw.place}: the name does not match runs.{self.table.kind}.pattern = "
                     f'"{self.options.pattern}"'
                 )
         if self.rows:
@@ -133,28 +132,27 @@ class Settings:
             where = f"{self.options.run_table}:{self.rows[name][0]}"
             self.needs.problems.add(f"{where}: {name} is not among the files read")
 
-    def _from_head(self, part: Part) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Take settings from the head: from fields of known names, and from those of the config."""
-        found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
-        for role, matches in settings_in_head(part.fields, self.needs).items():
-            if role in part.found:
+    def _from_head(self, part: Part) -> dict[str, Any]:
+        """Take settings from the head: from fields that the config names, or of known names."""
+        found: dict[str, Any] = {}
+        for role, matches in settings_in_head(part.raw.fields, self.needs).items():
+            if role in part.found or role in self._stated:
                 continue
-            silent, named = Needs(self.table, self.options), matches[0].how == "config"
+            silent, recognised = Needs(self.table, self.options), matches[0].how == "recognised"
             values = {
                 m.channel.name: values_of(with_unit(m, silent, ""), silent)[0] for m in matches
             }
-            wrong = [problem for _, problem in silent.problems.found]
+            name, value = next(iter(values.items()))
+            wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
             if len(set(values.values())) > 1:
-                shown = ", ".join(f"{n} = {shown_value(v)}" for n, v in values.items())
-                say = self.needs.say("columns", role, f'"{next(iter(values))}"')
-                wrong.append(f"header fields {shown} can be {role}, say which: {say}")
+                say = self.needs.say("columns", role, f'"{name}"')
+                wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
             if not wrong:
-                found[named][role] = next(iter(values.values()))
-                if matches[0].how == "recognised":
-                    part.notes.append(f"read header field {next(iter(values))} as {role}")
-            elif named or (self.table.column(role).required and role not in self._stated):
-                found[named][role] = np.nan  # the problem is reported only once
-                self.needs.problems.add(f"{part.place}: {wrong[0].removeprefix(', sample 1: ')}")
+                found[role] = value
+                part.notes.extend([f"read header field {name} as {role}"] if recognised else [])
+            elif not recognised or self.table.column(role).required:
+                found[role] = np.nan  # the problem is reported only once
+                self.needs.problems.add(f"{part.raw.place}: {wrong[0]}")
         return found
 
     def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
@@ -234,14 +232,14 @@ def joined(
         # Parquet files with labelled rows are parts of one table
         is_part = part.raw.format == "Parquet" and table.label in part.found
         for label in () if is_part or not timed else pd.unique(part.columns[table.label]):
-            owner = owners.setdefault(label, part.place)
-            if label is not None and owner != part.place:
-                problems.add(f"{part.place}: {table.label} {label} is already used in {owner}")
+            owner = owners.setdefault(label, part.raw.place)
+            if label is not None and owner != part.raw.place:
+                problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
-            notes.setdefault(note, []).append(part.place)
+            notes.setdefault(note, []).append(part.raw.place)
     settings.finish()
     if problems.count > wrong:
-        problems.merge_repeated([part.place for part in parts])
+        problems.merge_repeated([part.raw.place for part in parts])
         problems.raise_if_any()
     starts = np.cumsum([0, *map(len, parts)])[:-1]
 
@@ -282,49 +280,40 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
     labels = {*part.columns.get(table.label, ())} - {None}
     if table.label in stated and len(labels) > 1 and "time_s" in table.names:
         problems.add(
-            f"{part.place}: its column {table.label} holds {len(labels)} labels, but {table.label} "
-            f"= {stated[table.label]} is stated for all of it: remove one of the two"
+            f"{part.raw.place}: {table.label} = {stated[table.label]} is stated for all of it, but "
+            f"its column {table.label} holds {len(labels)} labels"
         )
-    length = len(part)
     for role, value in stated.items():
         is_word = isinstance(value, str)
-        values = np.full(length, value, dtype=object if is_word else float)
+        values = np.full(len(part), value, dtype=object if is_word else float)
         before = part.columns.get(role, values[:0])
         before = before[~absent(before)]
         differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
         if np.any(differ):
-            part.notes.append(
-                f"{role} = {shown_value(value)} as stated replaces "
-                f"{shown_value(before[differ][0])} in the recording"
-            )
+            replaced = f"{shown_value(before[differ][0])} in the recording"
+            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
         part.columns[role] = values
 
 
 def _labels(part: Part, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
-    columns, time = part.columns, part.columns["time_s"]
+    columns, time, add = part.columns, part.columns["time_s"], "add a column of labels"
     bounds = [0, *_starts(columns, time), len(time)]
-    lengths = np.diff(bounds)
     labels = np.full(len(time), part.label, dtype=object)
-    if len(lengths) > 1 and lengths.min() < MIN_SAMPLES:
-        problems.add(
-            f"{part.place}: no column labels the runs; split at changes of the settings and "
-            f"restarts of the time, a run has {int(lengths.min())} samples, must be at least "
-            f"{MIN_SAMPLES}: add a column of labels"
-        )
-        return labels
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        labels[first:end] = part.label if len(lengths) == 1 else f"{part.label}-{k}"
+        if len(bounds) > 2:
+            labels[first:end] = f"{part.label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if _rotations(speed[np.isfinite(speed)]) > 1:
-            problems.add(
-                f"{part.place}: the pulley turns several times with stops between, and no column "
-                f"labels the runs (here {labels[first]}): add one"
-            )
-    if len(lengths) > 1:
+        if len(bounds) > 2 and end - first < MIN_SAMPLES:
+            few = f"run {labels[first]} has {end - first} samples, must be at least {MIN_SAMPLES}"
+            problems.add(f"{part.raw.place}: {few}: {add}")
+        elif _rotations(speed[np.isfinite(speed)]) > 1:
+            stops = f"in run {labels[first]} the pulley turns several times with stops between"
+            problems.add(f"{part.raw.place}: {stops}: {add}")
+    if len(bounds) > 2:
         part.notes.append(
-            f"{part.place}: no column labels the runs, {len(lengths)} separated by changes of the "
-            "settings and restarts of the time"
+            f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "
+            "and by restarts of the time"
         )
     return labels
 

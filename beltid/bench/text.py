@@ -127,17 +127,13 @@ def _head(
     separators = (dialect["separator"],) if dialect["separator"] else SEPARATORS
     rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
     if names := dialect["names"]:
-        counts = {sign: len(split[first]) for sign, split in rows.items()}
-        fitting = next((sign for sign, n in counts.items() if n == len(names)), None)
-        if fitting is None:
-            raise InputError(
-                f"{place}:{first + 1}: {max(counts.values())} cells, but dialect.names states "
-                f"{len(names)} names"
-            )
-        head = head_at([list(names), *rows[fitting][first:]], 0)
-        units_row = head.units_row + first - 1 if head.units else -1
-        shifted = replace(head, row=-1, units_row=units_row, first_row=head.first_row + first - 1)
-        return shifted, fitting
+        sign = max(rows, key=lambda sign: (len(rows[sign][first]) == len(names), sign != " "))
+        if (count := len(rows[sign][first])) != len(names):
+            stated = f"dialect.names states {len(names)} names"
+            raise InputError(f"{place}:{first + 1}: {count} cells, but {stated}")
+        head = head_at([*rows[sign][:first], list(names), *rows[sign][first:]], first)
+        units_row = head.units_row - 1 if head.units else -1
+        return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     plain = [sign for sign in rows if sign != " "] or [" "]
     own = max(
         plain, key=lambda sign: (len({*rows[sign][first]} & {*known}), len(rows[sign][first]))

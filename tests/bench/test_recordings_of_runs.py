@@ -57,11 +57,8 @@ def test_a_stated_label_does_not_make_one_run_of_two(tmp_path, runs):
     later = two.assign(time_s=two["time_s"] + 100)
     both = pd.concat([one.assign(run="a"), later.assign(run="b")])
     both.to_csv(tmp_path / "runs" / "R7.csv", index=False)
-    found = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
-    assert found == [
-        "runs/R7.csv: its column run holds 2 labels, but run = R7 is stated for all of it: remove "
-        "one of the two"
-    ]
+    (found,) = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
+    assert all(words in found for words in ("runs/R7.csv", "2 labels", "run = R7"))
 
 
 def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
@@ -183,10 +180,8 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
     later = two.assign(time_s=two["time_s"] + one["time_s"].iloc[-1] + 0.02)
     path = tmp_path / "rig.csv"
     pd.concat([one, later]).drop(columns="run").to_csv(path, index=False)
-    assert problems(path) == [
-        "rig.csv: the pulley turns several times with stops between, and no column labels the runs "
-        "(here rig): add one"
-    ]
+    (found,) = problems(path)
+    assert all(words in found for words in ("rig.csv", "turns several times", "labels"))
 
 
 # --- hashes ----------------------------------------------------------------------------------
