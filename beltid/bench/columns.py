@@ -114,7 +114,10 @@ def together(raws: Sequence[Raw], needs: Needs) -> Raw:
     if len(raws) == 1:
         return raws[0]
     place, wrong = raws[0].place, needs.problems.count
-    times, roles = _times(raws, needs), [{*meant(channels_of([raw]), needs)} for raw in raws]
+    raws = [replace(raw, groups=dict.fromkeys(raw.frame, raw.name)) for raw in raws]
+    roles = [meant(channels_of([raw]), needs) for raw in raws]
+    wanted = [{f.channel.name for fs in of.values() for f in fs} for of in roles]
+    times = {k: v for k, v in _times(raws, needs).items() if wanted[k] - {v[0]}}
     masters = [k for role in MASTERS.get(needs.table.kind, ()) for k in times if role in roles[k]]
     if not times or needs.problems.count > wrong:
         return raws[0]
@@ -134,7 +137,7 @@ def together(raws: Sequence[Raw], needs: Needs) -> Raw:
                 f"{place}: the time of {raw.name} (time_s) does not increase from sample to "
                 "sample, so its channels cannot be aligned with those of other rates"
             )
-        for name in [n for n in raw.frame if k == first or n != name_of_time]:
+        for name in [*raw.frame] if k == first else sorted(wanted[k] - {name_of_time}):
             is_alone = names[name] == 1 or name == name_of_time
             own = name if is_alone else f"{raw.name}/{name}"
             same = raw.frame[name].to_numpy()
