@@ -60,7 +60,8 @@ def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     has = parts[["date", "half", "zone"]].notna()
     time = pd.to_timedelta(parts["time"].str.replace(r"(:\d\d:\d\d)[,:]", r"\1.", regex=True))
     half = parts["half"].str.lower()
-    time = time.mask(half == "a", time % HALF_DAY).mask(half == "p", time % HALF_DAY + HALF_DAY)
+    time = time.mask(half.notna() & (time >= HALF_DAY), time - HALF_DAY)
+    time = time.mask(half == "p", time + HALF_DAY)
     codes, zones = pd.factorize(parts["zone"].str.replace(r"[A-Z]+", "+00:00", regex=True))
     east = [pd.Timedelta(f"{zone[:3]}:{zone[3:].strip(':') or '00'}:00") for zone in zones]
     time = time - pd.Series(np.array([*east, pd.Timedelta(0)])[codes], dtype=time.dtype)

@@ -103,7 +103,7 @@ class Rasters:
             units = {} if times is None else {TIME: "s"}
             self.parts[key] = Raw(self.place, frame, self.name, self.form, units)
         raw = self.parts[key]
-        alike = sum(1 for known in raw.frame if POSITION.sub("", known) == name)
+        alike = sum(POSITION.sub("", str(known)) == name for known in raw.frame)
         name = f"{name} #{alike + 1}" if alike else name
         raw.frame[name] = column_of(values)
         raw.units[name], raw.scaling[name] = unit, scaling

@@ -40,7 +40,7 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
 
 def _struct(members: Mapping[str, Any]) -> Variables:
     """Return the members of a struct; one named units may hold those of the others."""
-    units = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
+    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
     own = {name: value for name, value in members.items() if value is not units}
     return {
         name: _struct(value) if isinstance(value, dict) else Variable(value, units.get(name, ""))
