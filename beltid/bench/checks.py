@@ -99,10 +99,12 @@ class Checker:
         sizes = runs.agg(
             lambda x: (x.max() - x.min()) / 2 if column.unit == "mm" else x.abs().max()
         )
+        largest = sizes.max()
         for run, rows in runs.indices.items():
+            if not 0.0 < OTHER_RUN * sizes[run] < largest:
+                continue
             guess = other_unit(column, self.table.kind, values[rows])
-            small = 0.0 < OTHER_RUN * sizes[run] < sizes.max()
-            if small and guess and (idle is None or "true" not in idle[rows]):
+            if guess and (idle is None or "true" not in idle[rows]):
                 where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)

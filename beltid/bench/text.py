@@ -46,14 +46,16 @@ def read(
 
     A first line with two of the `known` names is the header.
     """
-    data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
-    top = _top(data, place)
+    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    with path.open("rb") as file:
+        file.readinto(body)
+    body, encoding, notes = as_utf8(body, place, dialect["encoding"])
+    top = _top(body, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect, known)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
-    body = data[sum(len(line.encode()) + 1 for line in top[: head.first_row]) :]
-    del data
+    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -104,7 +106,7 @@ def _program(top: Sequence[str]) -> str:
     return "Zwick testXpert text" if words else "CSV"
 
 
-def _top(data: bytes, place: str) -> list[str]:
+def _top(data: bytearray, place: str) -> list[str]:
     """Return the first lines; a line that no table has is refused."""
     end = data.find(b"\n", TOP) + 1 or len(data)
     top = data[:end].removesuffix(b"\n").split(b"\n")
@@ -167,7 +169,9 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _without_asides(body: bytes, head: Sequence[str], separator: str, width: int) -> bytes:
+def _without_asides(
+    body: bytearray, head: Sequence[str], separator: str, width: int
+) -> bytearray | bytes:
     """Blank comments, repeated headers and lines of blanks among the rows.
 
     A comment begins with # and has fewer cells than a row, since a label may begin with #, too.
