@@ -11,10 +11,9 @@ from typing import Any, Final
 from beltid.batch.belts import FAILED, REPORT, TO_BE_MADE, WRONG, Belt, batch_summary
 from beltid.batch.chain import add_page, look_at_belt, run_belt
 from beltid.config import ConfigSource
-from beltid.errors import EXIT_DONE, BeltidError, ConfigError
+from beltid.errors import EXIT_DONE, BeltidError
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import mismatched_kinds
 from beltid.stages.page_mark import (
     NAME,
     OnPage,
@@ -53,15 +52,7 @@ def run_batch(
         Address of a Dask scheduler whose cluster runs the simulations; "" for this machine.
     force, report : bool
         Whether to compute again what is up to date, and to write the reports.
-
-    Raises
-    ------
-    ConfigError
-        If recordings of a new belt are swapped.
     """
-    new = [source for source in sources if not (folder / source.name).is_dir()]
-    if wrong := [line for source in new for line in mismatched_kinds(source)]:
-        raise ConfigError(wrong)
     found = _belts(sources, folder, jobs, scheduler, force, report)
     ended = {belt.name: belt for belt in found}
     belts = [ended[source.name] for source in sources]

@@ -14,7 +14,7 @@ from beltid.identify.friction.kinds import KnownCells
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.curves import SMALL_SAMPLES, typical_runs
-from beltid.stages.reduction import records_of
+from beltid.stages.friction import records_of
 from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"

@@ -12,14 +12,13 @@ import beltid
 from beltid.config import Config, load_config
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.rig.runs import RunResult
-from beltid.stages.campaign import (
+from beltid.stages.planned_runs import planned_runs
+from beltid.stages.rig import (
     bench_of,
     recording_columns,
     simulate,
     simulation_settings,
 )
-from beltid.stages.planned_runs import Picked, planned_runs
 from beltid.stages.workers import Workers
 
 R = 0.05
@@ -52,21 +51,21 @@ def config_of(kind: str) -> Config:
     return load_config({"rig": {**settings, **KINDS[kind]}})
 
 
-FEW = Picked(arcs_deg=(82.0,), tensions_N=(70.0, 300.0), speeds_rad_s=(0.42,))
+FEW = ((82.0,), (70.0, 300.0), (0.42,))
 
 
 @functools.cache
-def simulated(kind: str, picked: Picked = FEW) -> dict[str, np.ndarray]:
+def simulated(kind: str, picked: Any = FEW) -> dict[str, np.ndarray]:
     """The recording of a bench of that kind, in time, with the columns of rig.csv."""
     config = config_of(kind)
-    runs = planned_runs(config, picked)
+    runs = planned_runs(config, None, picked)
     settings = simulation_settings(config, "transient")
-    results = simulate(config, bench_of(config, TRUTH, LAW), runs, settings, Workers()).results
-    assert all(isinstance(result, RunResult) for result in results)
-    return recording_columns(runs, results, config)  # type: ignore[arg-type]
+    campaign = simulate(bench_of(config, TRUTH, LAW), runs, settings, Workers())
+    assert not campaign.failures
+    return recording_columns(campaign.finished, config)
 
 
-def as_measured(kind: str, noise_N: float, picked: Picked = FEW) -> dict[str, np.ndarray]:
+def as_measured(kind: str, noise_N: float, picked: Any = FEW) -> dict[str, np.ndarray]:
     """What the channels of the bench show of it, each with white noise."""
     columns = dict(simulated(kind, picked))
     tight, slack = columns.pop("tension_tight_N"), columns.pop("tension_slack_N")
@@ -96,7 +95,7 @@ def as_measured(kind: str, noise_N: float, picked: Picked = FEW) -> dict[str, np
     [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.long) for kind in KINDS],
 )
 def test_the_refined_surface_of_a_virtual_bench_is_the_true_one(kind: str) -> None:
-    friction = beltid.fit_friction(as_measured(kind, 0.2, Picked()), config_of(kind))
+    friction = beltid.fit_friction(as_measured(kind, 0.2, ()), config_of(kind))
     outcome = beltid.refine_surface(friction, LAW, config_of(kind))
     refined = outcome.result.surface
     # a weight that swings: EI / (2 R W L) over the arc, 4.1 % at 40° with 70 N
