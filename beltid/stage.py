@@ -24,15 +24,16 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from beltid.bench.recording import Recording
     from beltid.config import Config, ConfigSource
     from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
-Kind = str | tuple[str, ...] | Callable[..., str]
-"""Kind of an input; several, of which the file is one; or a function of the options."""
+Kind = str | tuple[str, ...]
+"""Kind of an input; or several, of which the file is one."""
 
 SUFFIX: Final = ".parquet"
-RECORDINGS: Final = ("press", "rig", "speedloss", "points")
+RECORDINGS: Final = ("press", "rig", "speedloss")
 HIDDEN: Final = ("workers",)
 """Keywords of a stage that are no options."""
 NO_MATTER: Final = ("jobs", *HIDDEN)
@@ -51,44 +52,29 @@ OF_BENCH: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome(Generic[Result]):
-    """Result of a stage: a table, single results, further tables, and what the user should know.
-
-    Attributes
-    ----------
-    columns : dict of str to ndarray
-        The table, with the columns of its kind; nan or None where a value is missing.
-    result : object
-        The scientific result with all its properties.
-    facts : dict
-        Single results by name; the unit is in the name.
-    tables : dict of str to list of dict
-        Further tables.
-    validity : dict
-        Ranges within which the result holds.
-    set_aside : list of dict
-        Runs or points that were set aside, with the reason.
-    notes, warnings : tuple of str
-        What the user should know, and what the user should look into.
-    verdict, passed : str, bool or None
-        Verdict in words; whether what was judged is within tolerance, None if nothing was.
-    kind : str
-        Kind of the table.
-    origin : {"measured", "synthetic"} or None
-        Origin of the data; None if not stated.
-    """
+    """Result of a stage: a table, single results, further tables, and what the user should know."""
 
     columns: dict[str, np.ndarray]
+    """The table, with the columns of its kind; nan or None where a value is missing."""
     result: Result
+    """The scientific result with all its properties."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    """Single results by name; the unit is in the name."""
     tables: Mapping[str, Any] = field(default_factory=dict)
+    """Further tables: lists of rows."""
     validity: Mapping[str, Any] = field(default_factory=dict)
+    """Ranges within which the result holds."""
     set_aside: list[dict[str, Any]] = field(default_factory=list)
+    """Runs or points that were set aside, with the reason."""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
     passed: bool | None = None
+    """Whether what was judged is within tolerance, None if nothing was."""
     kind: str = ""
+    """Kind of the table."""
     origin: Origin | None = None
+    """Origin of the data, "measured" or "synthetic"; None if not stated."""
 
     def to_frame(self) -> pd.DataFrame:
         """Return the table as a pandas DataFrame."""
@@ -248,47 +234,29 @@ class Work:
 
 @dataclass(eq=False)
 class Stage:
-    """A stage: ``stage(tables..., config)`` in memory, ``stage.run(source, files, out)`` on files.
-
-    Attributes
-    ----------
-    name : str
-        Name of the command.
-    makes : str
-        Kind of the table.
-    reads : mapping of str to Kind
-        Parameter -> kind of recording or artifact; a keyword is an input that may be left out.
-    uses : tuple of str
-        Sections of the config that it reads.
-    compute : callable
-        The function.
-    file : str or callable
-        Name of the file, or a function of the options that gives it; default: the kind.
-    bench : tuple of str
-        Sections of the config in which the inputs must not differ without a warning.
-    guests : tuple of str
-        Inputs that may be of another bench.
-    finds : callable, optional
-        Adds inputs that lie beside the given ones.
-    writes : callable, optional
-        Turns the outcome into the bytes of a file that is no artifact.
-    fails_with : int
-        Exit status if `passed` is False.
-    is_command : bool
-        Whether it is a command.
-    """
+    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files."""
 
     name: str
+    """Name of the command."""
     makes: str
+    """Kind of the table."""
     reads: Mapping[str, Kind]
+    """Parameter -> kind of recording or artifact; a keyword is an input that may be left out."""
     uses: tuple[str, ...]
+    """Sections of the config that it reads."""
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""
+    """Name of the file, or a function of the options that gives it; default: the kind."""
     bench: tuple[str, ...] = ()
+    """Sections of the config in which the inputs must not differ without a warning."""
     guests: tuple[str, ...] = ()
+    """Inputs that may be of another bench."""
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
+    """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
+    """Turns the outcome into the bytes of a file that is no artifact."""
     fails_with: int = EXIT_OUT_OF_TOLERANCE
+    """Exit status if `passed` is False."""
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -310,7 +278,6 @@ class Stage:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
         """Compute from tables, results and laws in memory."""
-        from beltid.bench.recording import Recording, columns_of
         from beltid.config import load_config
         from beltid.store.artifact import Artifact, combined_origin
 
@@ -319,10 +286,9 @@ class Stage:
         given = dict(bound.arguments)
         config = given["config"] = load_config(given.get("config"))
         items = [given[role] for role in self.reads]
-        for role, kind in self._kinds(given).items():
+        for role, kind in self.reads.items():
             if kind in RECORDINGS:
-                columns = columns_of(given[role], str(kind), config)
-                given[role] = Recording(str(kind), columns, Path("frame"))
+                given[role] = _in_memory(given[role], str(kind), config)
         outcome = self.compute(**given)
         # a result has its own origin; a plain table beside it takes that one, alone the config's
         origins = [item.origin for item in items if isinstance(item, (Outcome, Artifact))]
@@ -391,7 +357,7 @@ class Stage:
         config = source.config
         given = dict(files) if self.finds is None else self.finds(dict(files))
         chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        reads = {role: kind for role, kind in self._kinds(chosen).items() if role in given}
+        reads = {role: kind for role, kind in self.reads.items() if role in given}
         kinds = {role: _kind_of(kind, given[role]) for role, kind in reads.items()}
         existing = self._check_place(source, given, kinds, out, force=force)
         inputs = {
@@ -417,9 +383,7 @@ class Stage:
 
         values = config.model_dump(mode="json")
         found = {name: values[name] for name in self.uses}
-        # what is stated of a rig serves its plateaus
-        recorded = ["rig" if kind == "points" else kind for kind in kinds if kind in RECORDINGS]
-        if recorded:
+        if recorded := [kind for kind in kinds if kind in RECORDINGS]:
             found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
@@ -438,10 +402,6 @@ class Stage:
         }
         parts = [__version__, source_sha256(), self.name, work.inputs, work.settings, stated]
         return sha256(json.dumps(plain(parts), sort_keys=True).encode())
-
-    def _kinds(self, options: Mapping[str, Any]) -> dict[str, str | tuple[str, ...]]:
-        chosen = {p.name: options[p.name] for p in self.options}
-        return {role: k(**chosen) if callable(k) else k for role, k in self.reads.items()}
 
     def _check_place(
         self,
@@ -490,7 +450,7 @@ class Stage:
         for role, file in work.files.items():
             if file.is_recording:
                 items[role] = read_recording(file.path, file.kind, config)
-                what = "rows" if file.kind == "points" else "samples"
+                what = "rows" if items[role].kind == "points" else "samples"
                 log.info("%s: %s %s", file.path, items[role].n_samples, what)
             else:
                 items[role] = read_artifact(file.path, file.kind)
@@ -564,7 +524,18 @@ def stage(
     return registered
 
 
-def _kind_of(kind: str | tuple[str, ...], path: Path) -> str:
+def _in_memory(frame: Any, kind: str, config: Config) -> Recording:
+    """Return a frame as a recording; without a time, that of a rig is a table of plateaus."""
+    from beltid.bench.recording import Recording, columns_of
+
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    time = config.columns[kind].get("time_s", "time_s")
+    if kind == "rig" and isinstance(names, Iterable) and time not in [str(n) for n in names]:
+        kind = "points"
+    return Recording(kind, columns_of(frame, kind, config), Path("frame"))
+
+
+def _kind_of(kind: Kind, path: Path) -> str:
     """Return which of several kinds a file is: the artifact, or else the recording."""
     from beltid.store.artifact import may_be_artifact
 
@@ -573,7 +544,7 @@ def _kind_of(kind: str | tuple[str, ...], path: Path) -> str:
     return kind[0] if may_be_artifact(path) else kind[1]
 
 
-def _name_of(kind: str, allowed: str | tuple[str, ...]) -> str:
+def _name_of(kind: str, allowed: Kind) -> str:
     """Return the name of an input; a recording in the place of an artifact is of another bench."""
     return "recording" if kind in RECORDINGS and isinstance(allowed, tuple) else kind
 

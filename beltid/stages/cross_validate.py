@@ -59,26 +59,14 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The predicted runs of one fold.
-
-    Attributes
-    ----------
-    fold : Fold
-        The runs that were left out.
-    part : SimulatedUncertainty
-        The predicted coefficients and their uncertainty by source.
-    sources : tuple of Source
-        The sources.
-    beyond : int
-        Number of predicted runs whose mean force no other run reached.
-    warnings : tuple of str
-        What the user should know about the surface of these runs.
-    """
+    """The predicted runs of one fold."""
 
     fold: Fold
     part: SimulatedUncertainty
+    """The predicted coefficients and their uncertainty by source."""
     sources: tuple[Source, ...]
     beyond: int
+    """Number of predicted runs whose mean force no other run reached."""
     warnings: tuple[str, ...] = ()
 
 

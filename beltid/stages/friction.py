@@ -51,11 +51,7 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
     """Reduce every run of a recording, or every row of a table of plateaus."""
     kind, radius = rig_kind(config), config.rig.pulley_radius_m
     with at(recording):
-        if recording.kind == "points":
-            resolution = _or_nan(config.rig.force_resolution_N)
-            runs = reduce_plateaus(recording.columns, radius, kind, resolution)
-        else:
-            runs = reduce_rig(recording, config)
+        runs = reduce_rig(recording, config)
         refuse_implausible(runs, config, kind)
         default = Conditions(config.conditions.surface, config.conditions.side)
         runs = tuple(replace(r, conditions=r.conditions.completed(default)) for r in runs)
@@ -119,8 +115,12 @@ def _or_nan(value: float | None) -> float:
 
 
 def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
-    """Reduce the runs of a recording of the friction rig."""
-    radius, records = config.rig.pulley_radius_m, records_of(rig, config)
+    """Reduce the runs of a recording of the friction rig, or the rows of a table of plateaus."""
+    radius = config.rig.pulley_radius_m
+    if rig.kind == "points":
+        resolution = _or_nan(config.rig.force_resolution_N)
+        return reduce_plateaus(rig.columns, radius, rig_kind(config), resolution)
+    records = records_of(rig, config)
     if rig.is_artifact:  # from perfect cells
         return reduce_records(records, radius)
     return reduce_records(

@@ -47,24 +47,15 @@ CURVES: Final = ("press_curves", "rig_curves")
 
 @dataclass(frozen=True, slots=True)
 class OnPage:
-    """A belt on a page, by the results in its folder.
-
-    Attributes
-    ----------
-    folder : Path
-        The folder.
-    config : Config or None
-        Its config, if known; results of recordings that it does not name are not shown.
-    made : collection of str, optional
-        Names of the results that `run` has made or found up to date; others are not shown.
-    failures : tuple of str
-        Stages that failed, each with its exit status and its message.
-    """
+    """A belt on a page, by the results in its folder."""
 
     folder: Path
     config: Config | None
+    """Its config, if known; results of recordings that it does not name are not shown."""
     made: Collection[str] | None = None
+    """Names of the results that `run` has made or found up to date; others are not shown."""
     failures: tuple[str, ...] = ()
+    """Stages that failed, each with its exit status and its message."""
 
     @property
     def recordings(self) -> list[str]:

@@ -49,18 +49,12 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class PlannedRuns:
-    """The next runs of a rig: their gain, and where the surface has to be known.
-
-    Attributes
-    ----------
-    plan : Plan
-        Gain of the runs, remaining uncertainty, and whether to stop.
-    target : Target
-        Where the surface has to be known.
-    """
+    """The next runs of a rig."""
 
     plan: Plan
+    """Gain of the runs, remaining uncertainty, and whether to stop."""
     target: Target
+    """Where the surface has to be known."""
 
 
 def planned(

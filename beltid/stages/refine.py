@@ -76,24 +76,15 @@ EFFECTS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """A refined surface with the runs that it was made from.
-
-    Attributes
-    ----------
-    refined : RefinedSurface
-        The solution of the inverse problem.
-    runs : tuple of str
-        Labels of the runs used.
-    arcs_deg : ndarray
-        Their arcs [deg].
-    effects : tuple of ShownEffect
-        Effects in the runs that the surface does not describe.
-    """
+    """A refined surface with the runs that it was made from."""
 
     refined: RefinedSurface
+    """The solution of the inverse problem."""
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
+    """Arcs of these runs [deg]."""
     effects: tuple[ShownEffect, ...] = ()
+    """Effects in the runs that the surface does not describe."""
 
     @property
     def surface(self) -> FrictionSurface:

@@ -45,26 +45,9 @@ from beltid.store.together import misfits, refuse_misfits
 def run(
     folders: Sequence[Path], out: Path | None, config: Path | None = None, *, force: bool = False
 ) -> Summary:
-    """Write the report of every belt, and for several belts a page that compares them.
+    """Write the report of every belt, and for several belts a page `out` that compares them.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of the results, one per belt.
-    out : Path or None
-        Output page; for several belts the one that compares them. By default report.html in the
-        folder of the belt, or in the folder above for several belts.
-    config : Path, optional
-        Config that names the recordings of a belt, for its figures over time.
-    force : bool
-        Whether to draw pages that are up to date, and to replace another HTML file.
-
-    Raises
-    ------
-    ArtifactError
-        If there is no such folder, it holds no results, or a page cannot be written.
-    InputError
-        If the output path holds a file that is not a report.
+    The config names the recordings of a belt, for its figures over time.
     """
     source = find_config(None, config) if config else None
     for folder in folders:
@@ -142,13 +125,7 @@ def _row(results: BeltResults) -> dict[str, Any]:
 
 
 def gather(belt: OnPage) -> BeltResults:
-    """Read the results of a belt; report those that are not shown as problems.
-
-    Raises
-    ------
-    ArtifactError
-        If there are no results, or they do not fit together.
-    """
+    """Read the results of a belt, which must fit together; those not shown are its problems."""
     shown, sheets, problems = dict[str, Artifact](), dict[str, Sheet](), list[str]()
     not_shown: dict[str, list[str]] = {}
     for name, kind in ARTIFACTS.items():

@@ -25,20 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedRun:
-    """One run of the simulated rig.
-
-    Attributes
-    ----------
-    settings : PlannedRun
-        Arc, initial tension, pulley speed.
-    result : RunResult
-        All results of the simulation as plain arrays.
-    config : Config
-        The config of the rig.
-    """
+    """One run of the simulated rig."""
 
     settings: PlannedRun
+    """Arc, initial tension, pulley speed."""
     result: RunResult
+    """All results of the simulation as plain arrays."""
     config: Config
 
     @property

@@ -4,8 +4,10 @@ A step is the command of its name, the Python function, and the step of the chai
 the help of the command. The work of a step stands in the module that it imports.
 
 In Python, a recording or a table of runs is a DataFrame, a pyarrow Table or a mapping with the
-columns of its file, or the `Outcome` of an earlier step. A config is a Config, a dict, the path of
-a YAML file, or None for the built-in 5PK rig. The heavy calls run on `workers`.
+columns of its file; reduced runs are also the `Outcome` of `fit_friction`. A surface is a
+`FrictionSurface`, the `Outcome` of `build_surface` or `refine_surface`, or a constant coefficient;
+a law a `NormalLaw` or the `Outcome` of `fit_stiffness`. A config is a Config, a dict, the path of a
+YAML file, or None for the built-in 5PK rig. The heavy calls run on `workers`.
 """
 
 from __future__ import annotations
@@ -100,10 +102,10 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 @stage(
     "fit-friction",
     makes="friction",
-    reads={"frame": lambda table: "points" if table else "rig"},
+    reads={"frame": "rig"},
     uses=("friction", "rig", "belt", "conditions", "uncertainty"),
 )
-def fit_friction(frame: Any, config: ConfigLike = None, *, table: bool = False) -> Outcome[Any]:
+def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Find the friction coefficient of every run of the friction rig, Eqs. (5) to (8).
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
@@ -117,16 +119,16 @@ def fit_friction(frame: Any, config: ConfigLike = None, *, table: bool = False) 
     rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
     torque, torque_hub, or running for a belt that moves.
 
+    A table without time_s has a row per plateau: arc_deg, the forces or torque of rig.kind,
+    pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se, temperature_degC,
+    initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
+
     Parameters
     ----------
     frame : recording
         The columns of rig.csv, with the channels of the kind of the rig.
     config : Config, dict, path or None
         Kind of the rig, radius of the pulley, conditions.
-    table : bool
-        The file has a row per plateau instead of samples over time: arc_deg, the forces or torque
-        of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
-        temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 
     Returns
     -------
@@ -221,12 +223,8 @@ def refine_surface(
 
     Parameters
     ----------
-    friction : table of runs
-        A row per reduced run.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt and rig.
+    friction, law, config
+        The reduced runs; normal contact law, a result also provides its scatter; belt and rig.
     condition : {"dry", "wet", "dusty"}, optional
         Use only runs on this surface.
     side : {"rib", "back"}, optional
@@ -299,12 +297,8 @@ def simulate_recording(
 
     Parameters
     ----------
-    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
-        Friction coefficient.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law.
-    config : Config, dict, path or None
-        Belt, rig and contact.
+    surface, law, config
+        Friction coefficient, normal contact law; belt, rig and contact.
     friction : Outcome of fit_friction, optional
         friction.parquet whose runs are repeated. Default: the one next to SURFACE that it was made
         from, else all combinations of the settings under rig: of the config.
@@ -408,12 +402,8 @@ def cross_validate(
 
     Parameters
     ----------
-    friction : table of runs
-        The reduced runs of the bench.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt, rig and tolerances.
+    friction, law, config
+        As for `refine_surface`; the config also has the tolerances.
     by : {"arc", "speed"}, optional
         Setting that is left out in turn; the lowest and the highest speed never are. Default: as
         the config says under cross_validate, else arc.
@@ -464,12 +454,9 @@ def predict_drive(
 
     Parameters
     ----------
-    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
-        Friction coefficient of the ribs; a number is a constant coefficient.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the ribs; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt, drive and its operating points.
+    surface, law, config
+        Friction coefficient and normal contact law of the ribs, the latter as a result also
+        provides its scatter; belt, drive and its operating points.
     slip : Outcome of fit_slip, optional
         slip.parquet of fit-slip: predict the operating points of that recording instead of those of
         the config.
@@ -571,12 +558,9 @@ def plan_runs(
 
     Parameters
     ----------
-    surface : Outcome of refine_surface or build_surface, optional
-        The known surface.
-    law : NormalLaw or Outcome of fit_stiffness, optional
-        Normal contact law; by default that of the paper's 5PK belt.
-    config : Config, dict, path or None
-        Belt, rig, and under ``plan:`` the possible settings of the rig.
+    surface, law, config
+        The known surface, an `Outcome`, if any; normal contact law, by default that of the paper's
+        5PK belt; belt, rig, and under ``plan:`` the possible settings of the rig.
     friction : table of runs, optional
         friction.parquet of fit-friction: new runs are assumed as noisy as its runs.
     runs : int

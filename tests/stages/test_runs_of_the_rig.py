@@ -126,6 +126,6 @@ def test_a_surface_corrected_to_a_temperature_needs_temperatures() -> None:
         }
     )
     config = {"friction": {"correct_temperature": True}}
-    friction = beltid.fit_friction(plateaus, config, table=True)
+    friction = beltid.fit_friction(plateaus, config)
     with pytest.raises(InputError, match="temperature"):
         beltid.refine_surface(friction, LAW, config)

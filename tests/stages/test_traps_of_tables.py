@@ -34,7 +34,7 @@ def table(kind: str) -> pd.DataFrame:
 
 
 def fit(frame: pd.DataFrame, kind: str, **rig: Any) -> Any:
-    return fit_friction(frame, {"rig": {"kind": kind, "pulley_radius_m": R, **rig}}, table=True)
+    return fit_friction(frame, {"rig": {"kind": kind, "pulley_radius_m": R, **rig}})
 
 
 @pytest.mark.parametrize(
