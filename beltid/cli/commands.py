@@ -150,7 +150,7 @@ def run(
     folder = common.out or Path("runs")
 
     def work() -> Summary:
-        from beltid.batch.sources import config_sources
+        from beltid.batch.run import config_sources
         from beltid.notes import log
 
         address = _scheduler_address(scheduler, jobs)
