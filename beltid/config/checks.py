@@ -6,7 +6,6 @@ that is printed cannot differ.
 
 from __future__ import annotations
 
-import codecs
 import os
 import re
 import sys
@@ -201,11 +200,10 @@ plain_words = partial(_plain, PLAIN_WORDS, " and blanks, beginning with a letter
 def text_encoding(value: Any) -> str:
     """Check the name of a text encoding."""
     try:
-        if codecs.lookup(value)._is_text_encoding:
-            return str(value)
+        "".encode(value)
+        return str(value)
     except (LookupError, TypeError, ValueError):
-        pass
-    raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
+        raise complain("the name of an encoding such as utf-8, latin-1 or cp1252") from None
 
 
 def separating_character(value: Any) -> str:

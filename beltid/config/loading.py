@@ -64,19 +64,18 @@ def _checked(source: Source) -> Config:
         for key, value in source.values.items()
         if value is not None or key not in Config.model_fields
     }
-    config, problems = Config(), list[tuple[Place, str]]()
+    problems: list[tuple[Place, str]] = []
     try:
-        config = Config.model_validate(values)
+        return Config.model_validate(values)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
-            place = source.place(tuple(detail["loc"]), key=detail["type"] in UNKNOWN)
-            problems.append((place, message(detail, Config)))
+            path = tuple(detail["loc"])
+            place = source.place(path, key=detail["type"] in UNKNOWN)
+            problems.append((place, message(detail, Config, source.node(path))))
     problems.sort(key=lambda problem: problem[0])
     lines = [f"{source.at(place)}{text}" for place, text in problems]
-    hidden = lines[SHOWN:]
-    if lines:
-        raise ConfigError([*lines[:SHOWN], f"and {len(hidden)} more"] if hidden else lines)
-    return config
+    hidden = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
+    raise ConfigError([*lines[:SHOWN], *hidden])
 
 
 def _plain(value: Any) -> Any:
@@ -85,9 +84,7 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
-    if type(value).__module__ == "numpy" and hasattr(value, "tolist"):
-        return value.tolist()
-    return value
+    return value.tolist() if type(value).__module__ == "numpy" else value
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
@@ -123,22 +120,11 @@ class ConfigSource:
 def find_config(
     recording_path: str | Path | None = None, explicit: str | Path | None = None
 ) -> ConfigSource:
-    """Find the config of a recording.
+    """Find the config of a recording or artifact.
 
     The first of: `explicit`; the file named by ``$BELTID_CONFIG``; ``<stem>.yaml``, then
-    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig.
-
-    Parameters
-    ----------
-    recording_path : path, optional
-        The recording or artifact to process; if not given, no folder is searched.
-    explicit : path, optional
-        Config named by the user.
-
-    Raises
-    ------
-    ConfigError
-        If the config is missing or invalid; the message says how it was found.
+    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig. If it
+    is wrong, the ConfigError says how it was found.
     """
     if explicit is not None:
         path = Path(explicit)
@@ -161,18 +147,15 @@ def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
-        raise ConfigError(
-            [*error.problems, f"{path}: this config was {how}, --config names another"]
-        ) from None
+        line = f"{path}: this config was {how}, --config names another"
+        raise ConfigError([*error.problems, line]) from None
 
 
 def _candidates(recording_path: str | Path) -> Iterator[Path]:
     recording = Path(os.path.abspath(recording_path))
     stem = Path(recording.name.removesuffix(".gz")).stem
     for folder in recording.parents:
-        if stem:
-            yield folder / f"{stem}.yaml"
-        yield folder / FILE_NAME
+        yield from (folder / f"{stem}.yaml", folder / FILE_NAME)
 
 
 def effective_values(

@@ -13,15 +13,15 @@ UNKNOWN = ("extra_forbidden", "invalid_key", "unknown")
 """Error types of a key that does not exist; of others, the value is wrong."""
 
 
-def message(detail: Mapping[str, Any], model: type[Section]) -> str:
-    """Describe an error of the model: key path, what was found, what is allowed."""
+def message(detail: Mapping[str, Any], model: type[Section], node: Any = None) -> str:
+    """Describe an error of the model: key path, what was found (as in a node), what is allowed."""
     path, kind = tuple(detail["loc"]), detail["type"]
     if kind in UNKNOWN:
         known = detail.get("ctx", {}).get("known") or _keys_at(path[:-1], model)
         return f"{format_path(path)} is not a known key{_remedy(path, known, model)}"
     if kind == "missing":
         return f"{format_path(path)} is missing"
-    found = f"{format_path(path)} = {_found(detail['input'])}"
+    found = f"{format_path(path)} = {_found(detail['input'], node)}"
     if kind in ("model_type", "model_attributes_type"):
         return f"{found}, must be a section with the keys {', '.join(_keys_at(path, model))}"
     return f"{found}, {requirement(detail)}"
@@ -64,12 +64,12 @@ def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:
     return tuple(here.model_fields) if here else ()
 
 
-def _found(value: Any) -> str:
+def _found(value: Any, node: Any) -> str:
     """Return a value as the user wrote it, shortened."""
     if isinstance(value, (Mapping, list, tuple)):
         return "a section" if isinstance(value, Mapping) else "a list"
     if value is None:
         return "empty"
-    text = f'"{value}"' if isinstance(value, str) else str(value)
+    text = f'"{value}"' if isinstance(value, str) else str(node.value if node else value)
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= 60 else text[:57] + "..."
