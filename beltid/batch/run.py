@@ -26,7 +26,7 @@ from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import mismatched_kinds, wrong_recordings
+from beltid.stages.named_recordings import wrong_recordings
 from beltid.stages.page_mark import (
     NAME,
     OnPage,
@@ -99,9 +99,6 @@ def run_batch(
     Each belt has a folder in `folder`. `jobs` cores are used, by default all; `scheduler` is the
     address of a Dask cluster that simulates instead. `force` computes again what is up to date.
     """
-    new = [source for source in sources if not (folder / source.name).is_dir()]
-    if wrong := [line for source in new for line in mismatched_kinds(source)]:
-        raise ConfigError(wrong)
     if scheduler:
         ended = _on_cluster(sources, folder, scheduler, force, report)
     else:

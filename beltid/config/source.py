@@ -108,8 +108,6 @@ def _parsed(text: str, name: str) -> Source:
             reason = "a tab, indent with blanks"
         elif "mapping values are not allowed" in reason:
             reason = "an unexpected ':' (is the line above indented alike, is a text in quotes?)"
-    except RecursionError:
-        place, reason = name, "nested too deep"
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         place, reason = name, str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
