@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,7 +77,7 @@ class Number:
 
     def __call__(self, value: Any) -> float:
         """Return the value as a float, or as an int if it must be whole; 5.0 counts as whole."""
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        is_number = isinstance(value, Real) and not isinstance(value, bool)
         if not is_number or (self.whole and value % 1):
             kind = "whole number" if self.whole else "number"
             raise complain(f"a {kind} {self.allowed}{_hint(value)}")
@@ -115,6 +116,7 @@ class ListOf:
 
     def __call__(self, value: Any) -> tuple[Any, ...]:
         """Return the items."""
+        value = value.tolist() if hasattr(value, "tolist") else value
         if not isinstance(value, (list, tuple)) or not 1 <= len(value) <= self.longest:
             raise complain(f"a list such as {self.example}, of 1 to {self.longest}")
         seen: list[Any] = []

@@ -47,7 +47,7 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
     if isinstance(source, Config):
         return source
     if isinstance(source, Mapping):
-        return _checked(Source(_plain(source)))
+        return _checked(Source(source))
     if not isinstance(source, (str, Path)):
         raise ConfigError(
             f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
@@ -69,22 +69,11 @@ def _checked(source: Source) -> Config:
         return Config.model_validate(values)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
-            path = tuple(detail["loc"])
-            place = source.place(path, key=detail["type"] in UNKNOWN)
-            problems.append((place, message(detail, Config, source.node(path))))
-    problems.sort(key=lambda problem: problem[0])
-    lines = [f"{source.at(place)}{text}" for place, text in problems]
+            place = source.place(detail["loc"], key=detail["type"] in UNKNOWN)
+            problems.append((place, message(detail, Config, source.node(detail["loc"]))))
+    lines = [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
     hidden = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
     raise ConfigError([*lines[:SHOWN], *hidden])
-
-
-def _plain(value: Any) -> Any:
-    """Convert numpy scalars and arrays of a dict to plain values."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value.tolist() if type(value).__module__ == "numpy" else value
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
@@ -147,8 +136,8 @@ def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
-        line = f"{path}: this config was {how}, --config names another"
-        raise ConfigError([*error.problems, line]) from None
+        told = f"{path}: this config was {how}, --config names another"
+        raise ConfigError([*error.problems, told]) from None
 
 
 def _candidates(recording_path: str | Path) -> Iterator[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltid.config.fields import Section, section_in
@@ -41,18 +41,16 @@ def problem(detail: Mapping[str, Any], place: KeyPath) -> str:
     return f"{format_path(place)} = {repr(detail['input'])[:60]}, {requirement(detail)}"
 
 
-def _remedy(path: KeyPath, known: Iterable[str], model: type[Section]) -> str:
+def _remedy(path: KeyPath, known: Sequence[str], model: type[Section]) -> str:
     """Name the nearest known key, or that of another section, or all known keys."""
     word = str(path[-1])
-    by_lower = {name.lower(): name for name in known}
-    near = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    near = near or [low for low in by_lower if low.startswith(word.lower() + "_")]
-    homes = [name for name in model.model_fields if word in _keys_at((name,), model)]
-    if near or homes:
-        return f", did you mean {by_lower[near[0]] if near else f'{homes[0]}.{word}'}?"
+    near = difflib.get_close_matches(word, known, n=1)
+    near += [f"{name}.{word}" for name in model.model_fields if word in _keys_at((name,), model)]
+    if near:
+        return f", did you mean {near[0]}?"
     if word.isdigit() and path[:-1]:  # {span_length_m: 0,10} reads as a key 10
         return " (the decimal sign is a point)"
-    return f", known are {', '.join(by_lower.values())}"
+    return f", known are {', '.join(known)}"
 
 
 def _keys_at(path: KeyPath, model: type[Section]) -> tuple[str, ...]:

@@ -40,14 +40,10 @@ class Source:
         """Return the YAML node of a value (or key); if it is absent, that of its section."""
         node = self.root
         for depth, part in enumerate(path, 1):
-            if isinstance(part, int) and _is_list(node):
-                node = node.value[part]
-                continue
-            pairs = node.value if _is_section(node) else []
-            pair = next((pair for pair in pairs if pair[0].value == str(part)), None)
-            if pair is None:
+            found = [pair for name, *pair in _items(node) if str(name) == str(part)]
+            if not found:
                 break
-            node = pair[0] if key and depth == len(path) else pair[1]
+            node = found[0][not (key and depth == len(path))]
         return node
 
     def place(self, path: KeyPath, *, key: bool = False) -> Place:
@@ -118,23 +114,21 @@ def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
     if id(node) in seen:
         return
     seen.add(id(node))
-    first: dict[str, int] = {}
-    for i, item in enumerate(node.value if _is_section(node) or _is_list(node) else ()):
-        name, value = (i, item) if _is_list(node) else (str(item[0].value), item[1])
-        if name in first:
-            key = format_path((*path, name))
-            yield f"{key} is given twice, first in line {first[name]}"
-        elif _is_section(node):
-            first[name] = item[0].start_mark.line + 1
+    lines: dict[str | int, int] = {}
+    for name, key, value in _items(node):
+        if name in lines:
+            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
+        lines.setdefault(name, key.start_mark.line + 1)
         yield from _twice(value, (*path, name), seen)
 
 
-def _is_section(node: Any) -> bool:
-    return node is not None and node.id == "mapping"
-
-
-def _is_list(node: Any) -> bool:
-    return node is not None and node.id == "sequence"
+def _items(node: Any) -> list[tuple[str | int, Any, Any]]:
+    """Return name, node of the key and of the value of each item of a section or list."""
+    if node is None or node.id == "scalar":
+        return []
+    if node.id == "sequence":
+        return [(i, item, item) for i, item in enumerate(node.value)]
+    return [(str(key.value), key, value) for key, value in node.value]
 
 
 def _place(mark: Any) -> Place:

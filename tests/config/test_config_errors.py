@@ -124,8 +124,8 @@ def test_what_is_no_config(tmp_path: Path) -> None:
 
 def test_a_dict_has_key_paths_but_no_places() -> None:
     with pytest.raises(ConfigError) as caught:
-        load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}, 5: 3})
-    starts = ("rig.arcs_deg[1] = 400, ", 'belt.name = "a/b", ', "5 is not a known key")
+        load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}})
+    starts = ("rig.arcs_deg[1] = 400, ", 'belt.name = "a/b", ')
     assert all(any(p.startswith(start) for p in caught.value.problems) for start in starts)
 
 
