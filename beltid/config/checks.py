@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from numbers import Real
 from pathlib import Path
 from typing import Any, Final
 
@@ -77,7 +76,8 @@ class Number:
 
     def __call__(self, value: Any) -> float:
         """Return the value as a float, or as an int if it must be whole; 5.0 counts as whole."""
-        is_number = isinstance(value, Real) and not isinstance(value, bool)
+        value = value.item() if hasattr(value, "item") else value
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or (self.whole and value % 1):
             kind = "whole number" if self.whole else "number"
             raise complain(f"a {kind} {self.allowed}{_hint(value)}")
