@@ -85,7 +85,9 @@ class RigSection(Section):
     initial_tensions_N: Numbers = _tensions(
         (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0), "before the pulley turns; likewise"
     )
-    pulley_speeds_rad_s: Numbers = _speeds((0.05, 0.1, 0.21, 0.42, 0.84), "likewise")
+    pulley_speeds_rad_s: Numbers = _speeds(
+        (0.05, 0.10, 0.21, 0.42, 0.84), "pulley speeds; likewise"
+    )
 
     @property
     def measures(self) -> MeasuredKind:
