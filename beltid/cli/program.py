@@ -7,10 +7,10 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Final, get_type_hints
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -47,8 +47,16 @@ FIRST: Final = {
 }
 """Commands that are no steps, in the order of the help."""
 SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
-SHORT: Final = {"jobs": ("-j",), "dry_run": ("-n",)}
-"""Short names of options that only some commands have."""
+SHORT: Final = {
+    "jobs": "-j",
+    "dry_run": "-n",
+    "config": "-c",
+    "out": "-o",
+    "quiet": "-q",
+    "verbose": "-v",
+    "force": "-f",
+}
+"""Short names of options."""
 KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
@@ -65,54 +73,39 @@ def show_version(context: typer.Context, wanted: bool) -> None:
     raise typer.Exit
 
 
-def _option(*names: str, text: str, **about: Any) -> Any:
-    return typer.Option(*names, help=text, hidden=True, **about)
-
-
 VERSION: Final = "Show the version and exit; with -v, those of all libraries, and the environment."
 Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
-HiddenVersion = Annotated[bool, _option("--version", text=VERSION, callback=show_version)]
 
 
 @dataclass(frozen=True, slots=True)
 class Common:
-    """Options of every command, in the order of the help."""
+    """Options of every command, in the order of the help.
 
-    config: Annotated[
-        Path | None,
-        _option(
-            *("--config", "-c"),
-            metavar="YAML",
-            text="Config of belt, benches and settings. Default: the one that the environment "
-            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to "
-            "the input or in a folder above it, else the built-in 5PK rig of the paper.",
-        ),
-    ] = None
-    out: Annotated[
-        Path | None,
-        _option(
-            *("--out", "-o"),
-            metavar="FILE",
-            text="File to write. Default: next to the input, as named in the help.",
-        ),
-    ] = None
-    json: Annotated[bool, _option("--json", text="Print one JSON object instead of a table.")] = (
-        False
-    )
-    quiet: Annotated[bool, _option("--quiet", "-q", text="Print warnings and errors only.")] = False
-    verbose: Annotated[
-        bool,
-        # eager: --version, wherever it stands, must know it
-        _option("--verbose", "-v", is_eager=True, text="Print all rows and details."),
-    ] = False
-    force: Annotated[
-        bool,
-        _option(
-            *("--force", "-f"),
-            text="Compute again even if the result is up to date, and replace another file at "
-            "--out. Inputs and recordings are never replaced.",
-        ),
-    ] = False
+    Parameters
+    ----------
+    config : YAML
+        Config of belt, benches and settings. Default: the one that the environment variable
+        BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to the input or in a
+        folder above it, else the built-in 5PK rig of the paper.
+    out : FILE
+        File to write. Default: next to the input, as named in the help.
+    json : bool
+        Print one JSON object instead of a table.
+    quiet : bool
+        Print warnings and errors only.
+    verbose : bool
+        Print all rows and details.
+    force : bool
+        Compute again even if the result is up to date, and replace another file at --out. Inputs
+        and recordings are never replaced.
+    """
+
+    config: Path | None = None
+    out: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    force: bool = False
 
 
 class InOrder(TyperGroup):
@@ -138,11 +131,9 @@ class InOrder(TyperGroup):
         """Write the commands: first what a new user needs, then the steps of the method."""
         from beltid.cli.steps import short_of
 
-        hints = get_type_hints(Common, include_extras=True).values()
-        options = [hint.__metadata__[0] for hint in hints]
         common = [
-            (f"{', '.join(sorted((o.default, *o.param_decls), key=len))} {o.metavar or ''}", o.help)
-            for o in options
+            (f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(), text)
+            for name, (kind, text) in _common().items()
         ]
         for title, rows in (
             ("Commands", FIRST.items()),
@@ -214,17 +205,19 @@ def register(
     out: str = "",
 ) -> Callable[..., None]:
     """Register a function as a command with a help text; its ``common`` are the common options."""
-    hints = get_type_hints(Common, include_extras=True)
-    if out:
-        metavar, _, about = out.partition(": ")
-        option = typer.Option("--out", "-o", metavar=metavar, help=about)
-        hints["out"] = Annotated[Path | None, option]
-    names = [field.name for field in fields(Common)]
-    shared = [
-        inspect.Parameter(field.name, KEYWORD, default=field.default, annotation=hints[field.name])
-        for field in fields(Common)
-    ]
-    version = inspect.Parameter("version", KEYWORD, default=False, annotation=HiddenVersion)
+    told, shared = _common(), list[inspect.Parameter]()
+    for p in inspect.signature(Common, eval_str=True).parameters.values():
+        # eager: --version, wherever it stands, must know it
+        about: dict[str, Any] = {"hidden": True, "is_eager": p.name == "verbose"}
+        if p.name == "out" and out:
+            kind, _, meaning = out.partition(": ")
+            told["out"], about = (kind, meaning), {}
+        shared.append(parameter(p.replace(kind=KEYWORD), *told[p.name], **about))
+    hidden = typer.Option("--version", callback=show_version, help=VERSION, hidden=True)
+    version = inspect.Parameter(
+        "version", KEYWORD, default=False, annotation=Annotated[bool, hidden]
+    )
+    names = [p.name for p in shared]
 
     @functools.wraps(function)
     def called(*args: Any, version: bool, **values: Any) -> None:
@@ -239,24 +232,31 @@ def register(
     return called
 
 
-def parameter(p: inspect.Parameter, kind: str, text: str) -> inspect.Parameter:
-    """Return a parameter as an argument, or as an option if it is a keyword.
-
-    Its metavar are the choices of the docstring, or its type there if that is a name in capitals or
-    a unit.
-    """
+def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspect.Parameter:
+    """Return a parameter as an argument, or as an option if it is a keyword."""
     annotation = type(p.default) if p.annotation is p.empty else p.annotation
-    metavar = "|".join(re.findall(r'"([^"]+)"', kind)) or "".join(
-        re.findall(r"^(?:[A-Z]+|\S+/\S+)$", kind)
-    )
-    about: dict[str, Any] = {"help": text, "metavar": metavar or None}
+    about |= {"help": text, "metavar": _metavar(kind)}
     if p.kind is not KEYWORD:
         return p.replace(annotation=Annotated[annotation, typer.Argument(**about)])
     about["show_default"] = p.default not in (None, False)
     if p.name == "jobs" or annotation is int:
         about["min"] = 1
-    names = (f"--{p.name.replace('_', '-')}", *SHORT.get(p.name, ()))
-    return p.replace(annotation=Annotated[annotation, typer.Option(*names, **about)])
+    option = typer.Option(*reversed(_names(p.name)), **about)
+    return p.replace(annotation=Annotated[annotation, option])
+
+
+def _names(name: str) -> list[str]:
+    return [*filter(None, [SHORT.get(name)]), f"--{name.replace('_', '-')}"]
+
+
+def _metavar(kind: str) -> str | None:
+    """Return the choices of a docstring, or its type if that is a name in capitals or a unit."""
+    of_type = kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
+    return "|".join(re.findall(r'"([^"]+)"', kind)) or of_type
+
+
+def _common() -> dict[str, tuple[str, str]]:
+    return sections(inspect.getdoc(Common) or "")[1]
 
 
 def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
