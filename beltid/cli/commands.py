@@ -142,8 +142,8 @@ def run(
         sources, force = config_sources(configs or [], common.config), common.force
         if dry_run:
             return plan_batch(sources, folder, force=force)
-        settings = {"jobs": jobs, "scheduler": address, "report": not no_report}
-        return run_batch(sources, folder, force=force, **settings)
+        report = not no_report
+        return run_batch(sources, folder, jobs=jobs, scheduler=address, force=force, report=report)
 
     kept = f"finished results are in {folder}; the same command continues from there"
     finish(work, common, kept=kept)

@@ -102,10 +102,11 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "bool":
         return []
     if column.dtype == "string":
-        missing, wrong = np.array([cell is None for cell in cells], dtype=bool), np.False_
+        wrong, missing = np.zeros(len(cells), dtype=bool), np.equal(cells, None)
     else:
-        missing, wrong = np.isnan(cells), np.isinf(cells) | outside(cells, column)
-    wrong = wrong | (missing & (not column.nullable))
+        wrong, missing = np.isinf(cells) | outside(cells, column), np.isnan(cells)
+    if not column.nullable:
+        wrong |= missing
     rows = np.flatnonzero(wrong.any(axis=1) if wrong.ndim > 1 else wrong)
     return [
         f"{name}: {column.name} = {cells[i]} in row {i + 1}, must be {column.allowed}"

@@ -113,7 +113,8 @@ def test_an_empty_variable_or_a_number_of_jobs_names_this_machine(
     bench: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
 ) -> None:
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "here" if more else "")
-    (bench / "press.csv").write_text("test,time_s\n")
+    for name in ("press.csv", "rig.csv"):
+        (bench / name).write_text("test,time_s\n")
     done = beltid(bench, "run", "one.yaml", "--no-report", *more)
     assert done.exit_code == 2
     assert "press.csv" in done.stderr  # it began
