@@ -192,7 +192,7 @@ def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Art
     if data[:4] != b"PAR1":
         raise ArtifactError(f"{path}: not an artifact (not a Parquet file){needed}")
     file = open_parquet(data, str(path), ArtifactError)
-    stored = file.schema_arrow.metadata or {}
+    stored = file.metadata.metadata or {}
     if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
             again = _command(_kind_in(data) or kind or "")
@@ -226,7 +226,7 @@ def may_be_artifact(path: Path) -> bool:
 
     try:
         with path.open("rb") as file:
-            return file.read(4) == b"PAR1" and SEAL_KEY in (pq.read_schema(path).metadata or {})
+            return file.read(4) == b"PAR1" and SEAL_KEY in (pq.read_metadata(path).metadata or {})
     except Exception:  # a damaged file can raise almost any error
         return False
 

@@ -149,6 +149,16 @@ measured?         flag        -      whether the node lies within the measured r
 mu_u?             >= 0?       1      combined standard uncertainty (k = 1)
 mu_factor?        list?       1      row of the factor of the covariance of ln mu
 
+simulated: beltid simulate-rig, by run
+run                 text         -      label of the run
+time_s              number       s      time from the start of the recording
+tension_tight_N     > 0?         N      tension of the tight span
+tension_slack_N     > 0?         N      tension of the slack span
+pulley_speed_rad_s  number?      rad/s  speed of the pulley, 0 before it turns
+temperature_degC?   [-90, 200]?  degC   temperature
+arc_deg             (0, 3600]    deg    contact arc
+initial_tension_N   > 0          N      nominal tension before the pulley turns
+
 compare: beltid compare, by run
 run                   text        -      label of the measured run
 arc_deg               (0, 3600]?  deg    contact arc
@@ -241,6 +251,7 @@ TABLES["crossvalidation"] = replace(
     TABLES["compare"], kind="crossvalidation", command="beltid cross-validate"
 )
 RECORDINGS: Final = ("press", "rig", "speedloss", "points")
+ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 CONDITIONS: Final = ("condition", "side")
 """Columns with the conditions of a run."""
 WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")
@@ -294,13 +305,3 @@ def rig_table(
         if c.name in {*required, *optional} or c.name not in CHANNELS
     ]
     return replace(TABLES["rig"], columns=tuple(columns))
-
-
-_simulated = rig_table()
-TABLES["simulated"] = replace(
-    _simulated,
-    kind="simulated",
-    command="beltid simulate-rig",
-    columns=tuple(c for c in _simulated.columns if c.name not in CONDITIONS),
-)
-ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
