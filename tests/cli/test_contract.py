@@ -21,7 +21,9 @@ CALLS = {
     "simulate-rig": ("surface.parquet", "stiffness.parquet", "--jobs", "1"),
     "compare": ("friction.parquet", "simulated.parquet"),
     "cross-validate": ("friction.parquet", "stiffness.parquet", "--jobs", "1"),
-    "simulate-drive": ("surface.parquet", "stiffness.parquet", "--from", "slip.parquet"),
+    "simulate-drive": (
+        *("surface.parquet", "stiffness.parquet", "--from", "slip.parquet", "-c", "drive.yaml"),
+    ),
     "compare-drive": ("slip.parquet", "drive.parquet"),
     "plan": ("surface.parquet", "stiffness.parquet", "--runs", "1"),
 }

@@ -16,20 +16,15 @@ def row_of(done: Any) -> dict[str, Any]:
 
 def test_the_refined_surface_decides(ran: Path, beltid: Any) -> None:
     """The published one misses by percents, the refined one by tenths of them."""
-    text = (ran / "beltid.yaml").read_text()
-    call = ("run", "--no-report", "--json", "beltid.yaml")
-    for tolerance, status, states in (
-        (0.01, 0, ["out of tolerance", "done"]),
-        (0.0001, 4, ["out of tolerance", "out of tolerance"]),
-    ):
-        stated = f"compare: {{max_rms_relative_error: {tolerance}}}\ncross_validate: {{by: none}}\n"
-        (ran / "beltid.yaml").write_text(text + stated)
-        done = beltid(*call)
-        assert done.exit_code == status, done.stderr
-        row = row_of(done)
-        assert [row["stages"][name] for name in ("compare", "compare refined")] == states
-        # what stays is noise and the set tensions, which the bench missed by up to 2 %
-        assert row["rms_percent"] > 2.0 > 0.4 > row["refined_rms_percent"]
+    stated = "compare: {max_rms_relative_error: 0.01}\ncross_validate: {by: none}\n"
+    (ran / "beltid.yaml").write_text((ran / "beltid.yaml").read_text() + stated)
+    done = beltid("run", "--no-report", "--json", "beltid.yaml")
+    assert done.exit_code == 0, done.stderr
+    row = row_of(done)
+    states = [row["stages"][name] for name in ("compare", "compare refined")]
+    assert states == ["out of tolerance", "done"]
+    # what stays is noise and the set tensions, which the bench missed by up to 2 %
+    assert row["rms_percent"] > 2.0 > 0.4 > row["refined_rms_percent"]
     refined = row["refine_surface"]
     spread = [refined[f"arc_to_arc_spread_{when}_percent"] for when in ("before", "after")]
     assert spread[1] < 0.1 * spread[0]
