@@ -9,13 +9,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 Result = TypeVar("Result")
-
-ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables that limit linear algebra to one thread: the calls already use all cores,
-and the small matrices here take longer on several cores than on one."""
 
 
 class Workers:
