@@ -101,7 +101,7 @@ def _torques(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradic
     tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
     """
     span = kind.span_beside_torque
-    if span is None:
+    if span is None or kind.weight_stated:  # a weight holds no end
         return
     lows, highs = {}, {}
     for run in runs:
