@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.design import Knowledge
-from beltid.refine.curves import Curves
+from beltid.refine.curves import SPEED_BEND, Curves
 from beltid.refine.effects import BEFORE
 from beltid.refine.posterior import CURVE, DIFFERENCE, PRIORS
 from beltid.uncertainty.budget import SurfaceUncertainty
@@ -50,8 +50,6 @@ FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
 """d ln mu / d ln f_N and its standard deviation."""
 SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
 """d ln mu / d ln v and its standard deviation."""
-SPEED_BEND: Final = 0.1
-"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
 SAME_SPEED: Final = 0.1
 """Largest distance in ln v at which a run belongs to a speed of the surface."""
 

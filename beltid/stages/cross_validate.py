@@ -17,8 +17,8 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import AgreementResult, Statistics
 from beltid.identify.agreement.hold_out import FEWEST, Fold, HoldOut, between_speeds, folds
 from beltid.notes import log
+from beltid.refine.curves import SPEED_BEND
 from beltid.refine.inverse import refine_surface
-from beltid.refine.posterior import CURVE, PRIORS
 from beltid.stage import Outcome
 from beltid.stages.columns import flat
 from beltid.stages.compare import agreement
@@ -29,10 +29,8 @@ from beltid.stages.refinement import (
     prepared_campaign,
     reference_temperature,
     rig_of_runs,
-    shared_sources,
     usable_runs,
 )
-from beltid.stages.uncertainties import standard_uncertainties
 from beltid.stages.workers import Workers, threads
 from beltid.uncertainty.measured import measured_runs, numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
@@ -43,12 +41,9 @@ from beltid.uncertainty.simulated import (
 )
 from beltid.uncertainty.sources import (
     ARC,
-    BETWEEN_SPEEDS,
-    EFFECT_SOURCES,
-    REDUCTION_SOURCES,
     Source,
-    all_sources,
     between_speeds_source,
+    reduction_sources,
     with_rig_sources,
 )
 
@@ -161,7 +156,8 @@ def predict(
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, f"without {fold.name}")
     reference = reference_temperature(config, campaign)
-    solution = refine_surface(campaign, speeds, shared_sources(campaign, config), reference)
+    shared = reduction_sources(campaign.measured.columns)
+    solution = refine_surface(campaign, speeds, shared, reference)
     names = [source.name for source in solution.sources]
     surface = solution.surface.with_covariance(solution.uncertainty.factor, names)
 
@@ -171,19 +167,15 @@ def predict(
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an unseen arc has its own effect, with the same variance as the others
     arc_sources = [source for source in solution.sources if source.error == ARC][:1]
-    rig_sources = (
-        *all_sources(standard_uncertainties(config), n_arcs, press.has_scatter),
-        *(replace(source, place=k) for source in arc_sources for k in range(n_arcs)),
-    )
-    sources = with_rig_sources(solution.sources, rig_sources)
+    of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
+    sources = with_rig_sources(solution.sources, of_arcs)
     points = measured.points
     bench = replace(campaign.bench, surface=surface)
-    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind)
+    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
     if fold.by == "speed":
-        known = PRIORS[CURVE].median ** 2  # as over ln f_N
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
-        missed = between_speeds(measured_at, log_mu, at, known)[:, None]
+        missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
         part = replace(
             part,
             simulated=np.hstack([part.simulated, missed]),
@@ -201,18 +193,14 @@ def as_simulated(
     """Return predicted runs as a table of reduced runs, and their uncertainty.
 
     The settings are those of the measured runs, exactly as measured. Both sides are of one bench:
-    its errors are left out of the difference, unlike effects and an interpolation, which the
-    predicted runs have for themselves, and errors of the reduction, which cancel.
+    its errors are none of the difference, unlike effects and an interpolation, which the predicted
+    runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     mu = np.concatenate([prediction.part.mu for prediction in predicted])
     table = {name: columns[name][rows] for name in (*SETTINGS, "run", "normal_force_N_m")}
-    sources, aligned = _on_common_sources(predicted)
-    kept = (*EFFECT_SOURCES, *dict(REDUCTION_SOURCES), BETWEEN_SPEEDS)
-    own = np.array([source.error in kept for source in sources])
     labels = [str(label) for label in table["run"]]
-    uncertainty = RunsUncertainty.of(labels, mu, sources, aligned)
-    uncertainty = replace(uncertainty, difference=uncertainty.difference * own)
+    uncertainty = RunsUncertainty.of(labels, mu, *_on_common_sources(predicted))
     return {**table, "mu_sliding": mu}, uncertainty
 
 

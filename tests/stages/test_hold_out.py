@@ -133,8 +133,8 @@ def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:
     part = last.part.difference[:, of_arc]
     ratio = np.linalg.norm(part, axis=1) / np.abs(part[:, -1])
     assert ratio == pytest.approx(np.full(ratio.size, np.sqrt(1.5)), rel=0.02)
-    # two values tell little of a standard deviation: no less than they show, and not much more
-    assert 0.02 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.08
+    # two values tell little of a standard deviation, which is usually smaller: half of what they show
+    assert 0.01 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.04
 
 
 def test_settings_are_left_out_whole_and_only_speeds_with_neighbours() -> None:
