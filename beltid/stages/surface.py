@@ -23,7 +23,7 @@ from beltid.stages.stiffness import coefficients
 from beltid.stages.uncertainties import standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
+from beltid.uncertainty.published import published_changes
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 
 NO_ARC_DEG: Final = 90.0
@@ -149,7 +149,7 @@ def _uncertainty(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources),
-        scatter=scatter_factor(published_curves(measured), result.average),
+        scatter=result.average.scatter,
         arcs_deg=measured.arcs_deg,
     )
 

@@ -120,30 +120,27 @@ def test_points_that_cannot_be_used_are_counted_with_their_reason() -> None:
     assert "normal_force_N_m = 0, must be > 0" in result.set_aside[1]
 
 
-@pytest.mark.parametrize("lost", [1, 2])
-def test_a_few_broken_runs_cost_no_range(lost: int) -> None:
+def test_a_campaign_that_lacks_settings_costs_no_range() -> None:
     data = bench("5pk")
-    complete = build(data).surface.validity["normal_force_N_m"]
-    # the runs of the lowest tension broke off at one speed, or at two
-    labels = np.unique(data["v"].round(4), return_inverse=True)[1]
-    lowest = data["f"] < 1.6 * data["f"].min()
-    broken = lowest & (labels < lost)
-    assert 3 <= broken.sum() <= 4 * lost
-    found = build(data, ~broken)
-    assert found.surface.validity["normal_force_N_m"] == pytest.approx(complete, rel=0.1)
-    assert np.isfinite(found.average.mu).all()
-    assert np.isfinite(found.average.mu_se).all()
-    assert sum(note.startswith("speed") and "N/m only" in note for note in found.notes) == lost
+    complete = build(data)
+    # an arc without its lowest speed, and two runs elsewhere
+    kept = ~((data["arc_deg"] == 68) & (data["v"] < 0.003))
+    kept[[3, 50]] = False
+    found = build(data, kept)
+    assert found.n_points == kept.sum()
+    validity = [x.surface.validity["normal_force_N_m"] for x in (found, complete)]
+    assert validity[0][0] < validity[1][0]
+    assert validity[0][1] > validity[1][1]
+    f = np.geomspace(2000.0, 7000.0, 6)[:, None]
+    assert found.surface.mu(f, SPEEDS) == pytest.approx(complete.surface.mu(f, SPEEDS), rel=0.01)
 
 
-def test_arcs_that_share_no_force_give_a_surface_with_a_warning() -> None:
+def test_arcs_that_share_no_force_give_a_surface() -> None:
     data = bench("5pk")
     keep = ((data["arc_deg"] == 40) & (data["f"] < 3500)) | (
         (data["arc_deg"] == 82) & (data["f"] > 3900)
     )
-    result = build(data, keep)
-    assert np.isfinite(result.average.mu).all()
-    assert any("share no force" in note for note in result.notes)
+    assert np.isfinite(build(data, keep).average.mu).all()
 
 
 def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
@@ -179,7 +176,7 @@ def test_too_little_data_is_an_error_with_its_reason() -> None:
         build_surface([], [], [], [], [])
     with pytest.raises(InputError, match="among 2, at least one is needed"):
         build_surface([40, 40], [1e3, 2e3], [0.01, 0.01], [np.nan, -1])
-    with pytest.raises(InputError, match="no speed was measured over a range"):
+    with pytest.raises(InputError, match="2 runs"):
         build_surface([40, 40], [1e3, 9e3], [0.01, 0.02], [1.0, 0.9])
 
 
@@ -209,8 +206,6 @@ def test_runs_at_speeds_of_their_own_are_all_used() -> None:
         result = build(data)
         grid = result.average
         assert result.n_points == 120
-        assert not any("left out" in note or "N/m only" in note for note in result.notes)
-        assert any("not repeated settings" in note for note in result.notes)
         # each run is near to a speed, each speed near to a run
         away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
         assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1
@@ -239,6 +234,7 @@ def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
     assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
 
 
+@pytest.mark.long
 def test_very_many_runs_without_settings_are_all_used_too() -> None:
     result = build(scattered(1500, 0.003, 1, rise=0.02))
     grid = result.average
@@ -258,13 +254,6 @@ def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
     assert speeds[-1] > data["v"].max() / 1.1
     true = bent(result.average.normal_force_N_m[:, None], speeds, 0.02)
     assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
-
-
-def test_one_tension_without_settings_of_the_speed_is_refused() -> None:
-    data = {k: a[:12] for k, a in runs().items()}
-    data |= {"arc_deg": np.repeat([40.0, 68, 82, 90], 3), "f": np.geomspace(1e3, 2e3, 12)}
-    with pytest.raises(InputError, match=r"without a gap of 3%, must be repeated settings"):
-        build({**data, "v": np.geomspace(0.005, 0.0068, 12)})
 
 
 ROUNDING = 1e-12

@@ -133,7 +133,7 @@ def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:
     part = last.part.difference[:, of_arc]
     ratio = np.linalg.norm(part, axis=1) / np.abs(part[:, -1])
     assert ratio == pytest.approx(np.full(ratio.size, np.sqrt(1.5)), rel=0.02)
-    # two values tell little of a standard deviation, which is usually smaller: half of what they show
+    # two values tell little of a standard deviation, usually smaller: half of what they show
     assert 0.01 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.04
 
 

@@ -90,7 +90,7 @@ def plain():
 
 def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     published = beltid.build_surface(with_shared(), NOTHING)
-    response = refined.result.refined.response
+    response = refined.result.refined.runs.response
     # published: the line force follows a coefficient by (x/2) coth(x/2) - 1 < 0.2, x = mu beta, and
     # the surface that force by its slope of -0.2
     for outcome, low, high in ((published, 1.0, 1.03), (refined, 1 / response.max(), 1.2)):
