@@ -233,7 +233,8 @@ def refine_surface(
     changes = changes * [share for _, share in left]
 
     gain = runs.gain(posterior)
-    estimated, shifted, added, by_effect = [], measured, [], [np.zeros((n, 0))]
+    estimated, shifted, by_effect = [], measured, [np.zeros((n, 0))]
+    added: list[Source] = []
     for effect, of_runs in zip(effects, (e.columns for e in runs.effects), strict=True):
         values, size = posterior.of(effect.key)[0], posterior.sizes[effect.key]
         weight = np.square(values) * np.mean(np.square(effect.columns), axis=0)

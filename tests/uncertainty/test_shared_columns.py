@@ -146,10 +146,10 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         numerical=np.zeros(n),
         by_setting=np.zeros((n, 2)),
     )
-    found = validated(result, table, simulated, uncertainty)
+    _, found = validated(result, table, simulated, uncertainty)
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
-    np.testing.assert_allclose(found.validation.measured_scatter, own, rtol=1e-6)
-    np.testing.assert_allclose(found.validation.u_validation, math.hypot(own, left), rtol=1e-6)
+    np.testing.assert_allclose(found.measured_scatter, own, rtol=1e-6)
+    np.testing.assert_allclose(found.u_validation, math.hypot(own, left), rtol=1e-6)
     assert [source.error for source in found.sources] == ["shared_tail"]
 
 

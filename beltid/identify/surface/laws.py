@@ -255,7 +255,7 @@ def _first_guess(law: FrictionLaw, f: Array, v: Array, mu: Array) -> Array:
         n_terms = columns.shape[1]
         if "a" in law.parameters:
             columns = np.column_stack([columns, -np.log(f)])
-        c = np.linalg.lstsq(columns, np.ones(f.size), rcond=1e-9)[0]
+        c: Array = np.asarray(np.linalg.lstsq(columns, np.ones(f.size), rcond=1e-9)[0], float)
         p = law.from_amplitudes(c[:n_terms], float(c[n_terms:].sum()), float(scale))
         found.append((float(np.sum((columns @ c - 1.0) ** 2)), p))
     return min(found, key=lambda entry: entry[0])[1]
