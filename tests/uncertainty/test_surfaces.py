@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 from virtual_bench import GIVEN, NO_ERRORS, SMALL, read_campaign, repetition
 
-from beltid.refine.curves import Curves
 from beltid.refine.inverse import refine_surface, sweep
 from beltid.uncertainty.published import changes_at_nodes, published_changes, published_grid
-from beltid.uncertainty.rig_runs import INPUTS, MESH, RigRuns, input_slopes, mesh_of
+from beltid.uncertainty.rig_runs import (
+    INPUTS,
+    MESH,
+    RigRuns,
+    input_slopes,
+    mesh_of,
+    residual_changes,
+)
 from beltid.uncertainty.sources import Errors, all_sources, reduction_sources, rig_sources
 
 
@@ -22,20 +28,27 @@ def nominal():
     return refine_surface(campaign, SMALL.speeds, sources)
 
 
-def test_slopes_obey_the_dimensions(nominal):
-    # scaled forces (T0, EI, EA and both stiffnesses) with a surface scaled along the force change
-    # nothing; neither do scaled lengths
+@pytest.fixture(scope="module")
+def slopes(nominal):
+    """Derivatives of the runs by knots, inputs and speed, about the refined surface."""
     campaign, speeds = nominal.campaign, SMALL.speeds
-    curves, parameters = Curves(nominal.curves.log_force, np.log(speeds)), nominal.parameters
     points = campaign.measured.points
     rig = RigRuns(campaign.bench, points, speeds, mesh_of(campaign.bench, points, MESH))
-    done, surfaces = sweep(rig, curves, parameters), curves.surfaces(parameters)
-    slopes = input_slopes(campaign, surfaces, speeds, done.speed_slope)
-    slope, step = dict(zip(INPUTS, slopes.T, strict=True)), 1e-5
+    done = sweep(rig, nominal.curves, nominal.parameters)
+    surfaces = nominal.curves.surfaces(nominal.parameters)
+    return done, surfaces, input_slopes(campaign, surfaces, speeds, done.speed_slope)
+
+
+def test_slopes_obey_the_dimensions(nominal, slopes):
+    # scaled forces (T0, EI, EA and both stiffnesses) with a surface scaled along the force change
+    # nothing; neither do scaled lengths
+    done, _, by_input = slopes
+    curves = nominal.curves
+    slope, step = dict(zip(INPUTS, by_input.T, strict=True)), 1e-5
     basis = curves.basis(curves.log_force + step) - curves.basis(curves.log_force - step)
     inner = np.ones(curves.log_force.size)
     inner[[0, -1]] = 2.0  # one-sided there: the nearest value holds beyond
-    along = (inner[:, None] * basis / (2 * step)) @ curves.by_speed(parameters).T
+    along = (inner[:, None] * basis / (2 * step)) @ curves.by_speed(nominal.parameters).T
     shift = -done.J @ along.T.ravel()
     forces = slope["initial tension"] + slope["EI"] + slope["EA"]
     forces = forces + slope["k_linear"] + slope["k_quadratic"] + shift
@@ -45,20 +58,19 @@ def test_slopes_obey_the_dimensions(nominal):
     assert np.max(np.abs(lengths)) < 0.03
 
 
-@pytest.mark.parametrize("error", ["cell_gain", "bending_stiffness"])
-def test_the_refined_surface_follows_an_error_as_a_new_solution_does(nominal, error):
-    k = next(k for k, source in enumerate(nominal.sources) if source.error == error)
-    corrected = nominal.campaign.corrected(Errors.single(nominal.sources[k]))
-    again = refine_surface(corrected, SMALL.speeds)
-    force = nominal.campaign.measured.normal_force[:, None]
-    f = np.geomspace(force.min(), force.max(), 8)[:, None]
-    found = np.log(again.surface.mu(f, SMALL.speeds) / nominal.surface.mu(f, SMALL.speeds))
-    expected = np.einsum(
-        "fk,vk->fv",
-        nominal.curves.basis(np.log(f[:, 0])),
-        nominal.curves.by_speed(nominal.changes[:, k]),
-    )
-    np.testing.assert_allclose(found, expected, atol=0.2 * np.abs(expected).max())
+def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slopes):
+    done, surfaces, by_input = slopes
+    expected = residual_changes(nominal.campaign, nominal.stated, by_input, done.speed_slope)
+
+    def difference(of):
+        points = of.measured.points
+        rig = RigRuns(of.bench, points, SMALL.speeds, mesh_of(of.bench, points, 1.0))
+        return np.log(of.measured.mu) - rig.log_mu(surfaces, done.speed_slope)
+
+    before = difference(nominal.campaign)
+    for source, change in zip(nominal.stated, expected.T, strict=True):
+        found = difference(nominal.campaign.corrected(Errors.single(source))) - before
+        np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
 
 def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
