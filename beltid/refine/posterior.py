@@ -7,7 +7,11 @@ y the measured less the simulated ln mu, about simulated runs; h the coordinates
 with a size each; Z_e the effects of the campaign (:mod:`beltid.refine.effects`) with a size each;
 e the standard error of a run, r its sensitivity to a factor on the surface and s_r the scatter of
 the friction from run to run. :mod:`beltid.mixed` finds the sizes; all of them have priors: where
-noise hides the curvature, the most probable surface without is too rigid.
+noise hides the curvature, the most probable surface without is too rigid. Two or three arcs
+determine the size of their differences poorly. It is the half-width of the interval that holds a
+difference with a probability of 68 %, over all sizes that the arcs leave possible: for arcs that
+differ by 0.02 to 3 %, intervals of 95 % then hold 71 to 100 % with two, 81 to 99 % with three and
+86 to 99 % with four; with the most probable size 65, 77 and 83 % at least.
 
 Errors that the runs share are no part of the estimate: the surface would follow what the runs seem
 to show of them, and every trace of a model error would be taken for an error of the bench, enlarged
@@ -24,6 +28,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from beltid.mixed import Mixed, Own, Posterior, Shared, Size
 from beltid.refine.effects import Effect
@@ -43,6 +48,8 @@ PRIORS: Final = {
 LEAST_NOISE: Final = 0.5  # few runs may fit by chance
 LARGE: Final = 3.0e-2  # size of one effect at the start of a search, the others being small
 SMALL: Final = 1.0e-3
+GRID: Final = np.geomspace(1.0e-5, 0.3, 60)  # sizes of an effect that are considered
+ONE_SIGMA: Final = 0.6827
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +101,9 @@ class LinearRuns:
         A run-in over a campaign sorted by arcs is explained by the order or by the arcs: the
         evidence may have several maxima.
         """
-        sizes = self._best(start).sizes
-        return {**sizes, NOISE: max(sizes[NOISE], LEAST_NOISE)}
+        found = self._best(start)
+        sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}
+        return sizes | {effect.key: _usual_size(found, effect) for effect in self.effects}
 
     def log_evidence_for(self, keys: Collection[str]) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
@@ -159,3 +167,22 @@ class LinearRuns:
             small = dict.fromkeys(effects, SMALL)
             starts += [{**small, name: LARGE} for name in effects]
         return max((model.fit(one) for one in starts), key=lambda fit: fit.log_evidence)
+
+
+def _usual_size(found: Posterior, effect: Effect) -> float:
+    """Return the half-width of the 68 % interval of an effect's numbers, the other sizes fixed.
+
+    With the precision L and the pull b that the data alone put on its numbers, the likelihood of a
+    size s is ``|1 + s² L|^(-1/2) exp(b' (L + 1/s²)^-1 b / 2)``.
+    """
+    mean, covariance = found.of(effect.key)
+    inverse = np.linalg.inv(covariance)
+    L, vectors = np.linalg.eigh(inverse - np.eye(mean.size) / found.sizes[effect.key] ** 2)
+    signal = np.square(vectors.T @ inverse @ mean)
+    growth = 1.0 + np.square(GRID)[:, None] * np.maximum(L, 0.0)
+    terms = np.square(GRID)[:, None] * signal / growth - np.log(growth)
+    before = np.square(np.log(GRID / effect.size.median) / effect.size.width)
+    log_density = 0.5 * (terms.sum(axis=1) - before)
+    density = np.exp(log_density - log_density.max())
+    within = 1.0 - 2.0 * ndtr(-GRID[:, None] / GRID) @ density / density.sum()
+    return float(np.interp(ONE_SIGMA, within, GRID))

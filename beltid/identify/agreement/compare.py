@@ -272,7 +272,7 @@ def compare_points(
 
 
 def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
-    """Return the columns with the sign of the speeds dropped and the ``reason`` against each run."""
+    """Return the columns, speeds without sign, and the ``reason`` against each run."""
     run = np.array([str(label) for label in np.ravel(columns["run"])], dtype=object)
     values = {name: np.asarray(columns[name], dtype=float) for name in NUMBERS}
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
