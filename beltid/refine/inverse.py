@@ -220,7 +220,11 @@ def refine_surface(
         raise InputError(f"no run at the speeds {', '.join(empty)}")
     effects = campaign_effects(measured, reference_degC)
     problem = Problem.of(rig, bench.surface, measured, effects)
-    fit = problem.solved(bench.surface)
+    fit = first = problem.solved(bench.surface)
+    # with the knots where the surface that was found lets forces act
+    start = problem.tabulated(problem.B @ fit.coordinates)
+    problem = Problem.of(rig, start, measured, effects)
+    fit = problem.solved(start)
     B, posterior, q = problem.B, fit.posterior, len(problem.B)
     parameters, changes = B @ fit.coordinates, np.zeros((n, 0))
     if sources:
@@ -264,9 +268,9 @@ def refine_surface(
         posterior=posterior,
         told=told,
         weight=fit.weight,
-        iterations=fit.iterations,
+        iterations=first.iterations + fit.iterations,
         still_changing=fit.still_changing,
-        misfit_before=np.expm1(fit.log_mu_before - problem.log_mu),
+        misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
         effects=tuple(estimated),
         effects_covariance=posterior.covariance[q:, q:] + by_errors @ by_errors.T,
@@ -396,11 +400,12 @@ class Problem:
             effects=effects,
         )
 
-    def tabulated(self, parameters: Array, covariance: Array) -> FrictionSurface:
-        """Tabulate the curves at the nodes, with their standard errors."""
-        mu = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0])
-        factor = self.curves.at_nodes(self.forces, factor_of(covariance))
-        se = mu * np.sqrt(np.sum(np.square(factor), axis=-1))
+    def tabulated(self, parameters: Array, covariance: Array | None = None) -> FrictionSurface:
+        """Tabulate the curves at the nodes, with standard errors if the covariance is known."""
+        mu, se = np.exp(self.curves.at_nodes(self.forces, parameters[:, None])[..., 0]), None
+        if covariance is not None:
+            factor = self.curves.at_nodes(self.forces, factor_of(covariance))
+            se = mu * np.sqrt(np.sum(np.square(factor), axis=-1))
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
 
     def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
