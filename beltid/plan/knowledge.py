@@ -33,6 +33,7 @@ from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (
     ARC,
+    FITTED,
     Source,
     StandardUncertainties,
     all_sources,
@@ -70,7 +71,8 @@ class KnownSurface(SurfaceUncertainty):
         """List the sources whose size was different when the surface was fitted."""
         now = all_sources(stated, len(self.arcs_deg), law_scatter)
         sizes = {(source.error, source.place): source.size for source in now}
-        changed = (s.name for s in self.sources if sizes.get((s.error, s.place), s.size) != s.size)
+        stated_then = (s for s in self.sources if s.basis != FITTED)
+        changed = (s.name for s in stated_then if sizes.get((s.error, s.place), s.size) != s.size)
         return list(dict.fromkeys(changed))
 
 

@@ -46,12 +46,6 @@ class SurfaceResult:
         finite = relative[np.isfinite(relative)]
         return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
-    @property
-    def max_arc_spread(self) -> float:
-        """Largest relative spread between arcs at a node [-]; nan for one arc."""
-        relative = self.average.mu_spread / self.average.mu
-        return float(np.fmax.reduce(relative, axis=None))
-
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
         grids = (self.average, *self.arcs)
