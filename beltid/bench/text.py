@@ -19,7 +19,15 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
-from beltid.bench.header import SEARCHED, Head, distinct_names, find_head, head_at, is_sample
+from beltid.bench.header import (
+    MAX_COLUMNS,
+    SEARCHED,
+    Head,
+    distinct_names,
+    find_head,
+    head_at,
+    is_sample,
+)
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
@@ -29,7 +37,6 @@ SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
 TOP: Final = 1 << 20
 """Bytes in which the header is searched."""
-MAX_COLUMNS: Final = 2000
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 BLOCK: Final = 4 << 20
