@@ -139,7 +139,7 @@ def simulated_group(
     bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
 ) -> list[RunResult | BeltidError]:
     """Return the results of a few runs in their order; a single call of a worker."""
-    return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
+    return [result for _, result in rig_campaign(bench, points, settings)]
 
 
 def recording_columns(

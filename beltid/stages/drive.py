@@ -15,7 +15,6 @@ from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
 from beltid.drive.rods import short_spans
 from beltid.drive.tolerance import installed_belts
@@ -77,7 +76,8 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
     at_rest = Simulator(drive).at_rest
     stated_shear = config.belt.shear_stiffness_N_m2 is not None
     drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
-    good, failed = _solve_points(Simulator(drive, method), points)
+    simulator = Simulator(drive, method)
+    good, failed = _solve_points(simulator, points)
     uncertainty, sources = _uncertainty(config, drive, good, press)
     by_string = [
         labelled.run
@@ -101,8 +101,8 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
             "loaded_pulley": loaded,
         },
         tables={
-            "slip_limits": _limits(drive, method, good),
-            "limits_over_tension": _limits_over_tension(drive, method, good),
+            "slip_limits": _limits(simulator, good),
+            "limits_over_tension": _limits_over_tension(simulator, good),
             "laid": _layout_rows(drive, good),
             "arcs": _arcs(good),
             "installed": _installed(config.drive, drive, good),
@@ -183,7 +183,7 @@ def _uncertainty(
     return uncertainty, sources
 
 
-def _limits(drive: Drive, method: Method, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _limits(simulator: Simulator, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     speeds = np.array([result.point.omega for _, result in good])
     series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
@@ -191,7 +191,6 @@ def _limits(drive: Drive, method: Method, good: Sequence[Solved]) -> list[dict[s
         setting: max((good[i] for i in rows), key=lambda solved: solved[1].load)
         for setting, rows in series.items()
     }
-    simulator = Simulator(drive, method)
     return [
         {
             "driver_speed_rad_s": speed,
@@ -204,14 +203,12 @@ def _limits(drive: Drive, method: Method, good: Sequence[Solved]) -> list[dict[s
     ]
 
 
-def _limits_over_tension(
-    drive: Drive, method: Method, good: Sequence[Solved]
-) -> list[dict[str, Any]]:
+def _limits_over_tension(simulator: Simulator, good: Sequence[Solved]) -> list[dict[str, Any]]:
     """Return the torque limits over the belt tension, for the most loaded point."""
     labelled, result = _most_loaded(good)
     if result.load == 0.0:
         return []
-    simulator, rows = Simulator(drive, method), []
+    rows = []
     for share in TENSIONS:
         point = replace(labelled.point, T_0=share * result.rest.T_0)
         with suppress(InputError):  # the arm of a tensioner cannot produce every tension
@@ -289,7 +286,7 @@ def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
             "normal_force_N_m": profile.normal_force,
             "slip_speed_m_s": profile.slip_speed,
         }
-        for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True)
+        for pulley, profile in zip(result.drive.pulleys, result.arc_profiles(), strict=True)
         if profile is not None
     ]
 

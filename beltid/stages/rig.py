@@ -12,7 +12,6 @@ import numpy as np
 from beltid.config import Config
 from beltid.errors import BeltidError, NumericsError, counted, percent
 from beltid.notes import log
-from beltid.rig.compiler import COMPILING, compile_ahead
 from beltid.rig.runs import SimulationSettings
 from beltid.stage import Outcome
 from beltid.stages.campaign import (
@@ -71,8 +70,6 @@ def simulated(
     stated = differing or measured is None or not measured.size
     origin = "as the config states" if stated else "at the settings measured"
     log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
-    if compile_ahead(["rig"]):
-        log.info("%s", COMPILING)
     press, workers = press_law(law, config), workers or threads(jobs)
     bench = bench_of(config, surface_from(surface), press.law)
     campaign = simulate(config, bench, runs, settings, workers)
