@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -12,41 +13,16 @@ from beltid.report import tables
 from beltid.report.charts import CHARTS, NotDrawn, Picture
 from beltid.report.conditions import conditions
 from beltid.report.figures import belts as belts_charts  # noqa: F401  (registers the charts)
-from beltid.report.results import (
-    COMPARED,
-    HELD_OUT,
-    LABELS,
-    LEFT_OUT,
-    SURFACES,
-    BeltResults,
-    Sheet,
-)
-from beltid.report.tables import Tile, View
+from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
+from beltid.report.tables import Table, Tile
 from beltid.report.verdict import Verdict, verdict_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A part of the page.
+    """A part of the page: charts, what was not drawn and why, tables, notes, links, runs over time.
 
-    Attributes
-    ----------
-    key, title, lead : str
-        Id within the page, heading, short introduction.
-    pictures : sequence of Picture
-        Charts.
-    absent : sequence of str
-        Charts that were not drawn, and why.
-    tables : sequence of View
-        Tables.
-    notes : sequence of str
-        Notes, a line each.
-    links : sequence of (str, str)
-        Links: address and text.
-    tiles : sequence of Tile
-        Runs over time as small pictures.
-    folded : bool
-        Whether it is folded on screen and left out on paper.
+    What is `folded` is folded on screen and left out on paper.
     """
 
     key: str
@@ -54,7 +30,7 @@ class Section:
     lead: str = ""
     pictures: Sequence[Picture] = ()
     absent: Sequence[str] = ()
-    tables: Sequence[View] = ()
+    tables: Sequence[Table] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
     tiles: Sequence[Tile] = ()
@@ -74,142 +50,121 @@ class Page:
     made_from: str = ""
 
 
+Tabulate = Callable[[BeltResults], Table | None]
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """A section before it is filled: its charts, tables, and the artifacts whose notes it has."""
 
-    key: str
-    title: str
-    lead: str
+    section: Section
     charts: tuple[str, ...] = ()
-    tables: tuple[Any, ...] = ()
+    tables: tuple[Tabulate, ...] = ()
     notes: tuple[str, ...] = ()
-    folded: bool = False
 
 
-def _table(name: str) -> Any:
-    return lambda results: tables.of_artifact(results.sheets[name]) if results.get(name) else None
+def _of(tabulate: Callable[[Sheet], Table | None], *names: str) -> Tabulate:
+    """Return what tabulates the first artifact of some."""
+    return lambda results: tabulate(sheet) if (sheet := results.first(*names)) else None
 
 
-def _agreement(name: str) -> Any:
-    """Tabulate the differences between simulation and measurement by group of points."""
-
-    def table(results: BeltResults) -> View | None:
-        sheet = results.prediction if name == HELD_OUT else results.get(name)
-        if sheet is None:
-            return None
-        of = f"{LABELS.get(name)} surface"
-        if name == HELD_OUT:
-            setting = LEFT_OUT[sheet.facts["hold_out"]].partition(" ")[2]
-            of = f"{setting} left out, predicted from the others"
-        return tables.view(f"Simulated less measured µ, {of}", sheet.rows("groups"))
-
-    return table
-
-
-def _nodes(name: str) -> Any:
-    return lambda results: (
-        tables.nodes(results.sheets[name], LABELS[name]) if results.get(name) else None
-    )
-
-
-def _effects(results: BeltResults) -> View | None:
-    best = results.best_surface
-    title = (
-        "Effects besides force and speed, in percent of µ, and what force and speed explain of them"
-    )
-    return tables.view(title, best.rows("effects")) if best else None
-
-
+_folded = partial(Section, folded=True)
 SECTIONS: Final = (
     Plan(
-        "surface",
-        "The friction law",
-        "µ over normal force per length and sliding speed. With the refined surface the simulated "
-        "rig gives the measured tensions; the published one averages the runs at their mean force.",
+        Section(
+            "surface",
+            "The friction law",
+            "µ over normal force per length and sliding speed. With the refined surface the "
+            "simulated rig gives the measured tensions; the published one averages the runs at "
+            "their mean force.",
+        ),
         ("map-{name}", "cuts", "surface-space"),
     ),
     Plan(
-        "stiffness",
-        "The normal contact law",
-        "Force per length of belt over penetration, Eq. (3).",
+        Section(
+            "stiffness",
+            "The normal contact law",
+            "Force per length of belt over penetration, Eq. (3).",
+        ),
         ("press-law",),
-        (_table("stiffness"),),
+        (_of(tables.of_artifact, "stiffness"),),
     ),
     Plan(
-        "proof",
-        "The proof: the rig, simulated",
-        "Every run repeated on a simulated copy of the rig; both recordings go through the same "
-        "reduction. What was left out comes first.",
+        Section(
+            "proof",
+            "The proof: the rig, simulated",
+            "Every run repeated on a simulated copy of the rig; both recordings go through the "
+            "same reduction. What was left out comes first.",
+        ),
         ("averaged:{name}",),
-        tuple(_agreement(name) for name in (HELD_OUT, *COMPARED)),
+        tuple(_of(tables.agreement, name) for name in (HELD_OUT, *COMPARED)),
     ),
-    Plan("trust", "How far to trust it", ""),
+    Plan(Section("trust", "How far to trust it")),
     Plan(
-        "drive",
-        "The belt drive, predicted",
-        "From the identified laws; nothing was fitted to the speed-loss bench.",
+        Section(
+            "drive",
+            "The belt drive, predicted",
+            "From the identified laws; nothing was fitted to the speed-loss bench.",
+        ),
         ("comparison", "drawing", "loss"),
     ),
     Plan(
-        "friction",
-        "Friction of every run",
-        "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
+        _folded(
+            "friction",
+            "Friction of every run",
+            "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
+        ),
         ("friction", "run", "arc", "simulated:{name}"),
-        (_table("friction"), *map(_nodes, SURFACES), _effects),
+        (
+            _of(tables.of_artifact, "friction"),
+            *(_of(tables.nodes, name) for name in SURFACES),
+            _of(tables.effects, *SURFACES),
+        ),
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
-        folded=True,
     ),
     Plan(
-        "press",
-        "The press and temperature",
-        "Loading and unloading at each temperature.",
+        _folded(
+            "press",
+            "The press and temperature",
+            "Loading and unloading at each temperature.",
+        ),
         ("press-temperature", "press-deviation"),
         notes=("stiffness",),
-        folded=True,
     ),
     Plan(
-        "slip",
-        "Sliding in service",
-        "Sliding speeds of the belt in a drive: the friction rig must cover them.",
+        _folded(
+            "slip",
+            "Sliding in service",
+            "Sliding speeds of the belt in a drive: the friction rig must cover them.",
+        ),
         ("slip",),
         notes=("slip",),
-        folded=True,
     ),
+    Plan(_folded("differences", "Differences run by run"), ("differences", "validation")),
     Plan(
-        "differences",
-        "Differences run by run",
-        "",
-        ("differences", "validation"),
-        folded=True,
-    ),
-    Plan(
-        "forces",
-        "Forces of the drive",
-        "",
+        _folded("forces", "Forces of the drive"),
         ("arcs", "along-arcs", "slip-limit"),
-        (_table("drive"),),
+        (_of(tables.of_artifact, "drive"),),
         ("drive", "compare_drive"),
-        folded=True,
     ),
     Plan(
-        "uncertainty",
-        "Uncertainty budget",
-        "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
-        "config, section uncertainty.",
-        ("budget-{name}-{item}",),
+        _folded(
+            "uncertainty",
+            "Uncertainty budget",
+            "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in "
+            "the config, section uncertainty.",
+        ),
+        ("budget-{name}",),
         (tables.budget,),
-        folded=True,
     ),
+    Plan(_folded("set-aside", "Set aside, and why"), tables=(tables.set_aside,)),
     Plan(
-        "set-aside", "Set aside, and why", "", ("aside-{item}",), (tables.set_aside,), folded=True
-    ),
-    Plan(
-        "provenance",
-        "Provenance",
-        "The same inputs, settings and sources give the same files, byte for byte.",
+        _folded(
+            "provenance",
+            "Provenance",
+            "The same inputs, settings and sources give the same files, byte for byte.",
+        ),
         tables=(tables.provenance, tables.settings),
-        folded=True,
     ),
 )
 OF_DRIVE: Final = ("drive", "forces")
@@ -227,14 +182,18 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         Hash of all inputs of the page.
     """
     verdict = verdict_of(results)
-    has_drive = results.get("drive") is not None
+    sections = [_filled(plan, results) for plan in SECTIONS]
+    own = {
+        "trust": verdict.trust,
+        "provenance": [f"Missing, damaged or not shown: {line}" for line in results.problems],
+    }
     return Page(
         kind="Contact parameters between a V-ribbed belt and a pulley",
         title=f"Belt {results.belt}",
         sections=[
-            _filled(plan, results, verdict)
-            for plan in SECTIONS
-            if has_drive or plan.key not in OF_DRIVE
+            replace(section, notes=own.get(section.key, section.notes))
+            for section in sections
+            if section.key not in OF_DRIVE or results.get("drive")
         ],
         verdict=verdict,
         conditions=conditions(results),
@@ -243,27 +202,15 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     )
 
 
-def _filled(plan: Plan, results: BeltResults, verdict: Verdict) -> Section:
+def _filled(plan: Plan, results: BeltResults) -> Section:
     drawn = [drawn for key in plan.charts for drawn in CHARTS[key].pictures(results)]
-    notes = _notes([sheet for name in plan.notes if (sheet := results.get(name))])
-    if plan.key == "trust":
-        notes = list(verdict.trust)
-    elif plan.key == "provenance":
-        notes = [f"Missing, damaged or not shown: {line}" for line in results.problems]
-    shown = [view for table in plan.tables if (view := table(results))]
-    lead = plan.lead
-    if plan.key == "set-aside" and not shown:
-        lead = "Nothing was set aside."
-    return Section(
-        plan.key,
-        plan.title,
-        lead,
-        [picture for picture in drawn if isinstance(picture, Picture)],
-        [why for why in drawn if isinstance(why, str)],
-        shown,
-        notes,
-        tiles=tables.tiles(results) if plan.key == "friction" else (),
-        folded=plan.folded,
+    return replace(
+        plan.section,
+        pictures=[picture for picture in drawn if isinstance(picture, Picture)],
+        absent=[why for why in drawn if isinstance(why, str)],
+        tables=[shown for tabulate in plan.tables if (shown := tabulate(results))],
+        notes=_notes([sheet for name in plan.notes if (sheet := results.get(name))]),
+        tiles=list(tables.tiles(results)) if plan.section.key == "friction" else (),
     )
 
 
@@ -274,14 +221,14 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     """
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
-        for line in (*(f"Warning: {line}" for line in sheet.warnings), *sheet.notes):
+        warnings = [f"Warning: {line}" for line in sheet.record.warnings]
+        for line in (*warnings, *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
     notes = []
     for line, of in lines.items():
         kin = [sheet for sheet in sheets if sheet.kind == of[0].kind]
-        label = LABELS.get(of[0].name, "")
-        alone = label and len(of) < len(kin)
-        notes.append(f"{label} surface: {line}" if alone else line)
+        alone = of[0].name in LABELS and len(of) < len(kin)
+        notes.append(f"{LABELS[of[0].name]} surface: {line}" if alone else line)
     return sorted(dict.fromkeys(notes), key=lambda line: "Warning: " not in line)
 
 
@@ -291,7 +238,6 @@ AGREEMENT: Final = {
     HELD_OUT: "predicted_rms_percent",
 }
 """Comparison -> column of the table of belts."""
-OF_BELTS: Final = ("belts-force", "belts-speed", "belts-law")
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
@@ -307,12 +253,12 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         Hash of all inputs of the page.
     """
     pictures, absent = [], []
-    for chart in (CHARTS[key] for key in OF_BELTS):
+    for key in ("belts-force", "belts-speed", "belts-law"):
         try:
-            pictures.append(chart.picture(belts))
+            pictures.append(CHARTS[key].picture(belts))
         except NotDrawn as why:
-            absent.append(f"{chart.title}: {why}")
-    table = tables.view("Results", [_row(belt) for belt in belts])
+            absent.append(f"{CHARTS[key].title}: {why}")
+    results = tables.table("Results", [_row(belt) for belt in belts])
     section = Section(
         "belts",
         "The belts",
@@ -320,7 +266,7 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         "them and the bench.",
         pictures,
         absent,
-        [table] if table else (),
+        [results] if results else (),
         [f"{belt.belt}: {line}" for belt in belts for line in (*belt.failures, *belt.problems)],
         [(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
@@ -349,5 +295,5 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_u_percent"] = best.combined_percent
     for name, key in AGREEMENT.items():
         sheet = belt.get(name)
-        row[key] = sheet.judged if sheet else None
+        row[key] = f"{'PASS' if sheet.passed else 'FAIL'} {sheet.rms_percent}" if sheet else None
     return row

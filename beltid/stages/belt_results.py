@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.config import Config, load_config
-from beltid.errors import ArtifactError, BeltidError, InputError
+from beltid.errors import ArtifactError, BeltidError
 from beltid.params import OperatingPoint
 from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.rig.model import Bench
@@ -25,14 +25,6 @@ from beltid.store.together import misfits, refuse_misfits
 
 RECORDED: Final = ("press", "rig", "speedloss")
 """Recordings that a config can name."""
-
-
-def checked_sheet(artifact: Artifact) -> Sheet:
-    """Take what the report reads from an artifact, with its path in the errors."""
-    try:
-        return sheet_of(artifact.path.stem, artifact)
-    except InputError as error:
-        raise ArtifactError(error.at(str(artifact.path))) from None
 
 
 def check_folder(folder: Path) -> None:
@@ -62,7 +54,7 @@ def gather(belt: OnPage) -> BeltResults:
             continue
         try:
             artifacts[name] = read_artifact(path, kind)
-            sheets[name] = checked_sheet(artifacts[name])
+            sheets[name] = sheet_of(artifacts[name])
         except ArtifactError as error:
             problems += error.problems
     shown = {name: artifact for name, artifact in artifacts.items() if name in sheets}
@@ -123,11 +115,11 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    if "rig" not in simulated.settings:  # made in Python: the bench is not known
+    if "rig" not in simulated.record.settings:  # made in Python: the bench is not known
         return (), []
     arc_runs, problems = [], []
     try:
-        bench = _bench(simulated.settings, stiffness, surface)
+        bench = _bench(simulated.record.settings, stiffness, surface)
         rows = typical_runs(friction.columns)
     except BeltidError as error:
         return (), [f"the contact along the arc: {line}" for line in error.problems]

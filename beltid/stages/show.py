@@ -7,9 +7,9 @@ from typing import Final
 
 from beltid.errors import InputError
 from beltid.report.charts import NO_DATES, Picture, pictures_of, saved
+from beltid.report.results import sheet_of
 from beltid.report.summary import Summary, csv_bytes
 from beltid.report.view import shown_of
-from beltid.stages.belt_results import checked_sheet
 from beltid.stages.inputs import load_law
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import write_bytes
@@ -38,7 +38,7 @@ def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) 
         raise InputError(
             f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
         )
-    available = pictures_of(checked_sheet(artifact))
+    available = pictures_of(sheet_of(artifact))
     if out is None:
         return shown_of(artifact, [(picture.key, picture.title) for picture in available])
     write_bytes(out, saved(_chosen(available, name, path).figure, out.suffix[1:].lower()))

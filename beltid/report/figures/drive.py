@@ -7,21 +7,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MILLI, axis
+from beltid.report.cells import axis, quantity
 from beltid.report.charts import (
     FAINT,
     GRID,
     INK,
-    LINE_FORCE,
-    LOSS,
     SIMULATED,
-    SPEED,
-    TORQUE,
     WIDTH,
     NotDrawn,
     chart,
+    draw,
     group,
-    line,
 )
 from beltid.report.conditions import series_of
 from beltid.report.results import BeltResults, Sheet
@@ -113,14 +109,15 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     driven = np.abs(np.nan_to_num(sheet["torque_N_m"]))
     driven = np.where(np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0, driven, -1.0)
     pulley = str(sheet["pulley"][int(np.argmax(driven))])
+    seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
+    data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
     for k, (name, rows) in enumerate(_series(sheet, sheet["pulley"] == pulley)):
-        torque, look = sheet["torque_N_m"][rows], group(k)
-        band = sheet["speed_loss_u_rad_s"][rows]
-        line(axes, torque, sheet["speed_loss_rad_s"][rows], band=band, label=name, **look)
-        creep, seating = (sheet[f"loss_{part}_rad_s"][rows] for part in ("creep", "seating"))
-        for below in (creep, creep + seating):
-            line(axes, torque, below, color=look["color"], linewidth=0.6)
-    axes.set(xlabel=TORQUE, ylabel=LOSS)
+        look = group(k, label=name)
+        thin = {"color": look["color"], "lw": 0.6}
+        for part in ("creep", "creep_and_seating"):
+            draw(axes, data, "torque_N_m", f"loss_{part}_rad_s", rows, **thin)
+        band = "speed_loss_u_rad_s" if "speed_loss_u_rad_s" in data else ""
+        draw(axes, data, "torque_N_m", "speed_loss_rad_s", rows, band=band, **look)
     return (
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
@@ -131,29 +128,29 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
 @chart("arcs", "How much of its arc each pulley uses", "drive")
 def arcs(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the sliding part of the arc of every pulley."""
-    torque = np.abs(sheet["torque_N_m"])
+    share = 100.0 * sheet["arc_used_deg"] / sheet["wrap_deg"]
+    data = {"torque_N_m": np.abs(sheet["torque_N_m"]), "mu": share}
     for k, pulley in enumerate(dict.fromkeys(sheet["pulley"].tolist())):
-        of = sheet["pulley"] == pulley
-        share = 100.0 * sheet["arc_used_deg"][of] / sheet["wrap_deg"][of]
-        axes.plot(torque[of], share, label=str(pulley), **group(k, linestyle="none"))
+        look = group(k, ls="none", label=str(pulley))
+        draw(axes, data, "torque_N_m", "mu", sheet["pulley"] == pulley, **look)
     axes.axhline(100.0, color=FAINT, linewidth=0.8)
-    axes.set(xlabel=TORQUE, ylabel="sliding part of the arc [%]")
+    axes.set_ylabel("sliding part of the arc [%]")
     return "Below 100 % the belt sticks at the entry, and the loss does not depend on friction."
 
 
 @chart("along-arcs", "Normal force and sliding along the arcs", "drive", height=TALL, panels=(2, 1))
 def along_arcs(panels: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw line force and sliding speed along each arc at the most loaded point."""
-    force, speed = panels
     rows = _rows(sheet, "arcs")
     for k, arc in enumerate(rows):
-        angle, look = np.array(arc["angle_deg"]), group(k, marker=None)
-        force.plot(angle, arc["normal_force_N_m"], label=arc["pulley"], **look)
-        speed.plot(angle, MILLI * np.array(arc["slip_speed_m_s"]), **look)
-    speed.axhline(0.0, color=FAINT, linewidth=0.8)
-    force.set_ylabel(LINE_FORCE)
-    force.set_ylim(bottom=0.0)
-    speed.set(xlabel="angle from the entry of the belt [°]", ylabel=SPEED)
+        data = {name: np.array(arc[name]) for name in ("normal_force_N_m", "slip_speed_m_s")}
+        for axes, name in zip(panels, data, strict=True):
+            x, y = np.array(arc["angle_deg"]), quantity(name)[2] * data[name]
+            axes.plot(x, y, **group(k, marker=None, label=arc["pulley"]))
+            axes.set_ylabel(axis(name))
+    panels[0].set_ylim(bottom=0.0)
+    panels[1].axhline(0.0, color=FAINT, linewidth=0.8)
+    panels[1].set_xlabel("angle from the entry of the belt [°]")
     return (
         f"Point {rows[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt sticks."
     )
@@ -166,12 +163,12 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if len(rows) < 2:
         raise NotDrawn("one tension makes no line")
     tension = np.array([row["initial_tension_N"] for row in rows])
-    for k, (name, of) in enumerate(
-        (("adhesion ends", "adhesion_end"), ("gross slip", "slip_limit"))
+    for k, (of, name) in enumerate(
+        {"adhesion_end": "adhesion ends", "slip_limit": "gross slip"}.items()
     ):
         torque = np.array([row[f"{of}_torque_N_m"] for row in rows], dtype=float)
-        axes.plot(tension, torque, label=name, **group(k))
-    axes.set(xlabel=axis("initial_tension_N"), ylabel=TORQUE)
+        data = {"initial_tension_N": tension, "torque_N_m": torque}
+        draw(axes, data, "initial_tension_N", "torque_N_m", label=name, **group(k))
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
     return (
@@ -184,11 +181,9 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
 def compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw measured and predicted speed loss over torque."""
     for k, (name, rows) in enumerate(_series(sheet, np.ones(len(sheet["run"]), dtype=bool))):
-        torque, measured = sheet["torque_N_m"][rows], sheet["loss_measured_rad_s"][rows]
-        line(axes, torque, sheet["loss_predicted_rad_s"][rows], **group(k, marker=None))
-        error = sheet["u_measured_rad_s"][rows]
-        line(axes, torque, measured, error, label=name, **group(k, linestyle="none"))
-    axes.set(xlabel=TORQUE, ylabel=LOSS)
+        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **group(k, marker=None))
+        look = group(k, ls="none", label=name)
+        draw(axes, sheet, "torque_N_m", "loss_measured_rad_s", rows, err="u_measured_rad_s", **look)
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "
         "which were not fitted to this recording."
@@ -200,4 +195,4 @@ def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     rows = np.flatnonzero(of)
     series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
     for (speed, tension), places in series.items():
-        yield f"{speed:.4g} rad/s, {tension:.4g} N", rows[places]
+        yield f"{speed:.4g} rad/s, T₀ = {tension:.4g} N", rows[places]
