@@ -1,9 +1,7 @@
 """Charts of results: a registered function each, shared by the page and by ``beltid show``.
 
-A chart names the artifacts that it draws, draws into axes and returns its caption. Colours are
-those of Okabe and Ito for a few groups and cividis for an ordered quantity; groups also differ in
-marker or line, so that grey print tells them apart. Figures are drawn without pyplot: no state, no
-display, the same bytes for the same data.
+A chart names the artifacts that it draws, draws into axes and returns its caption. Figures are
+drawn without pyplot: no state, no display, the same bytes for the same data.
 """
 
 from __future__ import annotations
@@ -12,64 +10,26 @@ import io
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from beltid.report import style
 from beltid.report.cells import axis, quantity
 from beltid.report.results import LABELS, BeltResults, Sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator
 
-INK: Final = "#1a1a1a"
-FAINT: Final = "#767676"
-GRID: Final = "#dddddd"
-MEASURED: Final = "#0072b2"
-SIMULATED: Final = "#d55e00"
-GROUPS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000", "#e69f00")
-MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X")
-LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
-ORDERED: Final = "cividis"
 MU: Final = axis("mu")
 LINE_FORCE: Final = axis("normal_force_N_m")
 SPEED: Final = axis("slip_speed_m_s")
 MILLI: Final = 1e3
-LOGARITHMIC: Final = ", log"
-"""Suffix of the label of a logarithmic axis."""
 WIDTH: Final = 5.2
 """Width of a figure [in], which still fits a narrow screen."""
-HEIGHT: Final = 3.9
-STYLE: Final[dict[str, Any]] = {
-    "font.family": ["DejaVu Sans"],
-    "font.size": 10.0,
-    "axes.titlesize": 10.0,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.formatter.limits": (-4, 5),
-    "axes.formatter.useoffset": False,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "xtick.labelsize": 10.0,
-    "ytick.labelsize": 10.0,
-    "legend.fontsize": 10.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-    "lines.markersize": 4.5,
-    "figure.constrained_layout.use": True,
-    "text.parse_math": False,  # names are no formulas
-    "svg.fonttype": "path",
-    "svg.hashsalt": "beltid",
-    "pdf.fonttype": 42,
-}
+HEIGHT: Final = 4.4
 NO_DATES: Final[dict[str, dict[str, Any]]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -111,10 +71,8 @@ class Chart:
     draw: Callable[..., Any]
     names: tuple[str, ...]
     paper: str = ""
-    height: float = HEIGHT
-    panels: tuple[int, int] | None = (1, 1)
-    columns: int = 3
     once: bool = False
+    whole: bool = False
 
     def picture(self, *data: Any, name: str = "") -> Picture:
         """Draw the chart of some data, by default of an artifact and the results of its belt.
@@ -126,15 +84,14 @@ class Chart:
         """
         from matplotlib.figure import Figure
 
-        with style():
-            fig = Figure(figsize=(WIDTH, self.height))
-            axes: Any = fig.subplots(*self.panels, sharex=True) if self.panels else fig
-            said = self.draw(axes, *data)
+        with style.applied():
+            fig = Figure(figsize=(WIDTH, HEIGHT))
+            said = self.draw(fig if self.whole else fig.subplots(), *data)
             title, caption = said if isinstance(said, tuple) else (self.titled(name), said)
             for each in fig.axes:
                 if each.get_xlabel() in (LINE_FORCE, SPEED):
                     logarithmic(each, "x")
-            legend_below(fig, self.columns)
+            legend_below(fig)
         key = self.key.format(name=name).rpartition(":")[2]
         return Picture(key, title, caption, fig, self.paper)
 
@@ -174,8 +131,7 @@ def chart(
     *names : str
         Artifacts that it draws, a picture for each that there is; with `once`, for the first.
     **about
-        paper: the paper's figure that shows the same; height: of the figure [in]; panels: rows and
-        columns of axes, None for the empty figure; columns: most columns of the legend; once.
+        paper: the paper's figure that shows the same; once; whole: it gets the figure, not axes.
     """
 
     def register(draw: Callable[..., Any]) -> Callable[..., Any]:
@@ -201,17 +157,6 @@ def pictures_of(sheet: Sheet) -> list[Picture]:
     for picture in found if sheet.origin == "synthetic" else ():
         picture.figure.suptitle("synthetic data", fontsize=10)
     return found
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw and save in this style, independent of the user's matplotlib settings."""
-    import matplotlib as mpl
-
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(STYLE)
-        yield
 
 
 def draw(
@@ -243,50 +188,22 @@ def draw(
     axes.set(xlabel=axis(x), ylabel=axis(y))
 
 
-def group(index: int, **other: Any) -> dict[str, Any]:
-    """Return colour, marker and line of a group; colour and marker are unique up to 49 groups."""
-    return {
-        "color": GROUPS[index % len(GROUPS)],
-        "marker": MARKERS[(index + index // len(GROUPS)) % len(MARKERS)],
-        "ls": LINES[index % len(LINES)],
-    } | other
-
-
-def shades(count: int) -> list[tuple[float, ...]]:
-    """Return the colours of an ordered quantity with `count` values, dark for the lowest."""
-    import matplotlib as mpl
-
-    return [mpl.colormaps[ORDERED](0.74 * i / max(count - 1, 1)) for i in range(count)]
-
-
-def is_wide(low: float, high: float) -> bool:
-    """Return whether a range spans a factor of five or more, which asks for a logarithmic axis."""
-    return 0.0 < WIDE * low <= high < np.inf
-
-
-def log_locator(low: float, high: float) -> LogLocator:
-    """Place log-axis ticks at 1, 2 and 5, or at powers of ten over more than two decades."""
-    from matplotlib.ticker import LogLocator
-
-    return LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0))
-
-
 def logarithmic(axes: Axes, along: str) -> None:
     """Make an axis logarithmic with plain numbers, and say so, if its data span a wide range."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = getattr(axes.dataLim, f"interval{along}")
-    if not is_wide(low, high):
+    if not 0.0 < WIDE * low <= high < np.inf:
         return
     getattr(axes, f"set_{along}scale")("log")
     of = getattr(axes, f"{along}axis")
-    of.set_label_text(of.get_label_text() + LOGARITHMIC)
-    of.set_major_locator(log_locator(low, high))
+    of.set_label_text(f"{of.get_label_text()}, log")
+    of.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
     of.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     of.set_minor_formatter(NullFormatter())
 
 
-def legend_below(fig: Figure, columns: int) -> None:
+def legend_below(fig: Figure) -> None:
     """Add a legend below the axes, clear of the data; it lists at most `MOST_NAMED` entries."""
     from matplotlib.lines import Line2D
 
@@ -298,7 +215,7 @@ def legend_below(fig: Figure, columns: int) -> None:
         handles = dict(list(handles.items())[: MOST_NAMED - 1])
         handles[f"and {hidden} more"] = Line2D([], [], linestyle="none")
     names = [broken(name, LONGEST_NAME) for name in handles]
-    for ncols in range(columns, 0, -1) if handles else ():
+    for ncols in (3, 2, 1) if handles else ():
         legend = fig.legend(list(handles.values()), names, loc="outside lower center", ncols=ncols)
         extent = legend.get_window_extent()
         if ncols == 1 or extent.width <= fig.bbox.width:
@@ -321,7 +238,7 @@ def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
     import matplotlib as mpl
 
     buffer = io.BytesIO()
-    with style():
+    with style.applied():
         mpl.rcParams["svg.fonttype"] = "none" if letters else "path"
         if engine := fig.get_layout_engine():  # once; matplotlib would repeat it in every pass
             engine.execute(fig)

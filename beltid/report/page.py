@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -17,24 +16,39 @@ from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResu
 from beltid.report.tables import Table, Tile
 from beltid.report.verdict import Verdict, verdict_of
 
+Tabulate = Callable[[BeltResults], Table | None]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A part of the page: charts, what was not drawn and why, tables, notes, links, runs over time.
+    """A part of the page: what it shall show, and, once it is filled, what it shows.
 
-    What is `folded` is folded on screen and left out on paper.
+    Attributes
+    ----------
+    key, title, lead : str
+        Id within the page, heading, short introduction.
+    charts, tabulates, notes_of : tuple
+        Names of its charts, functions that make its tables, artifacts whose notes it has.
+    folded : bool
+        Whether it is folded on screen and left out on paper.
+    pictures, absent, tables, notes, links, tiles : sequence
+        Charts, and those that were not drawn and why; tables; notes, a line each; addresses and
+        texts of links; runs over time.
     """
 
     key: str
     title: str
     lead: str = ""
+    charts: tuple[str, ...] = ()
+    tabulates: tuple[Tabulate, ...] = ()
+    notes_of: tuple[str, ...] = ()
+    folded: bool = False
     pictures: Sequence[Picture] = ()
     absent: Sequence[str] = ()
     tables: Sequence[Table] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
     tiles: Sequence[Tile] = ()
-    folded: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,70 +64,45 @@ class Page:
     made_from: str = ""
 
 
-Tabulate = Callable[[BeltResults], Table | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A section before it is filled: its charts, tables, and the artifacts whose notes it has."""
-
-    section: Section
-    charts: tuple[str, ...] = ()
-    tables: tuple[Tabulate, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
 def _of(tabulate: Callable[[Sheet], Table | None], *names: str) -> Tabulate:
     """Return what tabulates the first artifact of some."""
     return lambda results: tabulate(sheet) if (sheet := results.first(*names)) else None
 
 
-_folded = partial(Section, folded=True)
 SECTIONS: Final = (
-    Plan(
-        Section(
-            "surface",
-            "The friction law",
-            "µ over normal force per length and sliding speed. With the refined surface the "
-            "simulated rig gives the measured tensions; the published one averages the runs at "
-            "their mean force.",
-        ),
+    Section(
+        "surface",
+        "The friction law",
+        "µ over normal force per length and sliding speed. With the refined surface the simulated "
+        "rig gives the measured tensions; the published one averages the runs at their mean force.",
         ("map-{name}", "cuts", "surface-space"),
     ),
-    Plan(
-        Section(
-            "stiffness",
-            "The normal contact law",
-            "Force per length of belt over penetration, Eq. (3).",
-        ),
+    Section(
+        "stiffness",
+        "The normal contact law",
+        "Force per length of belt over penetration, Eq. (3).",
         ("press-law",),
         (_of(tables.of_artifact, "stiffness"),),
     ),
-    Plan(
-        Section(
-            "proof",
-            "The proof: the rig, simulated",
-            "Every run repeated on a simulated copy of the rig; both recordings go through the "
-            "same reduction. What was left out comes first.",
-        ),
+    Section(
+        "proof",
+        "The proof: the rig, simulated",
+        "Every run repeated on a simulated copy of the rig; both recordings go through the same "
+        "reduction. What was left out comes first.",
         ("averaged:{name}",),
         tuple(_of(tables.agreement, name) for name in (HELD_OUT, *COMPARED)),
     ),
-    Plan(Section("trust", "How far to trust it")),
-    Plan(
-        Section(
-            "drive",
-            "The belt drive, predicted",
-            "From the identified laws; nothing was fitted to the speed-loss bench.",
-        ),
+    Section("trust", "How far to trust it"),
+    Section(
+        "drive",
+        "The belt drive, predicted",
+        "From the identified laws; nothing was fitted to the speed-loss bench.",
         ("comparison", "drawing", "loss"),
     ),
-    Plan(
-        _folded(
-            "friction",
-            "Friction of every run",
-            "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
-        ),
+    Section(
+        "friction",
+        "Friction of every run",
+        "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
         ("friction", "run", "arc", "simulated:{name}"),
         (
             _of(tables.of_artifact, "friction"),
@@ -121,50 +110,55 @@ SECTIONS: Final = (
             _of(tables.effects, *SURFACES),
         ),
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
+        folded=True,
     ),
-    Plan(
-        _folded(
-            "press",
-            "The press and temperature",
-            "Loading and unloading at each temperature.",
-        ),
+    Section(
+        "press",
+        "The press and temperature",
+        "Loading and unloading at each temperature.",
         ("press-temperature", "press-deviation"),
-        notes=("stiffness",),
+        notes_of=("stiffness",),
+        folded=True,
     ),
-    Plan(
-        _folded(
-            "slip",
-            "Sliding in service",
-            "Sliding speeds of the belt in a drive: the friction rig must cover them.",
-        ),
+    Section(
+        "slip",
+        "Sliding in service",
+        "Sliding speeds of the belt in a drive: the friction rig must cover them.",
         ("slip",),
-        notes=("slip",),
+        notes_of=("slip",),
+        folded=True,
     ),
-    Plan(_folded("differences", "Differences run by run"), ("differences", "validation")),
-    Plan(
-        _folded("forces", "Forces of the drive"),
+    Section(
+        "differences",
+        "Differences run by run",
+        charts=("differences", "validation"),
+        folded=True,
+    ),
+    Section(
+        "forces",
+        "Forces of the drive",
+        "",
         ("arcs", "along-arcs", "slip-limit"),
         (_of(tables.of_artifact, "drive"),),
         ("drive", "compare_drive"),
+        folded=True,
     ),
-    Plan(
-        _folded(
-            "uncertainty",
-            "Uncertainty budget",
-            "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in "
-            "the config, section uncertainty.",
-        ),
+    Section(
+        "uncertainty",
+        "Uncertainty budget",
+        "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
+        "config, section uncertainty.",
         ("budget-{name}",),
         (tables.budget,),
+        folded=True,
     ),
-    Plan(_folded("set-aside", "Set aside, and why"), tables=(tables.set_aside,)),
-    Plan(
-        _folded(
-            "provenance",
-            "Provenance",
-            "The same inputs, settings and sources give the same files, byte for byte.",
-        ),
-        tables=(tables.provenance, tables.settings),
+    Section("set-aside", "Set aside, and why", tabulates=(tables.set_aside,), folded=True),
+    Section(
+        "provenance",
+        "Provenance",
+        "The same inputs, settings and sources give the same files, byte for byte.",
+        tabulates=(tables.provenance,),
+        folded=True,
     ),
 )
 OF_DRIVE: Final = ("drive", "forces")
@@ -182,7 +176,7 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         Hash of all inputs of the page.
     """
     verdict = verdict_of(results)
-    sections = [_filled(plan, results) for plan in SECTIONS]
+    sections = [_filled(section, results) for section in SECTIONS]
     own = {
         "trust": verdict.trust,
         "provenance": [f"Missing, damaged or not shown: {line}" for line in results.problems],
@@ -202,15 +196,15 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     )
 
 
-def _filled(plan: Plan, results: BeltResults) -> Section:
-    drawn = [drawn for key in plan.charts for drawn in CHARTS[key].pictures(results)]
+def _filled(section: Section, results: BeltResults) -> Section:
+    drawn = [drawn for key in section.charts for drawn in CHARTS[key].pictures(results)]
     return replace(
-        plan.section,
+        section,
         pictures=[picture for picture in drawn if isinstance(picture, Picture)],
         absent=[why for why in drawn if isinstance(why, str)],
-        tables=[shown for tabulate in plan.tables if (shown := tabulate(results))],
-        notes=_notes([sheet for name in plan.notes if (sheet := results.get(name))]),
-        tiles=list(tables.tiles(results)) if plan.section.key == "friction" else (),
+        tables=[shown for tabulate in section.tabulates if (shown := tabulate(results))],
+        notes=_notes([sheet for name in section.notes_of if (sheet := results.get(name))]),
+        tiles=list(tables.tiles(results)) if section.key == "friction" else (),
     )
 
 
@@ -264,11 +258,11 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         "The belts",
         "Identified parameters of each belt, and the difference between the rig simulated with "
         "them and the bench.",
-        pictures,
-        absent,
-        [results] if results else (),
-        [f"{belt.belt}: {line}" for belt in belts for line in (*belt.failures, *belt.problems)],
-        [(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
+        pictures=pictures,
+        absent=absent,
+        tables=[results] if results else (),
+        notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
+        links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
     return Page(
         kind="Contact parameters between V-ribbed belts and a pulley",

@@ -71,27 +71,20 @@ def agreement(sheet: Sheet) -> Table | None:
     return table(f"Simulated less measured µ, {of}", sheet.rows("groups"))
 
 
-def nodes(sheet: Sheet) -> Table:
+def nodes(sheet: Sheet) -> Table | None:
     """Tabulate the averaged surface, a row per force and a column per speed."""
-    surface, measured = sheet.surface, sheet.measured_force
+    surface, (low, high) = sheet.surface, sheet.measured_force or (np.inf, -np.inf)
     errors = np.full(surface.mu_nodes.shape, np.nan)
     errors = errors if surface.mu_se_nodes is None else surface.mu_se_nodes
     rows = []
     for force, mu, se in zip(surface.normal_force_N_m, surface.mu_nodes, errors, strict=True):
-        where = MISSING
-        if measured is not None:
-            where = "measured" if measured[0] <= force <= measured[1] else "inferred"
-        row = [cell("normal_force_N_m", force), where]
-        for value, error in zip(mu, se, strict=True):
-            row.append(cell("mu", value) + (f" ± {error:.2g}" if np.isfinite(error) else ""))
+        where = "measured" if low <= force <= high else "inferred"
+        row = {"normal_force_N_m": force, "range": MISSING if low > high else where}
+        for v, value, error in zip(surface.slip_speed_m_s, mu, se, strict=True):
+            known = f" ± {error:.2g}" if np.isfinite(error) else ""
+            row[f"{1e3 * v:.3g} mm/s"] = cell("mu", value) + known
         rows.append(row)
-    speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
-    return Table(
-        f"µ ± {sheet.uncertainty} at the nodes of the {LABELS[sheet.name]} surface",
-        (heading("normal_force_N_m"), "range", *speeds),
-        rows,
-        (True, False, *([True] * len(speeds))),
-    )
+    return table(f"µ ± {sheet.uncertainty} at the nodes of the {LABELS[sheet.name]} surface", rows)
 
 
 def effects(sheet: Sheet) -> Table | None:
@@ -148,28 +141,6 @@ def provenance(results: BeltResults) -> Table | None:
     return table("Made from (first digits of the SHA-256)", rows)
 
 
-def settings(results: BeltResults) -> Table | None:
-    """Tabulate the settings of the artifacts; values that differ name their artifacts."""
-    merged: dict[str, dict[str, list[str]]] = {}
-    for name, sheet in results.sheets.items():
-        for key, value in _flat(sheet.record.settings):
-            if value is not None and key != "runs":
-                merged.setdefault(key, {}).setdefault(cell(key, value), []).append(name)
-    rows = []
-    for key, values in sorted(merged.items()):
-        named = [f"{text} ({', '.join(names)})" for text, names in values.items()]
-        rows.append({"setting": key, "value": "; ".join(named if len(named) > 1 else values)})
-    return table("Settings", rows)
-
-
-def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
 WIDTH, HEIGHT = 200.0, 80.0
 MOST_SHOWN: Final = 99.5
 """Percentile of mu at the upper edge of every tile, so that spikes do not flatten curves."""
@@ -177,20 +148,16 @@ MOST_SHOWN: Final = 99.5
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Small picture of a run over time, within `WIDTH` x `HEIGHT`.
+    """Small picture of a run over time: its curve as an SVG path, in `WIDTH` x `HEIGHT`.
 
-    `why` is the reason why the run was set aside, `path` its curve as an SVG path, `level` the
-    vertical position of the sliding coefficient, `end_s` the duration [s] and `highest` the
-    coefficient at the upper edge [-].
+    `why` is the reason why the run was set aside, `level` the height of the sliding coefficient.
     """
 
     key: str
     title: str
     why: str
     path: str
-    level: float | None
-    end_s: float
-    highest: float
+    level: float
 
 
 def tiles(results: BeltResults) -> Iterator[Tile]:
@@ -198,37 +165,34 @@ def tiles(results: BeltResults) -> Iterator[Tile]:
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
         return
-    mu = curves["mu"][np.isfinite(curves["mu"])]
-    highest = max(float(np.percentile(mu, MOST_SHOWN)), 0.1) if mu.size else 1.0
+    highest = float(np.nanpercentile(curves["mu"], MOST_SHOWN))
+    heights = np.clip(HEIGHT * (1.0 - curves["mu"] / highest), 0.0, HEIGHT)
     of_curve = curves["run"].astype(str)
     for row, run in enumerate(friction["run"].astype(str).tolist()):
         rows = np.flatnonzero(of_curve == run)
+        rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
         if not rows.size:
             continue
-        rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
-        time, sliding = curves["time_s"][rows], float(friction["mu_sliding"][row])
+        time = curves["time_s"][rows] - curves["time_s"][rows[0]]
         values = (
             (float(friction["arc_deg"][row]), "°"),
             (float(friction["nominal_tension_N"][row]), " N"),
             (1e3 * float(friction["slip_speed_m_s"][row]), " mm/s"),
+            (float(time[-1]), " s"),
         )
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in values if np.isfinite(value))
         status = str(friction["status"][row])
         yield Tile(
-            key=f"tile-{row}",
-            title=f"{run}: {known}",
-            why="" if status == "ok" else status,
-            path=_path(time, curves["mu"][rows], highest),
-            level=HEIGHT * (1.0 - sliding / highest) if 0.0 < sliding < highest else None,
-            end_s=float(np.ptp(time)),
-            highest=highest,
+            f"tile-{row}",
+            f"{run}: {known}",
+            "" if status == "ok" else status,
+            _path(WIDTH * time / max(time[-1], 1e-9), heights[rows]),
+            HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
         )
 
 
-def _path(time: np.ndarray, mu: np.ndarray, highest: float) -> str:
-    """Write the curve as an SVG path, with gaps where mu is missing."""
-    x = WIDTH * (time - time[0]) / max(float(np.ptp(time)), 1e-9)
-    y = np.clip(HEIGHT * (1.0 - mu / highest), 0.0, HEIGHT)
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """Write a curve as an SVG path, with gaps where it is missing."""
     parts, pen = [], "M"
     for at, height in zip(x, y, strict=True):
         if np.isfinite(height):

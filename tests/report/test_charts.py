@@ -27,11 +27,11 @@ from report_belt_data import (
 )
 
 import beltid
+from beltid.report import style
 from beltid.report.charts import (
     CHARTS,
     NotDrawn,
     Picture,
-    group,
     inline_svg,
     legend_below,
     pictures_of,
@@ -193,14 +193,14 @@ def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
     for k in range(30):
         label = f"a belt with a name of many more words than it needs to be told apart {k}"
         axes.plot([0.0, 1.0], [k, k], label=label)
-    legend_below(fig, 3)
+    legend_below(fig)
     saved(fig, "png")
     extent = fig.legends[0].get_window_extent()
     assert extent.x0 >= 0.0
     assert extent.x1 <= fig.bbox.width
     assert len(fig.legends[0].get_texts()) == 12
     assert axes.get_window_extent().height > 2.0 * fig.dpi
-    looks = [group(k) for k in range(10)]
+    looks = [style.group(k) for k in range(10)]
     assert len({(look["color"], look["marker"]) for look in looks}) == 10
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from beltid.report.charts import MILLI, NotDrawn, chart, draw, group
+from beltid.report import style
+from beltid.report.charts import MILLI, NotDrawn, chart, draw
 from beltid.report.figures.bench import POINTS, curve
 from beltid.report.results import SURFACES, BeltResults, Sheet
 
@@ -26,7 +27,7 @@ def _having(belts: Belts, *names: str) -> list[tuple[str, Sheet]]:
 def laws(axes: Any, belts: Belts) -> str:
     """Draw the normal law of every belt up to its largest penetration."""
     for i, (belt, sheet) in enumerate(_having(belts, "stiffness")):
-        look = group(i, label=belt, markevery=20)
+        look = style.group(i, label=belt, markevery=20)
         draw(axes, curve(sheet, sheet.pooled_row), "penetration_m", "line_force_N_m", **look)
     return "Not proportional to the number of ribs: each belt has to be identified by itself."
 
@@ -61,7 +62,7 @@ def _cut(
         x = np.geomspace(x[0], x[-1], POINTS) if x[0] > 0.0 else x
         at = {along: x, across: np.full(x.size, value)}
         at |= {"mu": sheet.surface.mu(**at), "mu_se": sheet.surface.mu_se_at(**at)}
-        look = group(i, label=belt, markevery=max(1, x.size // 8))
+        look = style.group(i, label=belt, markevery=max(1, x.size // 8))
         draw(axes, at, along, "mu", band="mu_se", **look)
         if not nodes[0] <= value <= nodes[-1]:
             beyond.append(belt)

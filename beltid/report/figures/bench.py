@@ -9,23 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.report import style
 from beltid.report.cells import axis, scientific
-from beltid.report.charts import (
-    FAINT,
-    INK,
-    LINE_FORCE,
-    MEASURED,
-    MILLI,
-    SIMULATED,
-    NotDrawn,
-    chart,
-    draw,
-    group,
-)
+from beltid.report.charts import LINE_FORCE, MILLI, NotDrawn, chart, draw
 from beltid.report.conditions import UNKNOWN_TENSION, series_of
 from beltid.report.results import BeltResults, Sheet
 
-BRANCHES: Final = {"loading": ("-", MEASURED), "unloading": ("--", SIMULATED)}
+BRANCHES: Final = {"loading": ("-", style.MEASURED), "unloading": ("--", style.SIMULATED)}
 NO_CURVES: Final = (
     "the recording was not read when the report was written; beltid report --config CONFIG reads it"
 )
@@ -52,8 +42,10 @@ def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     if curves is not None:
         _branches(axes, curves, alpha=0.7, lw=1.0)
     fitted = curve(stiffness, row)
-    draw(axes, fitted, "penetration_m", "line_force_N_m", color=INK, lw=2.0, label="fitted law")
-    look = {"ls": "none", "color": INK, "ms": 7, "label": "largest penetration"}
+    draw(
+        axes, fitted, "penetration_m", "line_force_N_m", color=style.INK, lw=2.0, label="fitted law"
+    )
+    look: Any = {"ls": "none", "color": style.INK, "ms": 7, "label": "largest penetration"}
     draw(axes, fitted, "penetration_m", "line_force_N_m", [-1], marker="o", **look)
     law = stiffness.law(row)
     unloaded = np.isfinite(stiffness["hysteresis_ratio"][row])
@@ -74,13 +66,13 @@ def deviation(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     force = stiffness.law(row).force(depth)
     band = 200.0 * force_se(stiffness, row, depth) / force
     if np.isfinite(band).all():
-        look = {"color": FAINT, "alpha": 0.3, "lw": 0, "label": "pooled law, 2 standard errors"}
+        look = {"color": style.FAINT, "alpha": 0.3, "lw": 0, "label": "law, 2 standard errors"}
         axes.fill_between(1e6 * depth, -band, band, **look)
-    axes.axhline(0.0, color=INK, lw=0.8)
+    axes.axhline(0.0, color=style.INK, lw=0.8)
     for i, k in enumerate(np.flatnonzero(np.isfinite(at))):
         own = depth[depth <= stiffness["max_penetration_m"][k]]
         relative = 100.0 * (stiffness.law(int(k)).force(own) / force[: own.size] - 1.0)
-        axes.plot(1e6 * own, relative, label=f"{at[k]:g} °C", **group(i, marker=None))
+        axes.plot(1e6 * own, relative, label=f"{at[k]:g} °C", **style.group(i, marker=None))
     axes.set(xlabel=axis("penetration_m"), ylabel="force, difference from the pooled law [%]")
     return "Force at each temperature compared with that of the pooled law, at equal penetration."
 
@@ -94,11 +86,7 @@ def force_se(stiffness: Sheet, row: int, depth: np.ndarray) -> np.ndarray:
 
 
 @chart(
-    "press-temperature",
-    "Force and penetration at each temperature",
-    "stiffness",
-    paper="Fig. 4",
-    panels=None,
+    "press-temperature", "The press at each temperature", "stiffness", paper="Fig. 4", whole=True
 )
 def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     """Draw both branches at each temperature with the fitted law."""
@@ -117,7 +105,7 @@ def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
             away = np.abs(curves["temperature_degC"][:, None] - laws)
             here = np.abs(curves["temperature_degC"] - at[row]) <= away.min(axis=1)
         _branches(axes, curves, here)
-        look = {"ls": ":", "color": INK, "lw": 1.8, "label": "law"}
+        look: Any = {"ls": ":", "color": style.INK, "lw": 1.8, "label": "law"}
         draw(axes, curve(stiffness, row), "penetration_m", "line_force_N_m", **look)
         axes.set_title(f"{at[row]:g} °C" if laws.size else "all tests")
         axes.label_outer()
@@ -142,28 +130,28 @@ def branches(axes: Any, curves: Sheet, results: BeltResults) -> str:
 
 def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
     """Draw branches of the press, each test and cycle a line of its own."""
-    for branch, (style, colour) in BRANCHES.items():
+    for branch, (dash, colour) in BRANCHES.items():
         of = np.flatnonzero(rows & (curves["branch"] == branch))
         names, cycles = curves["test"][of].astype(str), np.asarray(curves["cycle"][of])
         cuts = np.flatnonzero((names[1:] != names[:-1]) | (cycles[1:] != cycles[:-1])) + 1
         for k, part in enumerate(np.split(of, cuts) if of.size else ()):
-            own = {"ls": style, "color": colour, "label": "" if k else branch, **look}
+            own = {"ls": dash, "color": colour, "label": "" if k else branch, **look}
             draw(axes, curves, "penetration_m", "line_force_N_m", part, **own)
 
 
-@chart("slip", "Sliding speed in service", "slip", paper="Fig. 9", height=4.2, columns=2)
+@chart("slip", "Sliding speed in service", "slip", paper="Fig. 9")
 def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
     """Draw the largest sliding speed over torque for each setting of the drive."""
     series = series_of(slip["driver_speed_rad_s"], slip["initial_tension_N"])
     for i, ((speed, tension), rows) in enumerate(sorted(series.items(), key=lambda item: item[0])):
         known = "unknown" if tension == UNKNOWN_TENSION else f"= {tension:.3g} N"
-        look = group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
+        look = style.group(i, capsize=2, label=f"driver {speed:.3g} rad/s, T₀ {known}")
         draw(axes, slip, "torque_N_m", "slip_speed_m_s", rows, err="slip_speed_se_m_s", **look)
     top = axes.get_ylim()[1]
     speeds = MILLI * slip.pulley_radius_m * np.array(slip.rig.get("pulley_speeds_rad_s") or ())
     for k, v in enumerate(speeds[(speeds > 0.0) & (speeds <= 2.0 * top)]):
         label = None if k else "speeds of the friction rig"
-        axes.axhline(v, color=FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
+        axes.axhline(v, color=style.FAINT, lw=0.9, ls=(0, (1, 2)), label=label)
     axes.set_xlabel("torque of the driven pulley [N m]")
     return (
         "Largest sliding speed between belt and pulley, from the speed loss of the two-pulley "
@@ -171,17 +159,10 @@ def against_torque(axes: Any, slip: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart(
-    "run",
-    "Tensions and friction coefficient over time",
-    "friction",
-    paper="Fig. 10",
-    height=5.6,
-    panels=(2, 1),
-)
-def typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
+@chart("run", "Tensions and friction over time", "friction", paper="Fig. 10", whole=True)
+def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
     """Draw tensions (above) and mu (below) of the typical run of the largest arc."""
-    curves, (above, below) = results.get("rig_curves"), panels
+    curves = results.get("rig_curves")
     if curves is None:
         raise NotDrawn(NO_CURVES)
     stored = np.isin(friction["run"].astype(str), curves["run"].astype(str))
@@ -189,11 +170,13 @@ def typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     if not good.size:
         raise NotDrawn("no run could be used")
     row = int(good[np.argmax(friction["arc_deg"][good])])
+    fig.set_figheight(5.6)
+    above, below = fig.subplots(2, 1, sharex=True)
     rows = curves["run"].astype(str) == str(friction["run"][row])
-    for name, colour, style in (("tight", MEASURED, "-"), ("slack", SIMULATED, "--")):
-        look = {"ls": style, "color": colour, "lw": 1.1, "label": f"{name} span"}
+    for name, colour, dash in (("tight", style.MEASURED, "-"), ("slack", style.SIMULATED, "--")):
+        look: Any = {"ls": dash, "color": colour, "lw": 1.1, "label": f"{name} span"}
         draw(above, curves, "time_s", f"tension_{name}_N", rows, **look)
-    draw(below, curves, "time_s", "mu", rows, color=INK, lw=1.1, label="µ, Eq. (6)")
+    draw(below, curves, "time_s", "mu", rows, color=style.INK, lw=1.1, label="µ, Eq. (6)")
     above.set_xlabel("")
     t, mu = curves["time_s"][rows], curves["mu"][rows]
     start, peak, plateau, end = (float(friction[name][row]) for name in TIMES)
@@ -208,10 +191,12 @@ def typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
         float(friction[f"mu_{name}"][row]) for name in ("sliding", "sliding_se", "sticking")
     )
     error = f" ± {se:.2g}" if np.isfinite(se) else ""
-    below.axhline(sliding, color=MEASURED, ls="--", lw=1.2, label=f"sliding {sliding:.4f}{error}")
+    below.axhline(
+        sliding, color=style.MEASURED, ls="--", lw=1.2, label=f"sliding {sliding:.4f}{error}"
+    )
     if np.isfinite(sticking) and np.isfinite(peak):
         label = f"peak before sliding {sticking:.4f}"
-        below.plot(peak, sticking, "v", color=SIMULATED, ms=7, label=label)
+        below.plot(peak, sticking, "v", color=style.SIMULATED, ms=7, label=label)
     if np.isfinite(mu).any():  # spikes must not flatten the curve
         low, high = np.nanpercentile(mu, [0.5, 99.5])
         high = np.fmax(high, sliding)
@@ -226,16 +211,16 @@ def typical(panels: Any, friction: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("runs", "Runs over time", "rig_curves", columns=4)
+@chart("runs", "Runs over time", "rig_curves")
 def every_run(axes: Any, curves: Sheet, results: BeltResults) -> str:
     """Draw the stored runs alone."""
     for k, run in enumerate(dict.fromkeys(curves["run"].tolist())):
-        look = group(k, marker=None, label=str(run))
+        look = style.group(k, marker=None, label=str(run))
         draw(axes, curves, "time_s", "mu", curves["run"] == run, **look)
     return "Friction coefficient of the stored runs by Eq. (6)."
 
 
-@chart("arc", "Normal force along the arc", "friction", paper="Fig. 11", panels=None)
+@chart("arc", "Normal force along the arc", "friction", paper="Fig. 11", whole=True)
 def along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
     """Draw simulated normal force and Eq. (8) for a typical run of each arc."""
     profiles = results.profiles
@@ -244,13 +229,13 @@ def along_arcs(fig: Any, friction: Sheet, results: BeltResults) -> str:
     fig.set_figheight(1.0 + 1.9 * len(profiles))
     grid = fig.subplots(len(profiles), 1, sharex=True, squeeze=False)
     for axes, run in zip(grid.flat, profiles, strict=True):
-        for of, colour, style, label in (
-            ("normal", SIMULATED, "-", "simulated contact"),
-            ("capstan", MEASURED, "--", "Eq. (8)"),
+        for of, colour, dash, label in (
+            ("normal", style.SIMULATED, "-", "simulated contact"),
+            ("capstan", style.MEASURED, "--", "Eq. (8)"),
         ):
             x = MILLI * run.profile["arc_position_m"]
-            axes.plot(x, run.profile[f"{of}_force_N_m"], style, color=colour, label=label)
-        axes.axhline(run.mean_force_N_m, color=FAINT, ls=":", label="mean of Eq. (8)")
+            axes.plot(x, run.profile[f"{of}_force_N_m"], dash, color=colour, label=label)
+        axes.axhline(run.mean_force_N_m, color=style.FAINT, ls=":", label="mean of Eq. (8)")
         axes.set_title(
             f"arc {run.arc_deg:g}°, T₀ = {run.initial_tension_N:.4g} N, "
             f"v = {MILLI * run.slip_speed_m_s:.3g} mm/s",

@@ -7,18 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from beltid.report import style
 from beltid.report.cells import axis, quantity
-from beltid.report.charts import (
-    FAINT,
-    GRID,
-    INK,
-    SIMULATED,
-    WIDTH,
-    NotDrawn,
-    chart,
-    draw,
-    group,
-)
+from beltid.report.charts import WIDTH, NotDrawn, chart, draw
 from beltid.report.conditions import series_of
 from beltid.report.results import BeltResults, Sheet
 
@@ -51,7 +42,7 @@ def drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
         place = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
-        axes.annotate(force, tuple(place), color=SIMULATED, **centred)
+        axes.annotate(force, tuple(place), color=style.SIMULATED, **centred)
     axes.set_aspect("equal")
     axes.margins(0.2)
     axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -73,11 +64,11 @@ def _draw_belt(
     centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
     leaves = np.array(pulley["leaves_m"])
     first, last = _wrapped(np.array(before["arrives_m"]) - centre, leaves - centre, wrap)
-    axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
+    axes.add_patch(Circle(tuple(centre), radius, facecolor=style.GRID, edgecolor="none"))
     around, belt = (centre[:, None] + radius * _on_circle(*to) for to in ((0, 360), (first, last)))
-    axes.plot(*around, color=FAINT, linewidth=0.8)
-    axes.plot(*belt, color=INK, linewidth=2.0)
-    axes.plot(*np.stack([leaves, pulley["arrives_m"]], axis=1), color=INK, linewidth=2.0)
+    axes.plot(*around, color=style.FAINT, linewidth=0.8)
+    axes.plot(*belt, color=style.INK, linewidth=2.0)
+    axes.plot(*np.stack([leaves, pulley["arrives_m"]], axis=1), color=style.INK, linewidth=2.0)
 
 
 def _on_circle(first: float, last: float) -> np.ndarray:
@@ -103,7 +94,7 @@ def _most_loaded(sheet: Sheet) -> str:
     return str(sheet["run"][int(np.argmax(steady))])
 
 
-@chart("loss", "Predicted speed loss over torque", "drive", columns=2)
+@chart("loss", "Predicted speed loss over torque", "drive")
 def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the predicted loss of the pulley with the largest torque, and its parts."""
     driven = np.abs(np.nan_to_num(sheet["torque_N_m"]))
@@ -112,7 +103,7 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
     data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
     for k, (name, rows) in enumerate(_series(sheet, sheet["pulley"] == pulley)):
-        look = group(k, label=name)
+        look = style.group(k, label=name)
         thin = {"color": look["color"], "lw": 0.6}
         for part in ("creep", "creep_and_seating"):
             draw(axes, data, "torque_N_m", f"loss_{part}_rad_s", rows, **thin)
@@ -131,25 +122,27 @@ def arcs(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     share = 100.0 * sheet["arc_used_deg"] / sheet["wrap_deg"]
     data = {"torque_N_m": np.abs(sheet["torque_N_m"]), "mu": share}
     for k, pulley in enumerate(dict.fromkeys(sheet["pulley"].tolist())):
-        look = group(k, ls="none", label=str(pulley))
+        look = style.group(k, ls="none", label=str(pulley))
         draw(axes, data, "torque_N_m", "mu", sheet["pulley"] == pulley, **look)
-    axes.axhline(100.0, color=FAINT, linewidth=0.8)
+    axes.axhline(100.0, color=style.FAINT, linewidth=0.8)
     axes.set_ylabel("sliding part of the arc [%]")
     return "Below 100 % the belt sticks at the entry, and the loss does not depend on friction."
 
 
-@chart("along-arcs", "Normal force and sliding along the arcs", "drive", height=TALL, panels=(2, 1))
-def along_arcs(panels: Any, sheet: Sheet, results: BeltResults) -> str:
+@chart("along-arcs", "Normal force and sliding along the arcs", "drive", whole=True)
+def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw line force and sliding speed along each arc at the most loaded point."""
     rows = _rows(sheet, "arcs")
+    fig.set_figheight(TALL)
+    panels = fig.subplots(2, 1, sharex=True)
     for k, arc in enumerate(rows):
         data = {name: np.array(arc[name]) for name in ("normal_force_N_m", "slip_speed_m_s")}
         for axes, name in zip(panels, data, strict=True):
             x, y = np.array(arc["angle_deg"]), quantity(name)[2] * data[name]
-            axes.plot(x, y, **group(k, marker=None, label=arc["pulley"]))
+            axes.plot(x, y, **style.group(k, marker=None, label=arc["pulley"]))
             axes.set_ylabel(axis(name))
     panels[0].set_ylim(bottom=0.0)
-    panels[1].axhline(0.0, color=FAINT, linewidth=0.8)
+    panels[1].axhline(0.0, color=style.FAINT, linewidth=0.8)
     panels[1].set_xlabel("angle from the entry of the belt [°]")
     return (
         f"Point {rows[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt sticks."
@@ -168,7 +161,7 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     ):
         torque = np.array([row[f"{of}_torque_N_m"] for row in rows], dtype=float)
         data = {"initial_tension_N": tension, "torque_N_m": torque}
-        draw(axes, data, "initial_tension_N", "torque_N_m", label=name, **group(k))
+        draw(axes, data, "initial_tension_N", "torque_N_m", label=name, **style.group(k))
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
     return (
@@ -177,12 +170,12 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive", columns=2)
+@chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive")
 def compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw measured and predicted speed loss over torque."""
     for k, (name, rows) in enumerate(_series(sheet, np.ones(len(sheet["run"]), dtype=bool))):
-        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **group(k, marker=None))
-        look = group(k, ls="none", label=name)
+        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **style.group(k, marker=None))
+        look = style.group(k, ls="none", label=name)
         draw(axes, sheet, "torque_N_m", "loss_measured_rad_s", rows, err="u_measured_rad_s", **look)
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "

@@ -8,30 +8,11 @@ from typing import Any, Final
 import numpy as np
 
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.report import style
 from beltid.report.cells import between
-from beltid.report.charts import (
-    FAINT,
-    INK,
-    LINE_FORCE,
-    LINES,
-    LOGARITHMIC,
-    MARKERS,
-    MILLI,
-    MU,
-    ORDERED,
-    SIMULATED,
-    SPEED,
-    NotDrawn,
-    chart,
-    draw,
-    is_wide,
-    log_locator,
-    logarithmic,
-    shades,
-)
+from beltid.report.charts import LINE_FORCE, MILLI, MU, SPEED, NotDrawn, chart, draw, logarithmic
 from beltid.report.conditions import class_name, classes_of, is_setting
-from beltid.report.results import SIMULATED as SIMULATED_NAMES
-from beltid.report.results import SURFACES, BeltResults, Sheet
+from beltid.report.results import SIMULATED, SURFACES, BeltResults, Sheet
 
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
@@ -48,12 +29,16 @@ def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> No
     """
     speed = MILLI * np.abs(data["slip_speed_m_s"])
     arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
-    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
+    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(style.MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
-    colours = shades(len(by_speed))
-    looks = [
-        {"marker": MARKERS[i], "ls": LINES[i % len(LINES)] if joined else "none", "lw": 0.9}
+    colours = style.shades(len(by_speed))
+    looks: list[Any] = [
+        {
+            "marker": style.MARKERS[i],
+            "ls": style.LINES[i % len(style.LINES)] if joined else "none",
+            "lw": 0.9,
+        }
         for i in range(len(by_arc))
     ]
     for colour, at_speed in zip(colours, by_speed, strict=True):
@@ -65,16 +50,10 @@ def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> No
     names = [class_name(speed[rows]) for rows in by_speed]
     axes.figure.legend(speeds[::-1], names[::-1], title="v [mm/s]", loc="outside right upper")
     for look, rows in zip(looks if arc.any() else (), by_arc, strict=False):
-        axes.plot([], [], color=FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
+        axes.plot([], [], color=style.FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
 
 
-@chart(
-    "friction",
-    "Measured friction coefficient of every run",
-    "friction",
-    paper="Fig. 12",
-    height=4.6,
-)
+@chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
 def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
     """Draw the measured coefficients of all runs that can be used."""
     good = friction["status"] == "ok"
@@ -92,11 +71,7 @@ def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
 
 
 @chart(
-    "simulated:{name}",
-    "Simulated friction coefficient of every run, {of} surface",
-    *SIMULATED_NAMES,
-    paper="Fig. 16",
-    height=4.6,
+    "simulated:{name}", "Simulated friction of every run, {of} surface", *SIMULATED, paper="Fig. 16"
 )
 def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the simulated coefficients of all runs."""
@@ -112,7 +87,7 @@ def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("cuts", "The friction surface along the force", *SURFACES, height=4.6, once=True)
+@chart("cuts", "The friction surface along the force", *SURFACES, once=True)
 def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the nodes of the surface over the force, a line per speed."""
     surface = sheet.surface
@@ -141,9 +116,7 @@ def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
     return (np.geomspace if low > 0.0 else np.linspace)(low, high, count)
 
 
-@chart(
-    "map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)", height=4.4, columns=2
-)
+@chart("map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)")
 def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw contours of the surface over force and speed, with the measured points."""
     from matplotlib.ticker import MaxNLocator
@@ -154,7 +127,7 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if high - low < 1e-6 * high:
         low, high = 0.99 * low, 1.01 * high
     levels = MaxNLocator(LEVELS).tick_values(low, high)
-    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
+    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=style.ORDERED)
     lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
     axes.clabel(lines, fontsize=10, fmt="%g")
     falling = falls_with_speed(surface, f, v)
@@ -164,11 +137,11 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
     box_f = surface.normal_force_N_m[[0, -1, -1, 0, 0]]
     box_v = surface.slip_speed_m_s[[0, 0, -1, -1, 0]] * MILLI
-    axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+    axes.plot(box_f, box_v, "-", color=style.INK, lw=1.6, label="range of validity")
     if friction is not None:
         good = friction["status"] == "ok"
         runs = friction["normal_force_N_m"][good], MILLI * np.abs(friction["slip_speed_m_s"][good])
-        look = {"mfc": "none", "mec": SIMULATED, "ms": 4, "mew": 1.1}
+        look = {"mfc": "none", "mec": style.SIMULATED, "ms": 4, "mew": 1.1}
         axes.plot(*runs, "o", label="measured runs (mean of Eq. 8)", **look)
     axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
     logarithmic(axes, "y")
@@ -201,36 +174,18 @@ def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> 
 
 
 @chart(
-    "surface-space",
-    "The friction surface in space",
-    *SURFACES,
-    paper="Fig. 13 (a)",
-    height=4.6,
-    panels=None,
-    once=True,
+    "surface-space", "The surface in space", *SURFACES, paper="Fig. 13 (a)", whole=True, once=True
 )
 def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the surface in 3-D; matplotlib has no logarithmic axes in space, only their ticks."""
-    from matplotlib.ticker import MaxNLocator
-
+    """Draw the surface in 3-D."""
     f, v, mu = grid_of(sheet.surface, 25, 21)
     fig.set_layout_engine("none")
     axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
-    places = []
-    for axis, values, label in ((axes.xaxis, f, LINE_FORCE), (axes.yaxis, v * MILLI, SPEED)):
-        low, high = float(values[0]), float(values[-1])
-        if wide := is_wide(low, high):
-            ticks = np.asarray(log_locator(low, high).tick_values(low, high))
-            ticks = ticks[(ticks >= low) & (ticks <= high)]
-            axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
-        else:
-            axis.set_major_locator(MaxNLocator(5))
-        axis.set_label_text(label + LOGARITHMIC * wide)
-        axis.labelpad = 9
-        places.append(np.log10(values) if wide else values)
-    x, y = np.meshgrid(*places, indexing="ij")
+    x, y = np.meshgrid(f, v * MILLI, indexing="ij")
     look = {"lw": 0.25, "edgecolor": "#00000055", "rcount": 25, "ccount": 21}
-    axes.plot_surface(x, y, mu, cmap=ORDERED, **look)
+    axes.plot_surface(x, y, mu, cmap=style.ORDERED, **look)
+    axes.set_xlabel(LINE_FORCE, labelpad=9)
+    axes.set_ylabel(SPEED, labelpad=9)
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("µ [-]", labelpad=8, rotation=90)
     axes.view_init(elev=25, azim=-130)

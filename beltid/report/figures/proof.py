@@ -8,41 +8,25 @@ import numpy as np
 
 from beltid.errors import counted, percent
 from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.report import style
 from beltid.report.cells import sentence
-from beltid.report.charts import (
-    FAINT,
-    GROUPS,
-    INK,
-    MARKERS,
-    MEASURED,
-    MILLI,
-    SIMULATED,
-    NotDrawn,
-    broken,
-    chart,
-    draw,
-    shades,
-)
+from beltid.report.charts import MILLI, NotDrawn, broken, chart, draw
 from beltid.report.conditions import class_name, classes_of, is_setting
 from beltid.report.figures.friction import MOST_SPEEDS
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
 
-COLOURS: Final = {"compare": MEASURED, "compare_refined": SIMULATED, HELD_OUT: SIMULATED}
+COLOURS: Final = {
+    "compare": style.MEASURED,
+    "compare_refined": style.SIMULATED,
+    HELD_OUT: style.SIMULATED,
+}
 SIMULATED_WITH: Final = {
     **{name: f"{LABELS[name]} surface" for name in COMPARED},
     HELD_OUT: "runs left out and predicted",
 }
 
 
-@chart(
-    "averaged:{name}",
-    "Measured against simulated",
-    HELD_OUT,
-    *COMPARED,
-    paper="Fig. 17",
-    height=4.6,
-    columns=2,
-)
+@chart("averaged:{name}", "Measured against simulated", HELD_OUT, *COMPARED, paper="Fig. 17")
 def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the means over the arcs, measured with their standard error and simulated."""
     rows = sheet.rows("averaged")
@@ -58,18 +42,25 @@ def averaged(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     if surface is not None:
         data["band"] = surface.surface.mu_se_at(data["normal_force_N_m"], radius * omega)
     by_speed = classes_of(omega, MOST_SPEEDS)
-    for colour, at in zip(shades(len(by_speed)), by_speed, strict=True):
+    for colour, at in zip(style.shades(len(by_speed)), by_speed, strict=True):
         named = is_setting(omega[at])
         label = f"ω = {class_name(omega[at])} rad/s"
         if radius > 0.0:
             label = f"v = {class_name(MILLI * radius * omega[at])} mm/s"
-        look = {"color": colour, "marker": "s", "ls": "none", "ms": 4, "capsize": 2, "label": label}
+        look: Any = {
+            "color": colour,
+            "marker": "s",
+            "ls": "none",
+            "ms": 4,
+            "capsize": 2,
+            "label": label,
+        }
         draw(axes, data, "normal_force_N_m", "mu_measured", at, err="se", **look)
         look = {"color": colour, "marker": "o", "ls": "-" if named else "none", "mfc": "none"}
         band = "band" if named and "band" in data else ""
         draw(axes, data, "normal_force_N_m", "mu_simulated", at, band=band, ms=8, **look)
-    axes.plot([], [], "s", color=FAINT, label="measured")
-    axes.plot([], [], "-o", color=FAINT, mfc="none", ms=8, label="simulated")
+    axes.plot([], [], "s", color=style.FAINT, label="measured")
+    axes.plot([], [], "-o", color=style.FAINT, mfc="none", ms=8, label="simulated")
     said = "Means over the arcs. Squares: measured, with two standard errors; circles: simulated"
     if surface is not None:
         said += f"; band: twice the {surface.uncertainty} of the surface"
@@ -101,15 +92,7 @@ def _shown(sheet: Sheet, results: BeltResults) -> list[Sheet]:
     return [other for name in COMPARED if (other := results.get(name))]
 
 
-@chart(
-    "differences",
-    "Simulated less measured, run by run",
-    *COMPARED,
-    HELD_OUT,
-    height=4.4,
-    columns=2,
-    once=True,
-)
+@chart("differences", "Simulated less measured, run by run", *COMPARED, HELD_OUT, once=True)
 def differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the relative differences over the normal force."""
     for one in _shown(sheet, results):
@@ -123,15 +106,7 @@ def differences(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart(
-    "validation",
-    "Differences over their uncertainty",
-    *COMPARED,
-    HELD_OUT,
-    height=4.4,
-    columns=2,
-    once=True,
-)
+@chart("validation", "Differences over their uncertainty", *COMPARED, HELD_OUT, once=True)
 def over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the differences over their standard uncertainty."""
     sheets = [one for one in _shown(sheet, results) if np.isfinite(one["e_over_u"]).any()]
@@ -146,7 +121,7 @@ def over_uncertainty(axes: Any, sheet: Sheet, results: BeltResults) -> str:
             said.append(f"{sentence(SIMULATED_WITH[one.name])}: {inside}")
     axes.set_ylabel("difference over its standard uncertainty [-]")
     for bound in (-2.0, 2.0):
-        axes.axhline(bound, color=INK, lw=0.8, ls="--")
+        axes.axhline(bound, color=style.INK, lw=0.8, ls="--")
     return " ".join(said)
 
 
@@ -154,19 +129,23 @@ def _run_by_run(axes: Any, sheet: Sheet, values: np.ndarray) -> None:
     """Draw a value of every run over its normal force: marker by arc, colour by surface."""
     data = {"normal_force_N_m": sheet["normal_force_N_m"], "mu": values}
     colour, arc = COLOURS[sheet.name], sheet["arc_deg"]
-    look = {"ls": "none", "color": colour, "mfc": "none" if sheet.name == "compare" else colour}
-    for marker, rows in zip(MARKERS, classes_of(arc, len(MARKERS)), strict=False):
+    look: Any = {
+        "ls": "none",
+        "color": colour,
+        "mfc": "none" if sheet.name == "compare" else colour,
+    }
+    for marker, rows in zip(style.MARKERS, classes_of(arc, len(style.MARKERS)), strict=False):
         name = f"{LABELS.get(sheet.name, 'predicted')}, arc {class_name(arc[rows])}°"
         draw(axes, data, "normal_force_N_m", "mu", rows, marker=marker, label=name, **look)
-    axes.axhline(0.0, color=INK, lw=0.8)
+    axes.axhline(0.0, color=style.INK, lw=0.8)
 
 
 COMBINED: Final = "combined"
 MOST_SOURCES: Final = 8
 BASES: Final = {
-    "fitted": ("from the data", GROUPS[0], ""),
-    "stated": ("stated in the config", GROUPS[2], "..."),
-    "assumed": ("assumed (default)", GROUPS[6], "///"),
+    "fitted": ("from the data", style.GROUPS[0], ""),
+    "stated": ("stated in the config", style.GROUPS[2], "..."),
+    "assumed": ("assumed (default)", style.GROUPS[6], "///"),
 }
 OF: Final = {
     "surface_refined": "of µ on the refined surface",
@@ -176,7 +155,7 @@ OF: Final = {
 }
 
 
-@chart("budget-{name}", "Uncertainty", *OF, columns=2)
+@chart("budget-{name}", "Uncertainty", *OF)
 def budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the contributions of the sources, the largest first, and the total."""
     rows = sheet.rows("budget")
@@ -192,13 +171,13 @@ def budget(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     axes.figure.set_figheight(1.3 + 0.32 * (len(shown) + 1))
     for basis, (words, colour, hatch) in BASES.items():
         at = [i for i, row in enumerate(shown) if row["basis"] == basis]
-        look = {"color": colour, "hatch": hatch, "edgecolor": INK, "lw": 0.6}
+        look = {"color": colour, "hatch": hatch, "edgecolor": style.INK, "lw": 0.6}
         if at:
             axes.barh(at, [size[shown[i]["source"]] for i in at], 0.7, label=words, **look)
     names = [str(row["source"]) for row in shown]
     worst = ""
     if total is not None:
-        bar = axes.barh(len(shown), size[COMBINED], 0.7, color=INK, label=COMBINED)
+        bar = axes.barh(len(shown), size[COMBINED], 0.7, color=style.INK, label=COMBINED)
         axes.bar_label(bar, [percent(size[COMBINED])], padding=3)
         names.append(COMBINED)
         if total["largest_percent"]:
