@@ -121,8 +121,8 @@ def inspect_recording(
         if not kind:
             shown = ", ".join(c.name for c in view.channels[:12]) or "none"
             raise InputError(
-                f"{path}: the channels found are {shown}: they do not tell which bench this is; "
-                f"say so with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
+                f"{path}: the channels do not tell which bench this is (found: {shown}); state it "
+                f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
             )
         recording = read_recording(path, kind, view.config)
         found, notes = recording.found, recording.notes

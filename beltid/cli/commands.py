@@ -46,8 +46,8 @@ def inspect(
 ) -> None:
     """Show how a file is read: format, channels, units, rates, runs, gaps.
 
-    Prints every channel with the column it is read as or could be, the runs, and a config section
-    that states the reading, ready to be pasted. If something is ambiguous, it prints the config
+    Prints for every channel the column that it becomes, or may become, the runs, and a section for
+    the config that states all this. If something is ambiguous, it prints the config
     lines that resolve it, and the status is 2. Nothing is written.
 
     Example: beltid inspect export.txt

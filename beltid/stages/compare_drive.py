@@ -163,8 +163,8 @@ def _statements(result: LossAgreement) -> tuple[str, ...]:
     resolved = [labels[name] for name, size in sizes.items() if size > RESOLVED]
     unresolved = [labels[name] for name, size in sizes.items() if size <= RESOLVED]
     lines = [
-        f"resolved by this recording: {', '.join(resolved) or 'nothing'}"
-        + (f"; not resolved: {', '.join(unresolved)}" if unresolved else "")
+        f"parts of the loss that this recording can test: {', '.join(resolved) or 'none'}"
+        + (f"; too small to be seen in it: {', '.join(unresolved)}" if unresolved else "")
     ]
     if result.largest_arc_share <= MOST_OF_ARC:
         lines.append(

@@ -376,13 +376,13 @@ def _notes(
         notes.append(_slower_than_measured(drive))
     if method == "rod":
         notes.append(
-            "speeds, torques, reserves and slip limits are those of the rod, limits to about 1 %; "
-            "shares and, short of full slip, uncertainties those of the string"
+            "the rod gives speeds, torques, reserves and slip limits (these to about 1 %); the "
+            "string gives the shares and, below full slip, the uncertainties"
         )
     if by_string:
         notes.append(
-            "the rod has no steady state for some changed inputs; these points have the "
-            f"uncertainties of the string: {', '.join(by_string)}"
+            "the rod has no steady state for some changed inputs; the string gives the "
+            f"uncertainties of these points: {', '.join(by_string)}"
         )
     if not has_covariance:
         notes.append("the friction surface has no covariance: it is assumed to be exact")
@@ -414,11 +414,11 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
     for name, words in (
-        ("share_below_speed_range", f"below the slowest measured sliding, {slowest:.3g} m/s"),
+        ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
         (
             "share_outside_force_range",
-            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m; the nearest measured "
-            "value was used",
+            f"at line forces that were not measured ({low:.4g} to {high:.4g} N/m were), with the "
+            "nearest measured value",
         ),
     ):
         shares = columns[name]
@@ -426,8 +426,8 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
         if beyond.any():
             runs = len(set(columns["run"][beyond].tolist()))
             warnings.append(
-                f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
-                f"acts {words}"
+                f"in {runs} points, up to {100.0 * np.nanmax(shares):.0f} % of the friction comes "
+                f"from sliding {words}"
             )
     states = columns["steady_states"] > 1
     if states.any():

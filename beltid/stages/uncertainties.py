@@ -41,7 +41,7 @@ def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
         return ()
     listed = ", ".join(f"{cause} ({percent(100 * share)})" for cause, share in shares.items())
     return (
-        f"force and speed of the runs explain {listed}: above {100 * CONFOUNDED:g} % a drift with "
-        "it cannot be separated from them; a random run order with some repeats at the end would "
-        "separate it",
+        f"changed together with the force and the speed of the runs: {listed}; above "
+        f"{100 * CONFOUNDED:g} % its influence on the friction cannot be told from theirs. Measure "
+        "in random order, and repeat some runs at the end",
     )

@@ -72,7 +72,7 @@ def test_known_law_comes_back_between_the_scattered_points() -> None:
 @pytest.mark.parametrize("belt", BELTS)
 def test_full_campaign_of_a_bench_needs_no_remark_but_on_held_nodes(belt: str) -> None:
     result = build(bench(belt))
-    assert [note for note in result.notes if "held within the values measured" not in note] == []
+    assert [note for note in result.notes if "limited to the values" not in note] == []
     assert result.average.mu.shape == (8, 5)
     assert [grid.mu.shape for grid in result.arcs] == [(8, 5)] * 3
     assert np.all(np.diff(result.average.mu, axis=0) < 0)  # falls with force
