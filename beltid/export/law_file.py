@@ -13,12 +13,11 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from beltid.config.messages import problem
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.export.law import FORMAT, SCHEMA_ID, VERSION, ContactLaw
 
 SEAL: Final = "content_sha256"
 SUFFIX: Final = ".beltlaw.json"
-SHOWN: Final = 20
 
 
 def law_text(law: ContactLaw) -> str:
@@ -70,10 +69,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 
 def validation_problems(error: ValidationError, name: str) -> list[str]:
     """List the validation errors of a law, one line per problem."""
-    details = error.errors(include_url=False)
-    problems = [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
-    hidden = len(problems) - SHOWN
-    return [*problems[:SHOWN], f"{name}: and {hidden} more"] if hidden > 0 else problems
+    details = error.errors(include_url=False)[:SHOWN]
+    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
 
 
 def schema() -> dict[str, Any]:
