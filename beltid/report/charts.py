@@ -230,30 +230,38 @@ def broken(name: str, longest: int) -> str:
     return "\n".join(textwrap.wrap(name, longest)) or name
 
 
-def saved(fig: Figure, kind: str, *, letters: bool = False) -> bytes:
-    """Save a figure as "svg", "png" or "pdf"; the same figure gives the same bytes.
-
-    `letters` keeps the text of an SVG as text in the reader's fonts; otherwise it is outlined.
-    """
-    import matplotlib as mpl
-
+def saved(fig: Figure, kind: str) -> bytes:
+    """Save a figure as "svg", "png" or "pdf"; the same figure gives the same bytes."""
     buffer = io.BytesIO()
     with style.applied():
-        mpl.rcParams["svg.fonttype"] = "none" if letters else "path"
-        if engine := fig.get_layout_engine():  # once; matplotlib would repeat it in every pass
-            engine.execute(fig)
-            fig.set_layout_engine("none")
+        _arrange(fig)
         fig.savefig(buffer, format=kind, metadata=NO_DATES[kind], dpi=RESOLUTION)
     return buffer.getvalue()
 
 
+def _arrange(fig: Figure) -> None:
+    """Arrange the parts of a figure once; matplotlib would repeat it in every pass."""
+    if engine := fig.get_layout_engine():
+        engine.execute(fig)
+        fig.set_layout_engine("none")
+
+
 def inline_svg(fig: Figure, key: str) -> str:
-    """Convert a figure to SVG for embedding in a page.
+    """Convert a figure to SVG for embedding in a page, its text in the reader's fonts.
 
     Ids within it begin with `key`, so that one page can contain several figures. It has a view box
     but no fixed size, and is hidden from screen readers: the page describes it to them.
     """
-    text = saved(fig, "svg", letters=True).decode()
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer = io.StringIO()
+    with style.applied():
+        mpl.rcParams["svg.fonttype"] = "none"
+        _arrange(fig)
+        # not savefig, which draws twice
+        FigureCanvasSVG(fig).print_svg(buffer, metadata=NO_DATES["svg"])
+    text = buffer.getvalue()
     text = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", text, flags=re.DOTALL)
     # round coordinates to an invisible hundredth of a point
     coordinates = re.compile(r'\b(d|x|y|points)="[^"]*"')

@@ -82,7 +82,7 @@ SECTIONS: Final = (
         "The normal contact law",
         "Force per length of belt over penetration, Eq. (3).",
         ("press-law",),
-        (_of(tables.of_artifact, "stiffness"),),
+        (_of(tables.stiffness, "stiffness"),),
     ),
     Section(
         "proof",

@@ -8,26 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MISSING, are_numbers, cell, heading
+from beltid.report.cells import MISSING, are_numbers, cell, heading, sentence
 from beltid.report.results import LABELS, LEFT_OUT, BeltResults, Sheet
 from beltid.report.summary import rows_of
+from beltid.report.view import COLUMNS, summary_of
 
-COLUMNS: Final = {
-    "stiffness": "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
-    "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m n_samples",
-    "friction": "run arc_deg nominal_tension_N pulley_speed_rad_s slip_speed_m_s tension_tight_N "
-    "tension_slack_N normal_force_N_m mu_sliding mu_sliding_se mu_sticking status",
-    "drive": "run pulley driver_speed_rad_s initial_tension_N torque_N_m speed_loss_rad_s "
-    "speed_loss_u_rad_s tension_in_N tension_out_N hub_force_N hub_angle_deg reserve status",
-    "budget": "artifact quantity source acts_on basis standard_uncertainty unit "
-    "contribution_percent largest_percent share_percent",
-}
-"""Columns of the tables that have more."""
-TITLES: Final = {
-    "stiffness": "The normal law at each temperature",
-    "friction": "Every run of the rig",
-    "drive": "Forces and losses of every pulley",
-}
+OF_STIFFNESS: Final = (
+    "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
+    "hysteresis_ratio max_force_N_m n_samples"
+)
 SHORT_HASH: Final = 12
 # names of the runs on the two sides of a comparison
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
@@ -53,14 +42,17 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: str = "") -> Tab
     return Table(title, [heading(name) for name in chosen], cells, numeric)
 
 
+def stiffness(sheet: Sheet) -> Table | None:
+    """Tabulate the normal law at each temperature."""
+    rows = rows_of(sheet.columns, *OF_STIFFNESS.split())
+    rows[sheet.pooled_row]["temperature_degC"] = "pooled"
+    return table("The normal law at each temperature", rows, OF_STIFFNESS)
+
+
 def of_artifact(sheet: Sheet) -> Table | None:
-    """Tabulate the columns of an artifact that a reader needs."""
-    names = COLUMNS[sheet.kind]
-    rows = rows_of(sheet.columns, *names.split())
-    for row in rows if sheet.kind == "stiffness" else ():
-        if row["temperature_degC"] is None:
-            row["temperature_degC"] = "pooled"
-    return table(TITLES[sheet.kind], rows, names)
+    """Tabulate the columns that `show` has for people, row by row."""
+    shown = summary_of(sheet)
+    return table(sentence(shown.title), shown.table, " ".join(shown.shown))
 
 
 def agreement(sheet: Sheet) -> Table | None:
@@ -68,7 +60,7 @@ def agreement(sheet: Sheet) -> Table | None:
     left_out = LEFT_OUT.get(sheet.facts.get("hold_out", ""))
     of = f"{left_out} left out, predicted from the others" if left_out else ""
     of = of or f"{LABELS.get(sheet.name)} surface"
-    return table(f"Simulated less measured µ, {of}", sheet.rows("groups"))
+    return table(f"Simulated less measured µ, {of}", sheet.rows("groups"), COLUMNS["groups"])
 
 
 def nodes(sheet: Sheet) -> Table | None:
@@ -97,7 +89,7 @@ def budget(results: BeltResults) -> Table | None:
     """Tabulate the uncertainty budgets, source by source."""
     sheets = results.sheets.items()
     rows = [{**row, "artifact": name} for name, sheet in sheets for row in sheet.rows("budget")]
-    return table("Budget of the uncertainties", rows, COLUMNS["budget"])
+    return table("Budget of the uncertainties", rows, f"artifact {COLUMNS['budget']}")
 
 
 def set_aside(results: BeltResults) -> Table | None:

@@ -16,6 +16,7 @@ from report_belt_data import (
     changed,
     results,
     sheets,
+    source,
     stating,
     surface,
     validation,
@@ -180,7 +181,7 @@ def test_names_cannot_bring_markup_along() -> None:
     whole = {name: sheets()[name] for name in names}
     labels, status = FRICTION["run"].copy(), FRICTION["status"].copy()
     labels[:], status[0] = NAUGHTY + "\x1b[31m\u202e", NAUGHTY
-    row = {"quantity": NAUGHTY, "source": NAUGHTY, "basis": "stated", "contribution_percent": 1.0}
+    row = source(NAUGHTY, "stated", 1.0) | {"quantity": NAUGHTY}
     named = changed(whole["friction"], run=labels, status=status)
     said = {"notes": [NAUGHTY], "warnings": [NAUGHTY], "config": NAUGHTY}
     whole["friction"] = stating(named, **said, budget=[row])

@@ -45,7 +45,7 @@ def test_every_artifact_is_shown_with_its_figures_and_its_origin(
     assert max(map(len, text.splitlines())) <= 120  # paths and hashes do not wrap
     for origin in ("synthetic", "measured") if name == "slip" else ("synthetic",):
         found = pictures_of(stating(sheets()[name], origin=origin))
-        assert found
+        assert bool(found) != name.endswith("_curves")  # they belong to figures of others
         told = ["synthetic data" in words(picture.figure) for picture in found]
         assert told == [origin == "synthetic"] * len(found)
 

@@ -121,13 +121,6 @@ def by_temperature(fig: Any, stiffness: Sheet, results: BeltResults) -> str:
     return "No test was unloaded: the energy lost in a cycle is unknown."
 
 
-@chart("branches", "Branches of the press", "press_curves")
-def branches(axes: Any, curves: Sheet, results: BeltResults) -> str:
-    """Draw the stored branches alone."""
-    _branches(axes, curves)
-    return "Loading and unloading of all tests."
-
-
 def _branches(axes: Any, curves: Sheet, rows: Any = True, **look: Any) -> None:
     """Draw branches of the press, each test and cycle a line of its own."""
     for branch, (dash, colour) in BRANCHES.items():
@@ -209,15 +202,6 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
         f"v = {MILLI * speed:.4g} mm/s. At rest, then µ rises to the peak and settles; the sliding "
         "plateau is the result. Tensions as recorded, with the corrections of the config."
     )
-
-
-@chart("runs", "Runs over time", "rig_curves")
-def every_run(axes: Any, curves: Sheet, results: BeltResults) -> str:
-    """Draw the stored runs alone."""
-    for k, run in enumerate(dict.fromkeys(curves["run"].tolist())):
-        look = style.group(k, marker=None, label=str(run))
-        draw(axes, curves, "time_s", "mu", curves["run"] == run, **look)
-    return "Friction coefficient of the stored runs by Eq. (6)."
 
 
 @chart("arc", "Normal force along the arc", "friction", paper="Fig. 11", whole=True)
