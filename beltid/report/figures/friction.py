@@ -186,6 +186,7 @@ def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.plot_surface(x, y, mu, cmap=style.ORDERED, **look)
     axes.set_xlabel(LINE_FORCE, labelpad=9)
     axes.set_ylabel(SPEED, labelpad=9)
+    axes.locator_params(axis="x", nbins=4)
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("µ [-]", labelpad=8, rotation=90)
     axes.view_init(elev=25, azim=-130)
