@@ -159,9 +159,3 @@ def test_without_a_target_all_are_listed() -> None:
     assert [sum(line.split()[:1] == [name] for line in lines) for name in TARGETS] == [1] * 9
     assert max(map(len, lines)) <= 80
     assert [row["target"] for row in json.loads(call("--json").stdout)["table"]] == list(TARGETS)
-
-
-def test_names_of_targets_are_completed() -> None:
-    from beltid.cli.commands import TARGET_NAMES
-
-    assert set(TARGET_NAMES) == {*TARGETS, "all"}

@@ -308,11 +308,10 @@ def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says(drive:
     pictures = pictures_of(drive)
     assert [p.key for p in pictures] == ["drawing", "loss", "arcs", "along-arcs", "slip-limit"]
     points = [np.column_stack(line.get_data()) for line in pictures[0].figure.axes[0].lines]
-    # the rim of each pulley, the belt on it, and the span behind it
-    rims, arcs, spans = points[0::3], points[1::3], points[2::3]
-    for i, (rim, arc, wrap) in enumerate(zip(rims, arcs, drive["wrap_deg"][3:], strict=True)):
-        centre = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
-        radius = TRIANGLE["pulleys"][i]["radius_m"]
+    arcs, spans = points[0::2], points[1::2]  # the belt on each pulley, the span behind it
+    for i, (arc, wrap) in enumerate(zip(arcs, drive["wrap_deg"][3:], strict=True)):
+        pulley = TRIANGLE["pulleys"][i]
+        centre, radius = (pulley["x_m"], pulley["y_m"]), pulley["radius_m"]
         assert np.hypot(*(arc - centre).T) == pytest.approx(radius, rel=1e-6)
         turned = np.hypot(*np.diff(arc, axis=0).T).sum() / radius  # chords: a little short
         assert np.degrees(turned) == pytest.approx(wrap, rel=2e-3)

@@ -62,27 +62,16 @@ def _draw_belt(
     from matplotlib.patches import Circle
 
     centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
-    leaves = np.array(pulley["leaves_m"])
-    first, last = _wrapped(np.array(before["arrives_m"]) - centre, leaves - centre, wrap)
-    axes.add_patch(Circle(tuple(centre), radius, facecolor=style.GRID, edgecolor="none"))
-    around, belt = (centre[:, None] + radius * _on_circle(*to) for to in ((0, 360), (first, last)))
-    axes.plot(*around, color=style.FAINT, linewidth=0.8)
-    axes.plot(*belt, color=style.INK, linewidth=2.0)
-    axes.plot(*np.stack([leaves, pulley["arrives_m"]], axis=1), color=style.INK, linewidth=2.0)
-
-
-def _on_circle(first: float, last: float) -> np.ndarray:
-    """Return points of the unit circle anticlockwise between two polar angles [deg], (2, n)."""
-    turned = (last - first) % 360.0 or 360.0
-    angle = np.radians(first + np.linspace(0.0, turned, 73))
-    return np.stack([np.cos(angle), np.sin(angle)])
-
-
-def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[float, float]:
-    """Return the polar angles between which the belt lies on a pulley [deg], anticlockwise."""
-    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in (arrives, leaves))
-    anticlockwise = abs((last - first) % 360.0 - wrap) <= abs((first - last) % 360.0 - wrap)
-    return (first, last) if anticlockwise else (last, first)
+    ends = (before["arrives_m"] - centre, pulley["leaves_m"] - centre)
+    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in ends)
+    if abs((last - first) % 360.0 - wrap) > abs((first - last) % 360.0 - wrap):  # clockwise
+        first, last = last, first
+    angle = np.radians(first + np.linspace(0.0, (last - first) % 360.0 or 360.0, 73))
+    belt = centre[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)])
+    span = np.stack([pulley["leaves_m"], pulley["arrives_m"]], axis=1)
+    axes.add_patch(Circle(tuple(centre), radius, facecolor=style.GRID, edgecolor=style.FAINT))
+    for line in (belt, span):
+        axes.plot(*line, color=style.INK, linewidth=2.0)
 
 
 def _most_loaded(sheet: Sheet) -> str:
