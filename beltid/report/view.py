@@ -28,15 +28,12 @@ MOST_RANGES: Final = 3
 class View:
     """What is shown of a kind: title of the table, columns whose values group a long one, others.
 
-    `table` is a further table that stands for the columns, `first` one that people see in their
-    place; `always` are those that are always shown.
+    `always` are the further tables that are always shown.
     """
 
     title: str
     by: str = ""
     shown: str = ""
-    table: str = ""
-    first: str = ""
     always: tuple[str, ...] = ()
 
 
@@ -67,19 +64,16 @@ VIEWS: Final = {
         "friction coefficient of every simulated run, sliding",
         "arc_deg pulley_speed_rad_s",
         "normal_force_N_m mu run initial_tension_N status",
-        table="simulated_runs",
     ),
     "compare": View(
         "simulated less measured friction coefficient, relative to measured",
         "arc_deg pulley_speed_rad_s",
         COMPARED,
-        first="groups",
     ),
     "crossvalidation": View(
         "friction of runs that were left out, predicted from the others, less measured",
         "arc_deg pulley_speed_rad_s",
         COMPARED,
-        first="groups",
     ),
     "drive": View(
         "speed loss and forces of a belt drive, predicted from the identified laws",
@@ -121,6 +115,10 @@ COLUMNS: Final = {
     "force_high_N_m",
 }
 """Columns of further tables that have more."""
+RUNS: Final = "simulated_runs"
+"""Further table that stands for the columns."""
+GROUPS: Final = "groups"
+"""Further table that people see in place of the columns."""
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_tension")
 """What only other stages and the report read."""
 
@@ -128,10 +126,10 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_ten
 def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
-    if view.table:
+    if RUNS in record.tables:
         rows = [
             {name: value for name, value in row.items() if not isinstance(value, dict)}
-            for row in record.tables.get(view.table, ())
+            for row in record.tables[RUNS]
         ]
         columns = {
             name: np.array(
@@ -147,7 +145,7 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
     tables = {
         name: _chosen(table, name)
         for name, table in record.tables.items()
-        if name != view.table and name not in FOR_REPORT
+        if name not in (RUNS, *FOR_REPORT)
     }
 
     def titled(always: bool) -> dict[str, Rows]:
@@ -183,8 +181,8 @@ def _overview(
     artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Rows
 ) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
-    if view.first:
-        return _chosen(artifact.tables.get(view.first, []), view.first)
+    if GROUPS in artifact.tables:
+        return _chosen(artifact.tables[GROUPS], GROUPS)
     if artifact.kind == "surface":
         return _grid(columns)
     if artifact.kind == "stiffness":
