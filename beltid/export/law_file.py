@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -97,15 +98,9 @@ def _seal(values: dict[str, Any]) -> str:
     ).hexdigest()
 
 
-def _indented(value: Any, indent: str = "") -> str:
+def _indented(values: dict[str, Any]) -> str:
     """Format JSON with one key per line, and one line per list of plain values."""
-    inner = indent + "  "
-    if isinstance(value, dict) and value:
-        lines = [f"{json.dumps(key)}: {_indented(item, inner)}" for key, item in value.items()]
-        opening, closing = "{}"
-    elif isinstance(value, list) and any(isinstance(item, (dict, list)) for item in value):
-        lines = [_indented(item, inner) for item in value]
-        opening, closing = "[]"
-    else:
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
-    return f"{opening}\n{inner}" + f",\n{inner}".join(lines) + f"\n{indent}{closing}"
+    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
+    # raw line breaks stand between values only
+    innermost = re.compile(r"\[\n *([^\[\]{}]*?)\n *\]")
+    return innermost.sub(lambda found: "[" + re.sub(r"\n *", " ", found[1]) + "]", text)
