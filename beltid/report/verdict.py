@@ -21,22 +21,15 @@ WORDS: Final = ("no", "one", "two", "three")
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
-    """A main result: its name and value, further lines, and "good", "bad" or "" (not judged)."""
-
-    title: str
-    value: str
-    details: tuple[str, ...] = ()
-    state: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Verdict:
-    """Head of a report: "good", "bad" (out of tolerance) or "open", results, limits of trust."""
+    """Head of a report: headline, "good", "bad" (out of tolerance) or "open", limits of trust.
+
+    `results` are the main results, each with its name.
+    """
 
     headline: str
     state: str
-    cards: tuple[Card, ...]
+    results: tuple[tuple[str, str], ...]
     trust: tuple[str, ...]
 
 
@@ -45,7 +38,7 @@ def verdict_of(results: BeltResults) -> Verdict:
     headline, state = _headline(results)
     if results.failures:
         headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, tuple(_cards(results)), tuple(_trust(results)))
+    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
 
 
 def _headline(results: BeltResults) -> tuple[str, str]:
@@ -133,34 +126,35 @@ def _distinct(values: np.ndarray) -> int:
     return count
 
 
-def _cards(results: BeltResults) -> Iterator[Card]:
+def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
     """Yield the main results that there are, besides those of the headline."""
     if stiffness := results.get("stiffness"):
-        yield _normal_contact(stiffness)
+        yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
     if best := results.best_surface:
-        yield _friction(best)
+        surface, mu = best.surface, best.surface.mu_nodes
+        name = f"Friction surface, {LABELS.get(best.name, 'published')}"
+        yield name, f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
+        if best.measured_force is not None:
+            yield "measured", _forces(best.measured_force)
+        given = "inferred" if best.name == "surface_refined" else "on the grid"
+        where = f"{_forces(surface.normal_force_N_m)}, {_speeds(surface.slip_speed_m_s)}"
+        yield given, where
     if drive := results.get("compare_drive"):
         rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
-        judged = "PASS" if drive.passed else "FAIL"
         error = cell("rms_percent", None if rms is None else 100.0 * rms)
+        over_u = "" if ratio is None else f", {ratio:.2g} standard uncertainties"
         points = f"{cell('n', drive.facts.get('points_judged'))} points"
-        known = "unknown" if ratio is None else f"{ratio:.2g} standard uncertainties"
-        yield Card(
-            "Speed loss of the drive, predicted",
-            f"{judged} {error} % RMS",
-            (points, f"error over its uncertainty: {known}"),
-            "good" if drive.passed else "bad",
-        )
+        said = f"{'PASS' if drive.passed else 'FAIL'} {error} % RMS{over_u}, {points}"
+        yield "Speed loss of the drive, predicted", said
     if friction := results.get("friction"):
         good = int(np.count_nonzero(friction["status"] == "ok"))
-        aside = f"{friction['status'].size - good} set aside"
-        yield Card("Runs of the friction rig", f"{good} used", (aside,))
+        yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
 
 
-def _normal_contact(stiffness: Sheet) -> Card:
+def _normal_contact(stiffness: Sheet) -> str:
     row = stiffness.pooled_row
     law = stiffness.law(row)
-    said = "the errors of its coefficients are unknown"
+    said = "errors of the coefficients unknown"
     for of, label in (("se", "standard error"), ("u", "standard uncertainty")):
         first = stiffness[f"k_linear_{of}_N_m2"][row] / law.k_linear_N_m2
         second = stiffness[f"k_quadratic_{of}_N_m3"][row] / max(law.k_quadratic_N_m3, 1e-300)
@@ -168,23 +162,8 @@ def _normal_contact(stiffness: Sheet) -> Card:
             said = f"± {percent(100.0 * first)}, ± {percent(100.0 * second)} ({label})"
     depth = 1e6 * float(stiffness["max_penetration_m"][row])
     force = _newtons(float(stiffness["max_force_N_m"][row]))
-    return Card(
-        "Normal contact, N per metre of belt",
-        f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²",
-        (f"δ in m; {said}", f"up to δ = {depth:.3g} µm, {force} N/m"),
-    )
-
-
-def _friction(sheet: Sheet) -> Card:
-    surface, refined = sheet.surface, sheet.name == "surface_refined"
-    given = f"{'inferred' if refined else 'on the grid'} {_forces(surface.normal_force_N_m)}"
-    measured = f"measured {_forces(sheet.measured_force)}" if sheet.measured_force else ""
-    mu = surface.mu_nodes
-    return Card(
-        f"Friction surface, {LABELS.get(sheet.name, 'published')}",
-        f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}",
-        tuple(filter(None, (measured, given, _speeds(surface.slip_speed_m_s)))),
-    )
+    formula = f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²"
+    return f"{formula}, {said}; up to {depth:.3g} µm, {force} N/m"
 
 
 def _trust(results: BeltResults) -> Iterator[str]:
