@@ -70,7 +70,8 @@ def class_name(values: np.ndarray, unit: str = "") -> str:
 
 def load_name(friction: Sheet) -> str:
     """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
-    return "weight" if str(friction.rig.get("holds")).startswith("weight") else "belt tension"
+    rig = f"{friction.rig.get('kind')} {friction.rig.get('holds')}"
+    return "weight" if "weight" in rig else "belt tension"
 
 
 def conditions(results: BeltResults) -> list[tuple[str, str]]:
