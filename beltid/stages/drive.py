@@ -369,8 +369,8 @@ def _notes(
     by_string: Sequence[str],
 ) -> tuple[str, ...]:
     notes = [
-        "the friction power is that of the contact alone: the hysteresis of the belt in bending "
-        "and seating costs about as much again"
+        "the friction power is that of the contact alone; bending and seating of the belt cost "
+        "about as much again"
     ]
     if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
         notes.append(_slower_than_measured(drive))
@@ -403,8 +403,8 @@ def _slower_than_measured(drive: Drive) -> str:
     if drive.friction is drive.surface.tables():
         return f"{subject} is taken at that speed"
     return (
-        f"{subject} is continued with half of the trend there: the mean of no trend and the full "
-        "trend, which bound its uncertainty"
+        f"{subject} follows half of the trend there; no trend and the full trend are the limits of "
+        "its uncertainty"
     )
 
 

@@ -209,8 +209,8 @@ def refined(
         validity=dict(found.surface.validity),
         set_aside=set_aside,
         notes=(
-            "beyond the measured mean forces of the runs the surface is inferred: its range is "
-            "that of the forces within their contact, including peaks",
+            "the surface covers all forces within the contacts of the runs, peaks included; beyond "
+            "the mean forces of the runs it is inferred from them",
             *confounded_note(
                 {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
             ),
@@ -258,9 +258,9 @@ def bending_stiffness_shown(found: RefinedSurface) -> tuple[str, ...]:
         if source.error == "bending_stiffness":
             error, sd = found.stated_errors()[source.name]
             return (
-                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
-                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
-                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one",
+                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
+                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
+                f"{100 * source.size * sd:.2g} %; the surface was found with the first value",
             )
     return ()
 
