@@ -23,17 +23,9 @@ Tabulate = Callable[[BeltResults], Table | None]
 class Section:
     """A part of the page: what it shall show, and, once it is filled, what it shows.
 
-    Attributes
-    ----------
-    key, title, lead : str
-        Id within the page, heading, short introduction.
-    charts, tabulates, notes_of : tuple
-        Names of its charts, functions that make its tables, artifacts whose notes it has.
-    folded : bool
-        Whether it is folded on screen and left out on paper.
-    pictures, absent, tables, notes, links, tiles : sequence
-        Charts, and those that were not drawn and why; tables; notes, a line each; addresses and
-        texts of links; runs over time.
+    `charts`, `tabulates` and `notes_of` name its charts, the functions that make its tables, and
+    the artifacts whose notes it has; `absent` are charts that were not drawn, and why; `links` are
+    addresses and texts. What is `folded` is left out on paper.
     """
 
     key: str

@@ -93,16 +93,8 @@ def budget(results: BeltResults) -> Table | None:
 
 
 def set_aside(results: BeltResults) -> Table | None:
-    """List everything that was set aside once, with the reason.
-
-    The comparisons do not repeat runs that `fit-friction` set aside, nor list simulated runs
-    without a measurement.
-    """
+    """List everything that was set aside once, with the reason; no run that nobody measured."""
     rows: dict[str, dict[str, str]] = {}
-    if friction := results.get("friction"):
-        for run, status in zip(friction["run"], friction["status"], strict=True):
-            if status != "ok":
-                rows[f"run {run}"] = {"of": "friction", "what": f"run {run}", "why": status}
     for name, sheet in results.sheets.items():
         for item in sheet.record.set_aside:
             what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")

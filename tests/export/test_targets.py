@@ -67,7 +67,7 @@ def compiled(target: str, compiler: str, ending: str) -> Function:
         (source,) = folder.glob(f"*.{ending}")
         library = folder / "law.so"
         command = [path, *FLAGS[compiler], "-O2", "-shared", "-fPIC", source, "-o", library, "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True)
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         assert done.returncode == 0, done.stderr
         name = source.name.removesuffix(f"_law.{ending}")
         loaded = ctypes.CDLL(str(library))

@@ -215,6 +215,7 @@ def test_a_run_that_was_set_aside_is_listed_once_and_no_run_that_nobody_measured
         {"run": "simulated S7", "why": "no measured run with these settings"},
     ]
     aside = {
+        "friction": [{"run": "R11", "why": "never turned"}],
         "surface_refined": [{"run": "R11", "why": "never turned"}],
         "simulated": [{"run": "R11", "why": "no convergence"}],
         "compare": compare,
