@@ -60,7 +60,7 @@ def test_every_figure_is_seen(opened: Any) -> None:
     page, _, _ = opened
     page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
     figures = page.locator("figure")
-    assert figures.count() == 18
+    assert figures.count() == 17
     for k in range(figures.count()):
         figure = figures.nth(k)
         drawn = figure.locator(".drawing svg").bounding_box()

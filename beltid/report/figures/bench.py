@@ -56,35 +56,6 @@ def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("press-deviation", "Influence of temperature", "stiffness")
-def deviation(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
-    """Draw the deviation of the law at each temperature from the pooled one."""
-    row, at = stiffness.pooled_row, stiffness["temperature_degC"]
-    if np.count_nonzero(np.isfinite(at)) < 2:
-        raise NotDrawn("all tests are at one temperature, its influence is unknown")
-    depth = np.linspace(0.05, 1.0, POINTS) * stiffness["max_penetration_m"][row]
-    force = stiffness.law(row).force(depth)
-    band = 200.0 * force_se(stiffness, row, depth) / force
-    if np.isfinite(band).all():
-        look = {"color": style.FAINT, "alpha": 0.3, "lw": 0, "label": "law, 2 standard errors"}
-        axes.fill_between(1e6 * depth, -band, band, **look)
-    axes.axhline(0.0, color=style.INK, lw=0.8)
-    for i, k in enumerate(np.flatnonzero(np.isfinite(at))):
-        own = depth[depth <= stiffness["max_penetration_m"][k]]
-        relative = 100.0 * (stiffness.law(int(k)).force(own) / force[: own.size] - 1.0)
-        axes.plot(1e6 * own, relative, label=f"{at[k]:g} °C", **style.group(i, marker=None))
-    axes.set(xlabel=axis("penetration_m"), ylabel="force, difference from the pooled law [%]")
-    return "Force at each temperature compared with that of the pooled law, at equal penetration."
-
-
-def force_se(stiffness: Sheet, row: int, depth: np.ndarray) -> np.ndarray:
-    """Return the standard error of the law's force [N/m] at penetrations [m], by its covariance."""
-    covariance = np.array(stiffness["covariance"][row], dtype=float).reshape(2, 2)
-    basis = np.stack([depth, depth**2])
-    variance = np.einsum("ik,ij,jk->k", basis, covariance, basis)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
 @chart(
     "press-temperature", "The press at each temperature", "stiffness", paper="Fig. 4", whole=True
 )

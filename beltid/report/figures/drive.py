@@ -105,19 +105,6 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     )
 
 
-@chart("arcs", "How much of its arc each pulley uses", "drive")
-def arcs(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the sliding part of the arc of every pulley."""
-    share = 100.0 * sheet["arc_used_deg"] / sheet["wrap_deg"]
-    data = {"torque_N_m": np.abs(sheet["torque_N_m"]), "mu": share}
-    for k, pulley in enumerate(dict.fromkeys(sheet["pulley"].tolist())):
-        look = style.group(k, ls="none", label=str(pulley))
-        draw(axes, data, "torque_N_m", "mu", sheet["pulley"] == pulley, **look)
-    axes.axhline(100.0, color=style.FAINT, linewidth=0.8)
-    axes.set_ylabel("sliding part of the arc [%]")
-    return "Below 100 % the belt sticks at the entry, and the loss does not depend on friction."
-
-
 @chart("along-arcs", "Normal force and sliding along the arcs", "drive", whole=True)
 def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw line force and sliding speed along each arc at the most loaded point."""
