@@ -8,10 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report import tables
+from beltid.report import figures, tables  # noqa: F401  (figures registers the charts)
 from beltid.report.charts import CHARTS, NotDrawn, Picture
 from beltid.report.conditions import conditions
-from beltid.report.figures import belts as belts_charts  # noqa: F401  (registers the charts)
 from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
 from beltid.report.tables import Table, Tile
 from beltid.report.verdict import Verdict, verdict_of

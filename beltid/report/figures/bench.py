@@ -5,6 +5,7 @@ Also the normal force along the arc (Fig. 11).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -54,6 +55,23 @@ def pooled(axes: Any, stiffness: Sheet, results: BeltResults) -> str:
         f"f = k₁ δ + k₂ δ² with k₁ = {scientific(law.k_linear_N_m2)} N/m² and "
         f"k₂ = {scientific(law.k_quadratic_N_m3)} N/m³, per metre of belt, {where}."
     )
+
+
+def having(belts: Sequence[BeltResults], *names: str) -> list[tuple[str, Sheet]]:
+    """Return the names of the belts with one of some artifacts, and the first of these."""
+    present = [(belt.belt, sheet) for belt in belts if (sheet := belt.first(*names))]
+    if not present:
+        raise NotDrawn(f"no folder has a {names[0]}.parquet")
+    return present
+
+
+@chart("belts-law", "The normal contact law of every belt")
+def laws(axes: Any, belts: Sequence[BeltResults]) -> str:
+    """Draw the normal law of every belt up to its largest penetration."""
+    for i, (belt, sheet) in enumerate(having(belts, "stiffness")):
+        look = style.group(i, label=belt, markevery=20)
+        draw(axes, curve(sheet, sheet.pooled_row), "penetration_m", "line_force_N_m", **look)
+    return "Not proportional to the number of ribs: each belt has to be identified by itself."
 
 
 @chart(

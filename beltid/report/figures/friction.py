@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from beltid.report import style
 from beltid.report.cells import between
 from beltid.report.charts import LINE_FORCE, MILLI, MU, SPEED, NotDrawn, chart, draw, logarithmic
 from beltid.report.conditions import class_name, classes_of, is_setting
+from beltid.report.figures.bench import POINTS, having
 from beltid.report.results import SIMULATED, SURFACES, BeltResults, Sheet
 
 MOST_SPEEDS: Final = 8
@@ -192,3 +193,49 @@ def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     axes.view_init(elev=25, azim=-130)
     axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return "The surface over its range of validity."
+
+
+@chart("belts-force", "Friction of every belt over normal force")
+def belts_over_force(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
+    """Draw the best surface of every belt over the force, at a common speed."""
+    surfaces = having(belts, *SURFACES)
+    speed = _common([s.surface.slip_speed_m_s for _, s in surfaces])
+    label = f"v = {MILLI * speed:.3g} mm/s"
+    said = _cut(axes, surfaces, "normal_force_N_m", "slip_speed_m_s", speed, label)
+    return f"Friction over normal force, at {label}", said
+
+
+@chart("belts-speed", "Friction of every belt over sliding speed")
+def belts_over_speed(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
+    """Draw the best surface of every belt over the speed, at a common force."""
+    surfaces = having(belts, *SURFACES)
+    force = _common([s.surface.normal_force_N_m for _, s in surfaces])
+    label = f"{force:.4g} N/m"
+    said = _cut(axes, surfaces, "slip_speed_m_s", "normal_force_N_m", force, label)
+    return f"Friction over sliding speed, at {label}", said
+
+
+def _cut(
+    axes: Any, surfaces: list[tuple[str, Sheet]], along: str, across: str, value: float, label: str
+) -> str:
+    """Draw surfaces along the force or the speed, each over its own range."""
+    beyond = []
+    for i, (belt, sheet) in enumerate(surfaces):
+        x, nodes = getattr(sheet.surface, along), getattr(sheet.surface, across)
+        x = np.geomspace(x[0], x[-1], POINTS) if x[0] > 0.0 else x
+        at = {along: x, across: np.full(x.size, value)}
+        at |= {"mu": sheet.surface.mu(**at), "mu_se": sheet.surface.mu_se_at(**at)}
+        look = style.group(i, label=belt, markevery=max(1, x.size // 8))
+        draw(axes, at, along, "mu", band="mu_se", **look)
+        if not nodes[0] <= value <= nodes[-1]:
+            beyond.append(belt)
+    said = "The refined surface of each belt (else the published one), with twice its uncertainty."
+    if not beyond:
+        return said
+    return f"{said} {label} lies outside the range of {', '.join(beyond)}: its nearest value."
+
+
+def _common(nodes: Sequence[np.ndarray]) -> float:
+    """Return the middle of the common range; of the gap if the ranges do not overlap."""
+    low, high = max(float(n[0]) for n in nodes), min(float(n[-1]) for n in nodes)
+    return float(np.sqrt(low * high)) if low > 0.0 and high > 0.0 else 0.5 * (low + high)
