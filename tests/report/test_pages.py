@@ -177,7 +177,7 @@ def test_gallery_has_every_run_at_one_scale_and_marks_those_set_aside(page: str)
 
 
 def test_names_cannot_bring_markup_along() -> None:
-    names = ("friction", "rig_curves", "surface_refined")
+    names = ("friction", "rig_curves", "stiffness")
     whole = {name: sheets()[name] for name in names}
     labels, status = FRICTION["run"].copy(), FRICTION["status"].copy()
     labels[:], status[0] = NAUGHTY + "\x1b[31m\u202e", NAUGHTY
