@@ -13,7 +13,7 @@ import numpy as np
 from beltid.report import style
 from beltid.report.cells import axis, scientific
 from beltid.report.charts import LINE_FORCE, MILLI, NotDrawn, chart, draw
-from beltid.report.conditions import UNKNOWN_TENSION, series_of
+from beltid.report.conditions import UNKNOWN_TENSION, load_name, series_of
 from beltid.report.results import BeltResults, Sheet
 
 BRANCHES: Final = {"loading": ("-", style.MEASURED), "unloading": ("--", style.SIMULATED)}
@@ -187,7 +187,7 @@ def typical(fig: Any, friction: Sheet, results: BeltResults) -> str:
         float(friction[name][row]) for name in ("arc_deg", "nominal_tension_N", "slip_speed_m_s")
     )
     return (
-        f"Run {friction['run'][row]}: arc {arc:.4g}°, T₀ = {tension:.4g} N, "
+        f"Run {friction['run'][row]}: arc {arc:.4g}°, {load_name(friction)} {tension:.4g} N, "
         f"v = {MILLI * speed:.4g} mm/s. At rest, then µ rises to the peak and settles; the sliding "
         "plateau is the result. Tensions as recorded, with the corrections of the config."
     )
