@@ -42,7 +42,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise ArtifactError(
             f'{name}: not a contact law: the key "format" must be "{FORMAT}"; '
-            "`beltid export json` writes one",
+            "`beltid export json` writes one"
         )
     if values.get("version") != VERSION:
         raise ArtifactError(
@@ -52,8 +52,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
         raise ArtifactError(
-            f"{name}: was changed after beltid wrote it; if this is intended, remove its key "
-            f"{SEAL}",
+            f"{name}: was changed after beltid wrote it; if this is intended, remove its key {SEAL}"
         )
     if isinstance(values.get("friction"), dict):
         values["friction"].pop("ensemble", None)  # of earlier files, nearly always null

@@ -120,10 +120,7 @@ SECTIONS: Final = (
         folded=True,
     ),
     Section(
-        "differences",
-        "Differences run by run",
-        charts=("differences", "validation"),
-        folded=True,
+        "differences", "Differences run by run", charts=("differences", "validation"), folded=True
     ),
     Section(
         "forces",
