@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -17,6 +18,15 @@ OF_STIFFNESS: Final = (
     "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
     "hysteresis_ratio max_force_N_m n_samples"
 )
+SYMBOLS: Final = {
+    "mu": "µ",
+    "k linear": "k₁",
+    "k quadratic": "k₂",
+    "slip speed": "sliding speed v",
+    "se": "standard error",
+    "u": "uncertainty",
+}
+"""Words of a heading -> what the page calls them."""
 SHORT_HASH: Final = 12
 # names of the runs on the two sides of a comparison
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
@@ -39,7 +49,9 @@ def table(title: str, rows: Sequence[Mapping[str, Any]], names: str = "") -> Tab
     chosen = names.split() or list(rows[0])
     cells = [[cell(name, row.get(name)) for name in chosen] for row in rows]
     numeric = [are_numbers(column) for column in zip(*cells, strict=True)]
-    return Table(title, [heading(name) for name in chosen], cells, numeric)
+    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
+    heads = [words.sub(lambda found: SYMBOLS[found[0]], heading(name)) for name in chosen]
+    return Table(title, heads, cells, numeric)
 
 
 def stiffness(sheet: Sheet) -> Table | None:
