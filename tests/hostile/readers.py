@@ -18,7 +18,7 @@ from beltid.report import tables
 from beltid.report.results import BeltResults, sheet_of
 from beltid.report.verdict import verdict_of
 from beltid.report.view import shown_of
-from beltid.stages.inputs import press_law, surface_of
+from beltid.stages.inputs import press_law, surface_from
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
@@ -39,7 +39,7 @@ def _artifact(path: Path) -> object:
     artifact = read_artifact(path)
     sheet = sheet_of(artifact).named()
     if artifact.kind == "surface":
-        surface_of(artifact)
+        surface_from(artifact)
     elif artifact.kind == "stiffness":
         press_law(artifact, CONFIG)
     elif artifact.kind == "simulated":
