@@ -13,7 +13,7 @@ of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_e
 :class:`Own`        columns Z, or a covariance K, of every group by itself; noise is one of them
 :class:`Size`       log-normal prior of a standard deviation s; of no width: a known one
 :class:`Mixed`      data and terms; its `fit` finds the sizes, its `at` takes them as given
-:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence, budget
+:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence
 :func:`relinearised` the same where the data depend on the coefficients in a nonlinear way
 =================== ==============================================================================
 
@@ -161,10 +161,8 @@ class Posterior:
         e' P e of every group: a chi-square, given the sizes.
     model : Mixed
         The model.
-    prior : ndarray, shape (k, k)
-        Precision of the prior of the coefficients.
-    P, PX : ndarray, shape (R, m, m), (R, m, k)
-        Projection of (M2), at a scale of one, and its product with X, at the scale of the group.
+    P : ndarray, shape (R, m, m)
+        Projection of (M2), at a scale of one.
     level_weights : ndarray, shape (R, m)
         Weights of the data in the level.
     converged : bool
@@ -181,9 +179,7 @@ class Posterior:
     residual: Array
     misfit: Array
     model: Mixed
-    prior: Array
     P: Array
-    PX: Array
     level_weights: Array
     converged: bool = True
 
@@ -196,21 +192,6 @@ class Posterior:
     def factor(self) -> Array:
         """Columns F with C = F F', of one sign for all coefficients: errors they share, (k, k)."""
         return root(self.covariance)
-
-    @property
-    def level_columns(self) -> Array:
-        """Errors of one standard deviation, with their signs, that the levels share, (R, k)."""
-        return -self.level_shift @ self.factor
-
-    def error_by(self, name: str) -> Array:
-        """Return the part of the covariance that a term causes, (k, k); the parts sum up to C."""
-        C, model = self.covariance, self.model
-        if name in model.places:
-            place = model.places[name]
-            return np.asarray(C[:, place] @ self.prior[place, place] @ C[place])
-        K = model.scale[:, None, None] * model.parts[[t.name for t in model.own].index(name)]
-        inner = np.sum(self.PX.transpose(0, 2, 1) @ K @ self.PX, axis=0)
-        return np.asarray(self.sizes[name] ** 2 * C @ inner @ C)
 
 
 def root(C: Array) -> Array:
@@ -359,7 +340,7 @@ class Mixed:
         PX = (P / scale[:, None, None]) @ self.X
         M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
         squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
-        mean, C, moment, prior, log_z = self._coefficients(
+        mean, C, moment, log_z = self._coefficients(
             M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
         )
         residual = self.y - self.X @ mean
@@ -385,17 +366,13 @@ class Mixed:
             residual=residual,
             misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
             model=self,
-            prior=prior,
             P=P,
-            PX=PX,
             level_weights=weights / precision[:, None],
         )
         return posterior, slope
 
-    def _coefficients(
-        self, M: Array, b: Array, theta: Array
-    ) -> tuple[Array, Array, Array, Array, float]:
-        """Average over the choices: mean and covariance of h, moment of q, prior, log evidence."""
+    def _coefficients(self, M: Array, b: Array, theta: Array) -> tuple[Array, Array, Array, float]:
+        """Average over the choices: mean and covariance of h, moment of q, log evidence."""
         known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
         options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
         log_p, priors = [], []
@@ -416,7 +393,7 @@ class Mixed:
         mean = w @ means
         away = means - mean
         C = np.tensordot(w, covariances, 1) + away.T @ (w[:, None] * away)
-        return mean, C, np.tensordot(w, moments, 1), np.tensordot(w, priors, 1), total
+        return mean, C, np.tensordot(w, moments, 1), total
 
     def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
         """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.

@@ -80,7 +80,7 @@ def _thinned_runs(
             continue
         tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
         if not kind.is_derived:  # otherwise already corrected
-            tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
+            tight, slack = (c.tension(x) for c, x in zip(kind.cells, (tight, slack), strict=True))
         kept = thinned(np.arange(tight.size), tight, samples[record.run])
         curves[record.run] = {
             "run": np.full(kept.size, record.run, dtype=object),

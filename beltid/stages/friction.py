@@ -17,11 +17,11 @@ from beltid.stages.columns import at, listed, span
 from beltid.stages.plausible import refuse_implausible
 from beltid.stages.reduction import (
     TOUCHING,
+    drag_taken_off,
     reduce_points,
     reduce_rig,
     reduction_columns,
     rig_kind,
-    taken_off,
     with_conditions,
 )
 from beltid.stages.uncertainties import standard_uncertainties
@@ -82,7 +82,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
     """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    if kind.has_torque and derived and not any(run.treatment.drag_N_m for run in good):
+    if kind.has_torque and derived and not any(run.drag_N_m for run in good):
         yield (
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it with a column idle: true"
@@ -129,15 +129,10 @@ def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
     missing = [r for r in reduced if r.n_missing]
     swapped = [r.run for r in reduced if r.swapped]
     unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
-    lines = list(dict.fromkeys(line for r in reduced for line in taken_off(r.treatment)))
+    lines = list(dict.fromkeys(line for r in reduced for line in drag_taken_off(r)))
     if spikes:
         lines.append(
             f"{sum(r.n_spikes for r in spikes)} spikes left out, in {counted(len(spikes), 'run')}"
-        )
-    if marked := [r for r in reduced if r.treatment.n_marks]:
-        lines.append(
-            f"{sum(r.treatment.n_marks for r in marked)} samples of the pulley's speed left out, "
-            f"far off all others, in {counted(len(marked), 'run')}"
         )
     if missing:
         lines.append(

@@ -13,14 +13,10 @@ import numpy as np
 from beltid.bench.recording import Recording, columns_of
 from beltid.config import Config
 from beltid.identify.friction.kinds import (
-    CELL_RANGES,
-    SPANS,
+    PERFECT,
     TOUCH_DEG,
     KnownCell,
-    KnownCells,
     RigKind,
-    Span,
-    Treatment,
 )
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import (
@@ -44,7 +40,7 @@ TOUCHING: Final = (
 
 def rig_kind(config: Config) -> RigKind:
     """Return the kind of a config's friction rig: what it measures, and its load cells."""
-    rig = config.rig
+    rig, cells = config.rig, config.friction
     # a running belt between two pulleys turns alike at both ends; the line of force does not turn
     bent = rig.kind == "torque_hub"
     spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
@@ -55,13 +51,12 @@ def rig_kind(config: Config) -> RigKind:
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
-        cells=KnownCells(*(_known_cell(config, span) for span in SPANS)),
+        cells=(
+            KnownCell(cells.tension_tight_tare_N, cells.tension_tight_gain),
+            KnownCell(cells.tension_slack_tare_N, cells.tension_slack_gain),
+        ),
         spans=spans if bent else STRAIGHT,
     )
-
-
-def _known_cell(config: Config, span: Span) -> KnownCell:
-    return KnownCell(*(getattr(config.friction, f"tension_{span}_{e}") for e in CELL_RANGES))
 
 
 def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
@@ -90,7 +85,7 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     radius, kind = config.rig.pulley_radius_m, rig_kind(config)
     columns = rig.columns
     if rig.is_artifact:
-        kind = replace(kind, cells=KnownCells())
+        kind = replace(kind, cells=PERFECT)
         if config.rig.kind == "dead_weight":
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
         else:
@@ -135,19 +130,18 @@ def reduction_columns(reduced: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     return columns_from("friction", values_of)
 
 
-def taken_off(treatment: Treatment) -> tuple[str, ...]:
-    """Describe the corrections of the readings of a run."""
-    lines = [treatment.cells.note]
-    if treatment.drag_N_m is not None:
-        low, high = treatment.drag_N_m
-        size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-        lines.append(f"bearing drag subtracted: {size} N m, measured on the idle pulley")
-    return tuple(filter(None, lines))
+def drag_taken_off(run: RunReduction) -> tuple[str, ...]:
+    """Describe the bearing drag that was subtracted from the torque of a run."""
+    if run.drag_N_m is None:
+        return ()
+    low, high = run.drag_N_m
+    size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+    return (f"bearing drag subtracted: {size} N m, measured on the idle pulley",)
 
 
 def _notes(run: RunReduction) -> str | None:
     """Return the notes of a run for the user, as one text."""
-    notes = list(taken_off(run.treatment))
+    notes = list(drag_taken_off(run))
     if run.arc_deg >= TOUCH_DEG:
         notes.append(TOUCHING)
     notes += run.notes

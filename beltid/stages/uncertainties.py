@@ -8,7 +8,6 @@ from typing import Final
 
 from beltid.config import Config
 from beltid.errors import percent
-from beltid.refine.shown import CONFOUNDED
 from beltid.uncertainty.sources import StandardUncertainties
 
 TORQUE_KINDS: Final = ("torque", "torque_hub")
@@ -37,6 +36,8 @@ def confounded_note(shares: Mapping[str, float]) -> tuple[str, ...]:
 
     It is empty if there are none.
     """
+    from beltid.refine.shown import CONFOUNDED  # loads a compiler, which a reduction does not need
+
     if not shares:
         return ()
     listed = ", ".join(f"{cause} ({percent(100 * share)})" for cause, share in shares.items())
