@@ -54,78 +54,39 @@ STILL = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """Log-normal prior of a standard deviation, in the unit of its effect.
+    """Log-normal prior of a standard deviation, in the unit of its effect."""
 
-    Attributes
-    ----------
-    median : float
-        Median, > 0.
-    width : float
-        Standard deviation of the logarithm; 0 if the size is known.
-    largest : float
-        Upper limit.
-    """
-
-    median: float
-    width: float = 0.0
-    largest: float = np.inf
+    median: float  # median, > 0
+    width: float = 0.0  # standard deviation of the logarithm; 0 if the size is known
+    largest: float = np.inf  # upper limit
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Columns whose coefficients all groups share.
+    """Columns whose coefficients all groups share."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the term.
-    columns : ndarray, shape (R, m, k) or (n, k)
-        Change of the data by each coefficient.
-    size : Size, optional
-        Standard deviation s of the coefficients, independent unless `precision` is given.
-    precision : ndarray, shape (k, k), optional
-        Inverse covariance of the coefficients over s²; it may be singular (a measure of roughness).
-        Without size and precision the prior is flat.
-    mean : float or ndarray, shape (k,)
-        Mean of the prior.
-    positive : bool
-        Whether h = exp(q): prior and `mean` are then those of the logarithm.
-    choices : sequence of (float, float)
-        Values of s with their probabilities, in place of `size`.
-    """
-
-    name: str
-    columns: Array
+    name: str  # name of the term
+    columns: Array  # change of the data by each coefficient, (R, m, k)
     size: Size | None = None
+    """Standard deviation s of the coefficients, independent unless `precision` is given."""
     precision: Array | None = None
-    mean: float | Array = 0.0
-    positive: bool = False
+    """Inverse covariance of the coefficients over s²; it may be singular (a measure of roughness).
+    Without size and precision the prior is flat, (k, k)."""
+    mean: float | Array = 0.0  # mean of the prior, (k,)
+    positive: bool = False  # whether h = exp(q): prior and `mean` are then those of the logarithm
     choices: Sequence[tuple[float, float]] = ()
+    """Values of s with their probabilities, in place of `size`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """An effect, or noise, of every group by itself. Give one of the three shapes.
+    """An effect, or noise, of every group by itself. Give one of the three shapes."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the term.
-    size : Size
-        Its standard deviation s.
-    columns : ndarray, shape (R, m, k) or (n, k), optional
-        Z: the covariance is s² Z Z'.
-    diagonal : ndarray, shape (R, m) or (n,), optional
-        Standard deviations of independent noise over s.
-    covariance : ndarray, shape (R, m, m) or (n, n), optional
-        Covariance over s².
-    """
-
-    name: str
-    size: Size
-    columns: Array | None = None
-    diagonal: Array | None = None
-    covariance: Array | None = None
+    name: str  # name of the term
+    size: Size  # its standard deviation s
+    columns: Array | None = None  # z: the covariance is s² Z Z', (R, m, k)
+    diagonal: Array | None = None  # standard deviations of independent noise over s, (R, m)
+    covariance: Array | None = None  # covariance over s², (R, m, m)
 
     def per_unit(self, groups: int, rows: int) -> Array:
         """Return the covariance at s = 1, shape (R, m, m)."""
@@ -140,48 +101,25 @@ class Own:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the data tell, given the sizes. k counts the shared coefficients in order of the terms.
+    """What the data tell, given the sizes; k counts the shared coefficients, term by term."""
 
-    Attributes
-    ----------
-    sizes : dict of str to float
-        Standard deviation s of every term that has one.
-    mean, covariance : ndarray, shape (k,), (k, k)
-        Coefficients h.
-    log_evidence : float
-        Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
-        coefficients and levels.
-    level, level_variance : ndarray, shape (R,)
-        Levels of the groups at the mean of the coefficients; variance by what is their own.
-    level_shift : ndarray, shape (R, k)
-        Change of the levels by errors of the coefficients.
-    residual : ndarray, shape (R, m)
-        Data without the shared columns, about their levels, which `P` takes out.
-    misfit : ndarray, shape (R,)
-        e' P e of every group: a chi-square, given the sizes.
-    model : Mixed
-        The model.
-    P : ndarray, shape (R, m, m)
-        Projection of (M2), at a scale of one.
-    level_weights : ndarray, shape (R, m)
-        Weights of the data in the level.
-    converged : bool
-        Whether the sizes are those of the largest posterior density.
-    """
-
-    sizes: dict[str, float]
-    mean: Array
+    sizes: dict[str, float]  # standard deviation s of every term that has one
+    mean: Array  # coefficients h, (k,), (k, k)
     covariance: Array
     log_evidence: float
+    """Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
+    coefficients and levels."""
     level: Array
+    """Levels of the groups at the mean of the coefficients; variance by what is their own, (R,)."""
     level_variance: Array
-    level_shift: Array
+    level_shift: Array  # change of the levels by errors of the coefficients, (R, k)
     residual: Array
-    misfit: Array
-    model: Mixed
-    P: Array
-    level_weights: Array
-    converged: bool = True
+    """Data without the shared columns, about their levels, which `P` takes out, (R, m)."""
+    misfit: Array  # e' P e of every group: a chi-square, given the sizes, (R,)
+    model: Mixed  # the model
+    P: Array  # projection of (M2), at a scale of one, (R, m, m)
+    level_weights: Array  # weights of the data in the level, (R, m)
+    converged: bool = True  # whether the sizes are those of the largest posterior density
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""

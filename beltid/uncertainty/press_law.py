@@ -28,24 +28,14 @@ POINTS = 200
 
 @dataclass(frozen=True, slots=True)
 class PressLaw:
-    """A contact law with covariance and range of its fit.
+    """A contact law with covariance and range of its fit."""
 
-    Attributes
-    ----------
-    law : NormalLaw
-        The law.
-    covariance : ndarray, shape (2, 2)
-        Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known.
-    max_penetration_m : float
-        Deepest penetration of the fit [m].
-    segment_length_m : float
-        Length of belt under the press [m].
-    """
-
-    law: NormalLaw
+    law: NormalLaw  # the law
     covariance: Array
-    max_penetration_m: float
-    segment_length_m: float
+    """Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known, (2,
+    2)."""
+    max_penetration_m: float  # deepest penetration of the fit [m]
+    segment_length_m: float  # length of belt under the press [m]
 
     @property
     def has_scatter(self) -> bool:

@@ -72,12 +72,12 @@ def se(runs: tuple[RunReduction, ...]) -> np.ndarray:
     return np.array([run.mu_sliding_se for run in runs])
 
 
-@pytest.fixture(scope="module", params=[11, pytest.param(1, marks=pytest.mark.long)])
-def rig(request: pytest.FixtureRequest) -> Columns:
-    """Every eleventh run of the recording, runs of all speeds and arcs; or all of them."""
+@pytest.fixture(scope="module")
+def rig() -> Columns:
+    """Every eleventh run of the recording, runs of all speeds and arcs."""
     frame = pd.read_csv(RIG, dtype={"run": str})
     labels = list(dict.fromkeys(frame["run"]))
-    some = frame[frame["run"].isin(labels[:: request.param])]
+    some = frame[frame["run"].isin(labels[::11])]
     return {name: some[name].to_numpy() for name in some.columns}
 
 
@@ -146,7 +146,7 @@ def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-@pytest.mark.parametrize("span", ["slack", pytest.param("tight", marks=pytest.mark.long)])
+@pytest.mark.parametrize("span", ["slack", "tight"])
 def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
     cells, kind = plateaus(two_cells), RigKind("dead_weight", weight_on=span)
     runs, expected = reduce_runs(by_weight(cells, span), R, kind), reduce_runs(cells, R)
@@ -159,7 +159,7 @@ def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
         )
 
 
-@pytest.mark.parametrize("span", ["slack", pytest.param("tight", marks=pytest.mark.long)])
+@pytest.mark.parametrize("span", ["slack", "tight"])
 def test_a_weight_beside_a_torque_gives_the_plateau_of_two_cells(two_cells, span):
     cells = plateaus(two_cells)
     weighed = by_weight(cells, span)

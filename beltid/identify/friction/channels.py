@@ -34,6 +34,8 @@ MAX_MISSING = 0.3
 """Largest share of the samples that may be missing or not positive."""
 CLIPPED, FEWEST_CLIPPED = 0.04, 4
 """Share, and number, of the samples near an extreme that are equal to it in a saturated cell."""
+NOISY = 0.3
+"""Share of the samples at which a noisy signal turns; white noise turns at two of three."""
 SPIKE = 6.0
 """Distance from the neighbours above which a sample is a spike, in standard deviations."""
 LARGEST_N = 1e12
@@ -53,18 +55,13 @@ class Channels:
     """Usable channels of a run without the rows that have no time, shape (n,) each."""
 
     time_s: Array
-    tensions: Array
-    """Tensions of the tight and the slack cell [N], nan if unusable, shape (n, 2)."""
-    speed: Array
-    """Speed of the pulley [rad/s], without gaps."""
-    temperature: Array
-    """Temperature [°C], nan if unknown."""
+    tensions: Array  # tensions of the tight and the slack cell [N], nan if unusable, shape (n, 2)
+    speed: Array  # speed of the pulley [rad/s], without gaps
+    temperature: Array  # temperature [°C], nan if unknown
     n_spikes: int
     n_missing: int
-    rounding_N: Array
-    """Error of a mean of either cell by a coarse converter [N], shape (2,)."""
-    kind: RigKind = TWO_CELLS
-    """What the bench measured."""
+    rounding_N: Array  # error of a mean of either cell by a coarse converter [N], shape (2,)
+    kind: RigKind = TWO_CELLS  # what the bench measured
 
     @property
     def usable(self) -> Mask:
@@ -164,8 +161,10 @@ def _require_range(x: Array, name: str) -> None:
     Only a channel with visible noise can be judged: a noise-free recording may be constant while
     the belt slides, and a coarse converter repeats values.
     """
-    steps = np.diff(np.unique(x))
-    if steps.size < 2 or difference_sigma(x) < 1.5 * float(np.min(steps)):
+    steps, turns = np.diff(np.unique(x)), np.diff(np.sign(np.diff(x)))
+    if steps.size < 2 or np.count_nonzero(turns) < NOISY * x.size:
+        return
+    if difference_sigma(x) < 1.5 * float(np.min(steps)):
         return
     for sign in (1.0, -1.0):
         top = float(np.max(sign * x))
@@ -195,16 +194,12 @@ def _speed(t: Array, speed: Array) -> Array:
 class Rotation:
     """Part of a record in which the pulley turns."""
 
-    first: int
-    """Index of the first sample at which the pulley turns."""
-    full_speed: int
-    """Index of the first sample at which it has reached its speed."""
-    end: int
-    """Index after the last sample at which it turns."""
+    first: int  # index of the first sample at which the pulley turns
+    full_speed: int  # index of the first sample at which it has reached its speed
+    end: int  # index after the last sample at which it turns
     speed_rad_s: float
     """Magnitude of the speed reached, median over the second half of the rotation [rad/s]."""
-    reversed: bool
-    """Whether the speed channel is negative."""
+    reversed: bool  # whether the speed channel is negative
     unsteadiness: float
     """Relative change of the speed between the two halves of the time at full speed [-]."""
 
@@ -322,33 +317,15 @@ def as_if_held(channels: Channels, rotation: Rotation) -> Channels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingPhase:
-    """Usable samples of a run until the pulley stops, and the start of the sliding.
+    """Usable samples of a run until the pulley stops, and the start of the sliding."""
 
-    Attributes
-    ----------
-    time_s : ndarray
-        Times [s], shape (n,).
-    tensions : ndarray
-        Tight and slack tension [N], shape (n, 2).
-    angle : ndarray
-        Angle of the pulley since the first sample of the rotation [rad], shape (n,).
-    temperature : ndarray
-        Temperature [°C], nan if unknown, shape (n,).
-    first : int
-        First sample of the rotation.
-    built : int
-        First sample at which nine tenths of the build-up are reached.
-    slide : int
-        First sample that is certainly after the build-up.
-    """
-
-    time_s: Array
-    tensions: Array
-    angle: Array
-    temperature: Array
-    first: int
-    built: int
-    slide: int
+    time_s: Array  # times [s], shape (n,)
+    tensions: Array  # tight and slack tension [N], shape (n, 2)
+    angle: Array  # angle of the pulley since the first sample of the rotation [rad], shape (n,)
+    temperature: Array  # temperature [°C], nan if unknown, shape (n,)
+    first: int  # first sample of the rotation
+    built: int  # first sample at which nine tenths of the build-up are reached
+    slide: int  # first sample that is certainly after the build-up
 
 
 def sliding_phase(channels: Channels, rotation: Rotation) -> SlidingPhase:

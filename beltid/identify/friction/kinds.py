@@ -53,10 +53,8 @@ TOUCH_DEG = 360.0
 class KnownCell:
     """Known errors of one load cell; the defaults describe a perfect one."""
 
-    tare_N: float = 0.0
-    """Reading without load [N]."""
-    gain: float = 1.0
-    """Ratio of the true force to the reading less tare [-]."""
+    tare_N: float = 0.0  # reading without load [N]
+    gain: float = 1.0  # ratio of the true force to the reading less tare [-]
 
     def tension(self, reading_N: ArrayLike) -> Array:
         """Convert readings of the cell [N] to the tension of its span, ``gain (reading - tare)``.
@@ -74,19 +72,11 @@ PERFECT = (KnownCell(), KnownCell())
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
-    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor.
+    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor."""
 
-    Attributes
-    ----------
-    speed_rad_s, torque_N_m : ndarray, shape (k,)
-        Speed and torque of the idle runs, sorted by speed.
-    at_rest_N_m : float
-        Reading of the sensor before the pulley turns [N m].
-    """
-
-    speed_rad_s: Array
+    speed_rad_s: Array  # speed and torque of the idle runs, sorted by speed, (k,)
     torque_N_m: Array
-    at_rest_N_m: float
+    at_rest_N_m: float  # reading of the sensor before the pulley turns [N m]
 
     def at(self, speed_rad_s: Array) -> Array:
         """Interpolate the torque to subtract; constant beyond the speeds of the idle runs.
@@ -103,42 +93,21 @@ class Drag:
 
 @dataclass(frozen=True, slots=True)
 class RigKind:
-    """What a friction rig measures.
+    """What a friction rig measures."""
 
-    Attributes
-    ----------
-    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        Measured channels.
-    weight_on : {"tight", "slack"}
-        Span that carries the dead weight.
-    weight_stated : bool
-        Whether the user said which span that is: a weight beside a torque does not show it.
-    weighs : bool
-        Whether the tension measured in addition to a torque is a weight.
-    torque_with : {"tight", "slack"}
-        Span whose tension is measured in addition to a torque.
-    running : bool
-        Whether the belt moves.
-    belt_speed_m_s : float
-        Speed of the belt if no column gives it [m/s].
-    mass_per_length_kg_m : float
-        Mass per length of the belt; used only if the belt moves [kg/m].
-    cells : tuple of KnownCell
-        Known errors of the tight and the slack cell.
-    spans : Spans
-        Rotation of the span forces by bending: a hub force is the resultant of both.
-    """
-
-    measures: Measures = "two_cells"
-    weight_on: Span = "tight"
-    torque_with: Span = "slack"
-    running: bool = False
-    belt_speed_m_s: float = float("nan")
+    measures: Measures = "two_cells"  # measured channels
+    weight_on: Span = "tight"  # span that carries the dead weight
+    torque_with: Span = "slack"  # span whose tension is measured in addition to a torque
+    running: bool = False  # whether the belt moves
+    belt_speed_m_s: float = float("nan")  # speed of the belt if no column gives it [m/s]
     mass_per_length_kg_m: float = 0.0
-    cells: tuple[KnownCell, KnownCell] = PERFECT
+    """Mass per length of the belt; used only if the belt moves [kg/m]."""
+    cells: tuple[KnownCell, KnownCell] = PERFECT  # known errors of the tight and the slack cell
     spans: Spans = STRAIGHT
+    """Rotation of the span forces by bending: a hub force is the resultant of both."""
     weight_stated: bool = True
-    weighs: bool = False
+    """Whether the user said which span that is: a weight beside a torque does not show it."""
+    weighs: bool = False  # whether the tension measured in addition to a torque is a weight
 
     @property
     def name(self) -> str:

@@ -220,72 +220,35 @@ OUTLIER = 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingRecord:
-    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise.
+    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise."""
 
-    Attributes
-    ----------
-    first_s, last_s : ndarray
-        Times of the first and the last sample of each block [s].
-    count : ndarray
-        Samples of each block.
-    travel : ndarray
-        Mean travel of the pulley's surface since the end of the build-up [m].
-    z, log_mean : ndarray
-        ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N.
-    waves : ndarray, shape (m, 2 k)
-        Cosine and sine of the detected ripples.
-    take_up : ndarray, shape (m, TAKE_UP.size)
-        Decays of the possible rest of the build-up at the start of the sliding.
-    slow_take_up : ndarray, shape (m, SLOW_TAKE_UP.size)
-        The same for slow decays.
-    turn : ndarray, shape (m, 2)
-        Cosine and sine of the angle of the pulley.
-    temperature : ndarray
-        Temperature [°C], nan if unknown.
-    rest : Rest
-        Rest phase before the rotation.
-    onset : ndarray, shape (3, k)
-        Times [s], travel since the end of the build-up [m] and z (nan if a tension is not
-        positive), from the start of the rotation to the start of the sliding.
-    tensions_N : tuple of float
-        Tight and slack tension in the second half of the sliding [N].
-    noise_N : float
-        White noise of a sample in z over `sensitivity` [N].
-    rounding : float
-        Rounding error of z by coarse converters, which averaging does not reduce [-].
-    ripple_N : float
-        Amplitude of the strongest ripple in the tight tension [N].
-    unrest_N : float
-        Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
-    n_outliers : int
-        Samples that were dropped.
-    zero_shifts : ndarray, shape (2,)
-        Change of z by an error of 1 N in the tight and the slack tension [1/N].
-    weight : {"tight", "slack"}, optional
-        Span that carries a dead weight, whose tension has no errors.
-    """
-
-    first_s: Array
+    first_s: Array  # times of the first and the last sample of each block [s]
     last_s: Array
-    count: Array
-    travel: Array
-    z: Array
+    count: Array  # samples of each block
+    travel: Array  # mean travel of the pulley's surface since the end of the build-up [m]
+    z: Array  # ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N
     log_mean: Array
-    waves: Array
+    waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
     take_up: Array
-    slow_take_up: Array
-    turn: Array
-    temperature: Array
-    rest: Rest
+    """Decays of the possible rest of the build-up at the start of the sliding, (m,
+    TAKE_UP.size)."""
+    slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
+    turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
+    temperature: Array  # temperature [°C], nan if unknown
+    rest: Rest  # rest phase before the rotation
     onset: Array
-    tensions_N: tuple[float, float]
-    noise_N: float
-    rounding: float
-    ripple_N: float
+    """Times [s], travel since the end of the build-up [m] and z (nan if a tension is not positive),
+    from the start of the rotation to the start of the sliding, (3, k)."""
+    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding [N]
+    noise_N: float  # white noise of a sample in z over `sensitivity` [N]
+    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce [-]
+    ripple_N: float  # amplitude of the strongest ripple in the tight tension [N]
     unrest_N: float
-    n_outliers: int
+    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N]."""
+    n_outliers: int  # samples that were dropped
     zero_shifts: Array
-    weight: Span | None
+    """Change of z by an error of 1 N in the tight and the slack tension [1/N], (2,)."""
+    weight: Span | None  # span that carries a dead weight, whose tension has no errors
 
     @property
     def sensitivity(self) -> float:

@@ -33,15 +33,11 @@ class Rest:
 
     n_samples: int
     first_s: float
-    last_s: float
-    """Times of the first and the last sample [s]."""
-    tension_N: float
-    """Mean of both cells [N]."""
-    end_N: float
-    """Mean of both cells over the last samples [N]."""
+    last_s: float  # times of the first and the last sample [s]
+    tension_N: float  # mean of both cells [N]
+    end_N: float  # mean of both cells over the last samples [N]
     end_se_N: float
-    imbalance_N: float
-    """Tight minus slack cell [N]."""
+    imbalance_N: float  # Tight minus slack cell [N]
     imbalance_se_N: float
     slopes_N_s: tuple[float, float]
     """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""

@@ -44,10 +44,8 @@ class RunRejected(Exception):
 class Conditions:
     """Test conditions of a run; None if not stated."""
 
-    condition: str | None = None
-    """Surface: dry, wet or dusty."""
-    side: str | None = None
-    """Side of the belt on the pulley: rib or back."""
+    condition: str | None = None  # surface: dry, wet or dusty
+    side: str | None = None  # side of the belt on the pulley: rib or back
 
     @classmethod
     def of(cls, texts: Mapping[str, str]) -> Conditions:
@@ -65,13 +63,11 @@ class RunHeader:
     """What is known of a run before its reduction; nan or None if not stated."""
 
     run: str = ""
-    arc_deg: float = NAN
-    """Contact arc, nominal [deg]."""
+    arc_deg: float = NAN  # contact arc, nominal [deg]
     nominal_tension_N: float = NAN
     momentum_N: float = NAN
     """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
-    torque_with: Span | None = None
-    """Span whose tension was measured in addition to a torque."""
+    torque_with: Span | None = None  # span whose tension was measured in addition to a torque
     conditions: Conditions = Conditions()
     drag_N_m: tuple[float, float] | None = None
     """Lowest and highest bearing drag subtracted from the torque [N m]."""
@@ -88,10 +84,8 @@ class RunRecord(RunHeader):
     temperature_degC: Array | None = None
     defect: str = ""
     """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
-    kind: RigKind = TWO_CELLS
-    """What the bench measured; the tensions are derived from it."""
-    belt_speed_m_s: float = 0.0
-    """Speed of the belt; the pulley speed is relative to it [m/s]."""
+    kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
+    belt_speed_m_s: float = 0.0  # speed of the belt; the pulley speed is relative to it [m/s]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -102,66 +96,48 @@ class RunReduction(RunHeader):
     reason was found.
     """
 
-    initial_tension_N: float = NAN
-    """Mean of both cells at the start of the rotation [N]."""
-    pulley_speed_rad_s: float = NAN
-    """Magnitude of the pulley's speed [rad/s]."""
-    slip_speed_m_s: float = NAN
-    """Sliding speed |omega| R, Eq. (7) [m/s]."""
+    initial_tension_N: float = NAN  # mean of both cells at the start of the rotation [N]
+    pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed [rad/s]
+    slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7) [m/s]
     tension_tight_N: float = NAN
     """Tight tension of the plateau, without ripple and tail of the peak [N]."""
     tension_slack_N: float = NAN
-    mu_sliding: float = NAN
-    """Eq. (6) of the two plateau tensions [-]."""
+    mu_sliding: float = NAN  # Eq. (6) of the two plateau tensions [-]
     mu_sliding_se: float = NAN
     """Standard deviation, from the noise of the record and its correlation, the shape of the tail,
     drift and the cells; includes errors common to all runs [-]."""
     mu_sticking: float = NAN
     """Peak of mu at the end of the build-up [-]; nan if the record does not resolve it."""
     mu_sticking_se: float = NAN
-    normal_force_N_m: float = NAN
-    """Closed mean of Eq. (8) over the arc [N/m]."""
-    temperature_degC: float = NAN
-    """Mean over the plateau [°C]."""
-    n_samples: int = 0
-    """Samples of the plateau."""
+    normal_force_N_m: float = NAN  # closed mean of Eq. (8) over the arc [N/m]
+    temperature_degC: float = NAN  # mean over the plateau [°C]
+    n_samples: int = 0  # samples of the plateau
     status: str = ""
     """"ok", or why the run was rejected."""
     mu_sticking_reason: str = "the run was set aside"
     """Why mu_sticking is missing; empty if it is given."""
-    imbalance_N: float = NAN
-    """Tight minus slack cell at rest, as recorded [N]."""
+    imbalance_N: float = NAN  # Tight minus slack cell at rest, as recorded [N]
     imbalance_se_N: float = NAN
-    held: float = NAN
-    """Imbalance that the cells do not explain, over the initial tension [-]."""
-    rest_N: tuple[float, float] = (NAN, NAN)
-    """Readings of the tight and the slack span at rest [N]."""
+    held: float = NAN  # imbalance that the cells do not explain, over the initial tension [-]
+    rest_N: tuple[float, float] = (NAN, NAN)  # readings of the tight and the slack span at rest [N]
     take_up_m: float = NAN
     """Travel of the pulley's surface during the build-up [m]; nan if the record does not resolve
     it."""
-    start_time_s: float = NAN
-    """First sample at which the pulley turns [s]."""
-    peak_time_s: float = NAN
-    """Time of the sticking peak [s]."""
+    start_time_s: float = NAN  # first sample at which the pulley turns [s]
+    peak_time_s: float = NAN  # time of the sticking peak [s]
     plateau_start_s: float = NAN
     plateau_end_s: float = NAN
-    n_spikes: int = 0
-    """Samples of either channel excluded as spikes."""
-    n_missing: int = 0
-    """Samples without a usable tension."""
+    n_spikes: int = 0  # samples of either channel excluded as spikes
+    n_missing: int = 0  # samples without a usable tension
     drift: float = NAN
     """Relative change of mu by drift over the sliding phase [-], as far as the noise allows."""
     shared_tail: float = NAN
     """Change of ln mu by one standard deviation of the tail shape, an error common to all runs
     [-]."""
-    shared_drift: float = NAN
-    """The same for a drift of the cells common to all runs [-]."""
-    shared_cells: float = NAN
-    """The same for zeros and gains of the cells [-]."""
-    swapped: bool = False
-    """Whether the columns of the tight and the slack cell were swapped."""
-    notes: tuple[str, ...] = ()
-    """Remarks on the run for the user."""
+    shared_drift: float = NAN  # the same for a drift of the cells common to all runs [-]
+    shared_cells: float = NAN  # the same for zeros and gains of the cells [-]
+    swapped: bool = False  # whether the columns of the tight and the slack cell were swapped
+    notes: tuple[str, ...] = ()  # remarks on the run for the user
 
     @property
     def ok(self) -> bool:

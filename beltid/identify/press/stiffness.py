@@ -72,8 +72,7 @@ class TemperatureEffect:
 
     slope_per_K: float  # relative change of the force; nan with a single temperature
     slope_se_per_K: float
-    matters: bool | None
-    """True if significant and relevant; None with fewer than two temperatures."""
+    matters: bool | None  # true if significant and relevant; None with fewer than two temperatures
     statement: str  # result in plain words
 
 
