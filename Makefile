@@ -55,7 +55,6 @@ verify: $(DEVELOPMENT)  ## long proofs that the tests cannot wait for; each writ
 	$(BIN)/python -m pytest -m long
 	$(BIN)/python -m benchmarks.verify
 	$(BIN)/python -m benchmarks.coverage
-	$(BIN)/python -m benchmarks.coverage_identify
 	$(BIN)/python -m benchmarks.faults
 
 fuzz: $(DEVELOPMENT)  ## properties against new examples, every reader against 150,000 changed files

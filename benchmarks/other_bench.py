@@ -1,35 +1,24 @@
 """A second friction bench with a known answer, independent of the benches in the tests.
 
-    python -m benchmarks.other_bench [--n 1 5 20] [--draws 6] [--faults held slow] [--csv FILE]
-
 A belt of a law of its own (Stribeck over speed, a hyperbola over force) is dragged over the pulley
 between two stiff spans: both tensions follow from the travel of the pulley, so that the build-up,
 the peak and the decay to the plateau are one curve over the sliding distance. Every fault is a
-function that changes a recording. The recordings enter by ``beltid.fit_friction``, the door that
-users have; the table holds the RMS error of ``mu_sliding``, the median stated uncertainty, the
-share of intervals ``value ± 1.96 u`` that hold the truth, and z, the RMS of error over standard
-error. All of it is synthetic.
+function that changes a recording. ``benchmarks/coverage.py`` reduces them. All of it is synthetic.
 """
 
 from __future__ import annotations
 
-import argparse
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import beltid
-
 Array = NDArray[np.float64]
 RADIUS_M = 0.04
 """Radius of the belt's centreline on the pulley [m]."""
 EA_N, SPAN_M = 1.3e5, 0.12
-FACTOR = 1.96
 
 
 @dataclass
@@ -361,56 +350,3 @@ CONFIG = {
     "rig": {"pulley_radius_m": RADIUS_M},
     "belt": {"axial_stiffness_N": EA_N},
 }
-
-
-def measured(name: str, n: int, draws: int, first: int) -> str:
-    """Reduce some draws of a row and return its line of the table."""
-    found: list[list[float]] = []
-    for seed in range(first, first + draws):
-        frame, mu = draw(name, n, seed)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                table = beltid.fit_friction(frame, CONFIG).to_frame()
-            except beltid.BeltidError:
-                found += [[np.nan] * 3] * n
-                continue
-        for i, row in enumerate(table.itertuples()):
-            ok = row.status == "ok"
-            values = (row.mu_sliding, row.mu_sliding_se, row.mu_sliding_u)
-            found.append([v / mu[i] if ok else np.nan for v in values])
-    ratio, se, u = np.array(found, dtype=float).T
-    kept = np.isfinite(ratio)
-    if not kept.any():
-        return f"| {name} | {n} | | | | | 0 of {kept.size} |"
-    error, se, u = ratio[kept] - 1.0, se[kept], u[kept]
-    rms, z = 100.0 * np.sqrt(np.mean(error**2)), np.sqrt(np.mean((error / se) ** 2))
-    inside = 100.0 * np.mean(np.abs(error) < FACTOR * u)
-    return (
-        f"| {name} | {n} | {rms:.3g} | {100 * np.median(u):.3g} | {inside:.0f} | {z:.2f} "
-        f"| {np.count_nonzero(kept)} of {kept.size} |"
-    )
-
-
-def main() -> None:
-    """Print the table, or write one recording."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--n", type=int, nargs="*", default=[1, 5, 20], help="runs of a bench")
-    parser.add_argument("--draws", type=int, default=6, help="benches of a row")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first bench")
-    parser.add_argument("--rows", nargs="*", help="only rows with one of these in their name")
-    parser.add_argument("--csv", type=Path, help="write the first draw of the first row")
-    chosen = parser.parse_args()
-    names = [name for name in ROWS if not chosen.rows or any(part in name for part in chosen.rows)]
-    if chosen.csv:
-        draw(names[0], chosen.n[0], chosen.first)[0].to_csv(chosen.csv, index=False)
-        return
-    print("| bench | n | RMS error [%] | median u [%] | covered by u [%] | z of se | kept |")
-    print("|---|---|---|---|---|---|---|")
-    for name in names:
-        for n in chosen.n:
-            print(measured(name, n, chosen.draws, chosen.first), flush=True)
-
-
-if __name__ == "__main__":
-    main()
