@@ -35,7 +35,7 @@ A straight line through groups with offsets of their own, and white noise of unk
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -48,8 +48,6 @@ Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
-STILL = 0.02
-"""Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +117,6 @@ class Posterior:
     model: Mixed  # the model
     P: Array  # projection of (M2), at a scale of one, (R, m, m)
     level_weights: Array  # weights of the data in the level, (R, m)
-    converged: bool = True  # whether the sizes are those of the largest posterior density
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""
@@ -249,9 +246,7 @@ class Mixed:
             cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
         )
         theta[free] = found.x
-        posterior, slope = self._evaluate(theta)
-        held = (found.x >= self.top[free]) & (slope[free] > 0.0)
-        return replace(posterior, converged=bool(np.all(held | (np.abs(slope[free]) < STILL))))
+        return self._evaluate(theta)[0]
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""

@@ -29,7 +29,7 @@ def numbers(runs: tuple[RunReduction, ...]) -> np.ndarray:
 
 
 def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one() -> None:
-    columns = bench(Recipe(arc_deg=82.0), 8)
+    columns = bench(Recipe(arc_deg=82.0), 4)
     true = reduce_runs(columns, 0.05)
     found = reduce_runs(distorted(columns), 0.05, kind=KNOWN)
     # the search for the sizes of the noise ends where they no longer matter
@@ -38,7 +38,7 @@ def test_a_corrected_recording_gives_the_numbers_of_the_undistorted_one() -> Non
 
 
 def test_what_a_calibration_leaves_is_still_seen_at_rest() -> None:
-    columns = bench(Recipe(offset=3.0), 8)
+    columns = bench(Recipe(offset=3.0), 4)
     runs = reduce_runs(columns, 0.05, kind=tared(3.0))
     # +1.5 N on the tight and -1.5 N on the slack cell: no difference is left, but both read
     # 1.5 N too little, which no comparison of the cells can show
@@ -49,7 +49,7 @@ def test_what_a_calibration_leaves_is_still_seen_at_rest() -> None:
 
 
 def test_exchanged_columns_keep_their_cells() -> None:
-    columns = bench(Recipe(), 5)
+    columns = bench(Recipe(), 3)
     swapped = {
         **columns,
         "tension_tight_N": columns["tension_slack_N"] - 4.0,

@@ -49,8 +49,8 @@ DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS = 2
-"""Turns between the sizes and the shape of the tail."""
+SWEEPS, FIRST_STEPS, STEPS = 2, 15, 40
+"""Turns between the sizes and the tail; steps of the search in the first turn, and later."""
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -309,10 +309,10 @@ def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
     clocks = [np.zeros(3)]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
         clocks.append(np.array([1.0, 0.0, 0.0]))
-    turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}) for powers in clocks]
+    turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}, FIRST_STEPS) for powers in clocks]
     powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
     for _ in range(SWEEPS - 1):
-        powers, A, scale, found = _turn(some, powers, A, scale, found.sizes)
+        powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
     sizes, scale = found.sizes, np.ones(len(records))
     bench = some if len(chosen) == len(records) else Bench(records, centre)
     for _ in range(2):
@@ -324,7 +324,12 @@ def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
 
 
 def _turn(
-    bench: Bench, powers: Array, A: Array, scale: Array | float, sizes: Mapping[str, float]
+    bench: Bench,
+    powers: Array,
+    A: Array,
+    scale: Array | float,
+    sizes: Mapping[str, float],
+    steps: int,
 ) -> tuple[Array, Array, Array | float, Posterior]:
     """Improve the shape of the tail and the noise of the runs, then the sizes."""
     # slow noise from above: a size that is too small has no slope
@@ -335,5 +340,5 @@ def _turn(
         powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
         A = posterior.of("tail")[0]
         scale = noise_scale(bench, posterior)
-    found = bench.model(powers, A, scale).fit(start=sizes, steps=40, tolerance=1e-7)
+    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-7)
     return powers, A, scale, found

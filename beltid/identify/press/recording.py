@@ -294,17 +294,9 @@ def choose_cycles(
     """
     selection = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
-    if not complete:
-        return cycles[selection], ("never unloaded",)
-    kept, wanted = complete[selection], cycles[selection]
-    notes = []
-    if choice == "all" and len(kept) < len(wanted):
-        notes.append(f"{len(wanted) - len(kept)} cycles without unloading left out")
-    elif kept[0] is not wanted[0]:
-        notes.append(
-            f"cycle {wanted[0].number} is not unloaded, cycle {kept[0].number} used in its place"
-        )
+    kept = (complete or cycles)[selection]
+    notes = [] if complete else ["never unloaded"]
     if len(cycles) > 1:
         numbers = ", ".join(str(c.number) for c in kept)
-        notes.append(f"{len(cycles)} cycles found, used: {numbers}")
+        notes.append(f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}")
     return kept, tuple(notes)

@@ -73,8 +73,8 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     """
     labels, runs = _runs(speedloss, pulley_radius_m)
     notes = _cut_to_speed(labels, runs)
-    means = [[_mean(samples) for samples in runs[name]] for name in COLUMNS]
-    tension, torque, speed, driven = np.array(means)
+    one = np.zeros(labels.size, dtype=np.intp)
+    tension, torque, speed, driven = (pooled_means(runs[name], one)[0] for name in COLUMNS)
     series = _series(speed)
     torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
@@ -192,12 +192,6 @@ def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, floa
     weights /= weights.sum()
     se = math.hypot(float(np.linalg.norm(weights * scatter)), float(weights @ coarse))
     return float(weights @ values), se
-
-
-def _mean(samples: Array) -> float:
-    """Average without spikes; nan without samples."""
-    kept = samples[~outlier_mask(samples)]
-    return float(np.mean(kept)) if kept.size else math.nan
 
 
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
