@@ -187,17 +187,3 @@ def test_what_is_no_line():
     # less than one and a half periods
     slow = np.cos(2 * np.pi * 0.7 / 10.0 * (t - 2.0))[:, None] + 0.01 * rng.normal(size=(200, 1))
     assert strongest_line(t, 50.0 * (slow - slow.mean()), basis) is None
-
-
-@pytest.mark.parametrize("n", [2, 4, 5, 6, 7, 40, 41])
-def test_signals_side_by_side_are_taken_each_on_its_own(n):
-    rng = np.random.default_rng(n)
-    rows = rng.normal(200.0, 1.0, (5, n))
-    rows[1] *= 30.0  # a floor or a noise that one signal took from another would show
-    rows[2, n // 2] += 50.0
-    rows[3, 0] += 50.0
-    rows[4] = 7.0
-    assert np.array_equal(running_median(rows, 5), [running_median(row, 5) for row in rows])
-    assert np.array_equal(spike_mask(rows, 6.0), [spike_mask(row, 6.0) for row in rows])
-    if n >= 40:
-        assert np.argwhere(spike_mask(rows, 12.0)).tolist() == [[2, n // 2], [3, 0]]

@@ -24,15 +24,9 @@ NOISE_FLOOR = 2.0e-5
 
 
 def running_median(x: Array, window: int) -> Array:
-    """Return the median over a centred odd window, mirrored at the ends to catch spikes there.
-
-    Signals of shape (..., n) are filtered separately.
-    """
-    n = x.shape[-1]
-    if n < 3:
-        return x.copy()
-    size = [1] * (x.ndim - 1) + [min(window, n - 1 + n % 2)]
-    return median_filter(x, size=size, mode="mirror")
+    """Return the median over a centred odd window, mirrored at the ends to catch spikes there."""
+    n = x.size
+    return median_filter(x, size=min(window, n - 1 + n % 2), mode="mirror") if n > 2 else x.copy()
 
 
 def difference_sigma(x: Array, order: int = 1) -> float:
@@ -129,7 +123,7 @@ def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
-    """Mark samples that lie far from the running median of their neighbours.
+    """Mark samples that lie far from the running median of their neighbours, shape (n,).
 
     The limit grows with the local change of the median, so that the steep build-up of a run and
     its corner do not count as spikes.
@@ -137,26 +131,17 @@ def spike_mask(x: Array, threshold: float) -> Mask:
     Parameters
     ----------
     x : ndarray
-        Finite samples in time order, shape (n,), or several signals, shape (k, n).
+        Finite samples in time order, shape (n,).
     threshold : float
         Limit in standard deviations of the white noise.
-
-    Returns
-    -------
-    ndarray of bool
-        True for a spike; same shape as `x`.
     """
-    if x.shape[-1] < 5:
-        return np.zeros(x.shape, dtype=bool)
+    if x.size < 5:
+        return np.zeros(x.size, dtype=bool)
     middle = running_median(x, SPIKE_WINDOW)
-    half = SPIKE_WINDOW // 2
-    before, after = (np.repeat(end, half, axis=-1) for end in (middle[..., :1], middle[..., -1:]))
-    padded = np.concatenate([before, middle, after], axis=-1)
-    local_change = np.abs(padded[..., 2 * half :] - padded[..., : -2 * half])
-    rows = np.atleast_2d(x)
-    sigma = [max(difference_sigma(r), 10.0 * NOISE_FLOOR * median(np.abs(r))) for r in rows]
-    limit = threshold * np.reshape(sigma, (*x.shape[:-1], 1))
-    return np.abs(x - middle) > limit + local_change
+    padded = np.pad(middle, SPIKE_WINDOW // 2, mode="edge")
+    local_change = np.abs(padded[SPIKE_WINDOW - 1 :] - padded[: 1 - SPIKE_WINDOW])
+    sigma = max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
+    return np.abs(x - middle) > threshold * sigma + local_change
 
 
 def block_means(x: Array, starts: NDArray[np.intp]) -> Array:
