@@ -116,8 +116,13 @@ def read_channels(record: RunRecord) -> Channels:
     if t.size < 2 * BLOCKS:
         return channels
     starts = np.arange(0, t.size, t.size // BLOCKS)
-    names = ("time_s", "tensions", "speed", "temperature")
-    return replace(channels, **{x: block_means(getattr(channels, x), starts) for x in names})
+    return replace(
+        channels,
+        time_s=block_means(channels.time_s, starts),
+        tensions=block_means(channels.tensions, starts),
+        speed=block_means(channels.speed, starts),
+        temperature=block_means(channels.temperature, starts),
+    )
 
 
 def _untied(t: Array) -> Array:

@@ -125,8 +125,8 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.rest_N = (rest.tension_N + half, rest.tension_N - half)
     if weight is not None:  # it is the tension, and friction the imbalance
         W = float(channels.tensions[0, SPANS.index(weight)])
-        known = {"end_se_N": 0.0, "imbalance_N": 0.0, "imbalance_se_N": 0.0}
-        rest = replace(rest, tension_N=W, end_N=W, **known)
+        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
+        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:

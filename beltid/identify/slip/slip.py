@@ -79,7 +79,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     torque_se = pooled_means(runs[TORQUE], series)[1]
     step = resolution(*runs[DRIVER], *runs[DRIVEN])
     rounding = [
-        rounding_of_mean([np.nanstd(w) if np.isfinite(w).any() else 0.0 for w in runs[name]], step)
+        rounding_of_mean(np.array([_scatter(speeds) for speeds in runs[name]]), step)
         for name in (DRIVER, DRIVEN)
     ]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -184,6 +184,11 @@ def _without_torque(torque: Array, se: Array) -> NDArray[np.bool_]:
     """Mark the runs without torque, (R,): below a share of the largest, or within its noise."""
     largest = np.fmax.reduce(torque, initial=0.0)
     return torque <= np.fmax(NO_LOAD_SHARE * largest, np.fmin(2.0 * se, MOST_NOISE * largest))
+
+
+def _scatter(samples: Array) -> float:
+    """Return the standard deviation of the samples that there are; zero without."""
+    return float(np.nanstd(samples)) if np.isfinite(samples).any() else 0.0
 
 
 def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, float]:
