@@ -84,66 +84,32 @@ if TYPE_CHECKING:
         simulate_drive,
     )
 
+# fmt: off
 __all__ = [
-    "ArtifactError",
-    "BeltidError",
-    "BeltidWarning",
-    "Config",
-    "ConfigError",
-    "ContactLaw",
-    "FrictionSurface",
-    "InputError",
-    "NormalLaw",
-    "NumericsError",
-    "Outcome",
-    "__version__",
-    "build_surface",
-    "compare",
-    "compare_drive",
-    "cross_validate",
-    "fit_friction",
-    "fit_slip",
-    "fit_stiffness",
-    "load_config",
-    "load_law",
-    "load_stiffness",
-    "load_surface",
-    "plan_runs",
-    "read_press",
-    "read_rig",
-    "read_speedloss",
-    "refine_surface",
-    "simulate_campaign",
-    "simulate_drive",
-    "simulate_rig",
+    "ArtifactError", "BeltidError", "BeltidWarning", "Config", "ConfigError", "ContactLaw",
+    "FrictionSurface", "InputError", "NormalLaw", "NumericsError", "Outcome", "__version__",
+    "build_surface", "compare", "compare_drive", "cross_validate", "fit_friction", "fit_slip",
+    "fit_stiffness", "load_config", "load_law", "load_stiffness", "load_surface", "plan_runs",
+    "read_press", "read_rig", "read_speedloss", "refine_surface", "simulate_campaign",
+    "simulate_drive", "simulate_rig",
 ]
+# fmt: on
 
-# public name -> its module, imported when the name is first used: `import beltid` stays cheap,
-# numpy and the like are imported only when something is computed
-_HOMES = {
-    **dict.fromkeys(("Config", "load_config"), "config"),
-    **dict.fromkeys(
-        (
-            *("ArtifactError", "BeltidError", "BeltidWarning"),
-            *("ConfigError", "InputError", "NumericsError"),
-        ),
-        "errors",
-    ),
-    "ContactLaw": "export.law",
-    "FrictionSurface": "laws.friction_surface",
-    "NormalLaw": "laws.penalty",
-    "Outcome": "stage",
-    **dict.fromkeys(
-        (
-            *("build_surface", "compare", "compare_drive", "cross_validate", "fit_friction"),
-            *("fit_slip", "fit_stiffness", "plan_runs", "read_press", "read_rig"),
-            *("read_speedloss", "refine_surface", "simulate_drive"),
-        ),
-        "stages.steps",
-    ),
-    **dict.fromkeys(("load_law", "load_stiffness", "load_surface"), "stages.inputs"),
-    **dict.fromkeys(("simulate_campaign", "simulate_rig"), "stages.simulated_runs"),
+# module -> its public names, imported when first used: `import beltid` stays cheap, numpy and the
+# like are imported only when something is computed
+_PUBLIC = {
+    "config": "Config load_config",
+    "errors": "ArtifactError BeltidError BeltidWarning ConfigError InputError NumericsError",
+    "export.law": "ContactLaw",
+    "laws.friction_surface": "FrictionSurface",
+    "laws.penalty": "NormalLaw",
+    "stage": "Outcome",
+    "stages.inputs": "load_law load_stiffness load_surface",
+    "stages.simulated_runs": "simulate_campaign simulate_rig",
+    "stages.steps": "build_surface compare compare_drive cross_validate fit_friction fit_slip "
+    "fit_stiffness plan_runs read_press read_rig read_speedloss refine_surface simulate_drive",
 }
+_HOMES = {name: module for module, names in _PUBLIC.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -30,13 +30,7 @@ EXIT_BATCH_FAILED = 5
 
 
 def printable(text: str) -> str:
-    """Escape line breaks, terminal control characters and text-direction marks in a text.
-
-    Parameters
-    ----------
-    text : str
-        Any text, such as a cell of a file that a message quotes.
-    """
+    """Escape line breaks, terminal control characters and text-direction marks in a text."""
     text = _shortened(text)
     if text.isprintable():
         return text
@@ -49,24 +43,12 @@ def printable(text: str) -> str:
 
 
 def percent(value: float) -> str:
-    """Format a percentage with two significant digits, never as a power of ten.
-
-    Examples
-    --------
-    >>> percent(0.144), percent(99.7)
-    ('0.14 %', '100 %')
-    """
+    """Format a percentage with two significant digits, never as a power of ten."""
     return f"{float(f'{value:.2g}'):g} %"
 
 
 def counted(number: int, what: str) -> str:
-    """Format a count with its noun, singular or plural.
-
-    Examples
-    --------
-    >>> counted(1, "run"), counted(120, "run")
-    ('1 run', '120 runs')
-    """
+    """Format a count with its noun: ``1 run``, ``120 runs``."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
@@ -83,17 +65,12 @@ class BeltidWarning(UserWarning):
 class BeltidError(Exception):
     """Base class of all errors that a user can correct.
 
-    Parameters
-    ----------
-    problems : str or sequence of str
-        One line per problem, each with its place, what was found and what is allowed.
-
     Attributes
     ----------
     exit_status : int
         Exit status of the command line for this error.
     problems : tuple of str
-        The lines, made printable.
+        A printable line per problem, each with its place, what was found and what is allowed.
     """
 
     exit_status: int = EXIT_INPUT
@@ -135,15 +112,7 @@ class NumericsError(BeltidError):
 
 
 class ConvergenceError(NumericsError):
-    """Iteration that did not converge.
-
-    Attributes
-    ----------
-    iterations : int
-        Iterations spent.
-    residual : float
-        Last residual, in the unit given in the message.
-    """
+    """Iteration that did not converge, after some `iterations`, with a `residual` left."""
 
     def __init__(
         self, problems: str | Sequence[str], *, iterations: int = 0, residual: float = float("nan")
@@ -184,17 +153,7 @@ class Problems:
     def add_alike(
         self, rows: Sequence[int] | np.ndarray, text: Callable[[int], str], place: PlaceOf
     ) -> None:
-        """Add the same kind of problem in several rows; if there are many, the first and a count.
-
-        Parameters
-        ----------
-        rows : sequence of int, ndarray
-            Row indices.
-        text : callable
-            Row index -> what is wrong with the row.
-        place : callable
-            Row index -> text of its place, and its line number.
-        """
+        """Add the same problem of several rows, by their index; of many, the first and a count."""
         more = f" ({len(rows) - 1} more like it)" if len(rows) > ALIKE else ""
         for row in rows[:1] if more else rows:
             where, line = place(int(row))
@@ -207,13 +166,7 @@ class Problems:
         self.found += others.found[: 20 * SHOWN - len(self.found)]
 
     def merge_repeated(self, places: Sequence[str]) -> None:
-        """Merge problems that are the same in several files into one.
-
-        Parameters
-        ----------
-        places : sequence of str
-            File names, with which the problems begin.
-        """
+        """Merge problems that are the same in several files, whose names they begin with."""
         alike: dict[str, list[tuple[int, str]]] = {}
         for line, text in self.found:
             place = next((p for p in places if text.startswith(p)), "")
@@ -229,13 +182,7 @@ class Problems:
             self.found.append((line, text))
 
     def raise_if_any(self) -> None:
-        """Raise an InputError that lists the first problems and counts the rest.
-
-        Raises
-        ------
-        InputError
-            If any problem was added.
-        """
+        """Raise an InputError that lists the first problems and counts the rest."""
         if not self.count:
             return
         shown = [text for _, text in sorted(self.found, key=lambda item: item[0])[:SHOWN]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -120,28 +119,12 @@ def test_a_campaign_is_a_row_per_run_whatever_the_number_of_jobs() -> None:
     one = beltid.simulate_campaign(config, 0.5, LAW, method="steady", jobs=1)
     two = beltid.simulate_campaign(config, 0.5, LAW, method="steady", jobs=2)
     pd.testing.assert_frame_equal(one, two)
-    assert list(one.columns) == [
-        "run",
-        "arc_deg",
-        "initial_tension_N",
-        "pulley_speed_rad_s",
-        "tension_tight_N",
-        "tension_slack_N",
-        "mu",
-        "normal_force_N_m",
-        "status",
-    ]
-    assert len(one) == 8
-    assert (one["status"] == "ok").all()
-    single = beltid.simulate_rig(
-        config,
-        0.5,
-        LAW,
-        arc_deg=82,
-        initial_tension_N=270,
-        pulley_speed_rad_s=0.21,
-        method="steady",
+    assert " ".join(one.columns) == (
+        "run arc_deg initial_tension_N pulley_speed_rad_s tension_tight_N tension_slack_N mu "
+        "normal_force_N_m status"
     )
+    assert (len(one), set(one["status"])) == (8, {"ok"})
+    single = beltid.simulate_rig(config, 0.5, LAW, **POINT, method="steady")
     assert one["mu"].iloc[-1] == single.mu
 
 
@@ -277,76 +260,47 @@ def test_files_of_the_commands_load(rig: pd.DataFrame, published: Any, tmp_path:
         beltid.load_surface(tmp_path / "stiffness.parquet")
 
 
+def simulated(surface: Any = 0.5, law: Any = LAW, **changed: Any) -> Any:
+    return beltid.simulate_rig(None, surface, law, **{**POINT, **changed})
+
+
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "named"),
     [
-        (lambda: beltid.simulate_rig(None, 0.5, None, **POINT), r"law = None, must be a NormalLaw"),
-        (lambda: beltid.simulate_campaign(None, 0.5, "soft"), r"law = str, must be a NormalLaw"),
+        (lambda: simulated(law=None), ["law = None"]),
+        (lambda: beltid.simulate_campaign(None, 0.5, "soft"), ["law = str"]),
+        (lambda: beltid.refine_surface(pd.DataFrame({"mu": [1.0]}), None), ["law = None"]),
+        (lambda: simulated(arc_deg=400), ["arc_deg = 400", "360 °"]),
+        (lambda: simulated(arc_deg="wide"), ["arc_deg = 'wide'", "number"]),
         (
-            lambda: beltid.refine_surface(pd.DataFrame({"mu": [1.0]}), None),
-            r"law = None, must be a NormalLaw",
+            lambda: simulated(arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None),
+            ["arc_deg = 0", "initial_tension_N = nan", "pulley_speed_rad_s = None"],
         ),
-        (
-            lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "arc_deg": 400}),
-            r"^arc_deg = 400, must be > 0 and < 360 °$",
-        ),
-        (
-            lambda: beltid.simulate_rig(None, 0.5, LAW, **{**POINT, "arc_deg": "wide"}),
-            r"^arc_deg = 'wide', must be a number > 0 and < 360 °$",
-        ),
-        (
-            lambda: beltid.simulate_rig(
-                None, 0.5, LAW, arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None
-            ),
-            r"^arc_deg = 0, must be > 0 and < 360 °\n"
-            r"initial_tension_N = nan, must be > 0 N and finite\n"
-            r"pulley_speed_rad_s = None, must be a number > 0 rad/s and finite$",
-        ),
-        (
-            lambda: beltid.simulate_rig(
-                None, 0.5, LAW, **{**POINT, "initial_tension_N": np.float64(-1.0)}
-            ),
-            r"^initial_tension_N = -1, must be > 0 N and finite$",
-        ),
-        (
-            lambda: beltid.simulate_rig(None, -0.5, LAW, **POINT),
-            r"^surface = -0.5, must be > 0 and finite",
-        ),
-        (lambda: beltid.simulate_rig(None, "steep", LAW, **POINT), r"^surface = str, must be a "),
-        (lambda: beltid.simulate_rig(None, True, LAW, **POINT), r"^surface = bool, must be a "),
-        (
-            lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, method="fast"),
-            r"^method = 'fast', ",
-        ),
-        (
-            lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, elements=7),
-            r"elements = 7, must be even and >= 4",
-        ),
-        (
-            lambda: beltid.simulate_rig(None, 0.5, LAW, **POINT, elements="many"),
-            r"elements = 'many', must be a whole number, even and >= 4",
-        ),
-        (lambda: GRID.mu("a", 1), r"normal_force_N_m: must be an array of numbers"),
-        (lambda: GRID.gradient(1, "a"), r"slip_speed_m_s: must be an array of numbers"),
-        (lambda: GRID.covers(None, {}), r"slip_speed_m_s: must be an array of numbers"),
-        (lambda: GRID.mu_se_at([1, [2]], 1), r"normal_force_N_m: must be an array of numbers"),
-        (
-            lambda: GRID.mu([1.0, 2.0], [1.0, 2.0, 3.0]),
-            r"shapes \(2,\) and \(3,\) do not go together",
-        ),
+        (lambda: simulated(initial_tension_N=np.float64(-1.0)), ["initial_tension_N = -1,"]),
+        (lambda: simulated(-0.5), ["surface = -0.5"]),
+        (lambda: simulated("steep"), ["surface = str"]),
+        (lambda: simulated(True), ["surface = bool"]),
+        (lambda: simulated(method="fast"), ["method = 'fast'"]),
+        (lambda: simulated(elements=7), ["elements = 7", "even"]),
+        (lambda: simulated(elements="many"), ["elements = 'many'", "even"]),
+        (lambda: GRID.mu("a", 1), ["normal_force_N_m"]),
+        (lambda: GRID.gradient(1, "a"), ["slip_speed_m_s"]),
+        (lambda: GRID.covers(None, {}), ["slip_speed_m_s"]),
+        (lambda: GRID.mu_se_at([1, [2]], 1), ["normal_force_N_m"]),
+        (lambda: GRID.mu([1.0, 2.0], [1.0, 2.0, 3.0]), ["(2,)", "(3,)"]),
         (
             lambda: beltid.FrictionSurface([2.0, 1.0], [0.01], [[1.0], [1.0]]),
-            r"normal_force_N_m\[1\] = 1 after 2, must be strictly increasing",
+            ["normal_force_N_m[1] = 1"],
         ),
-        (lambda: beltid.NormalLaw(np.float64(-1.0)), r"k_linear_N_m2 = -1, must be >= 0"),
+        (lambda: beltid.NormalLaw(np.float64(-1.0)), ["k_linear_N_m2 = -1,"]),
     ],
 )
 def test_a_wrong_argument_is_named_in_the_words_and_units_of_the_call(
-    call: Any, message: str
+    call: Any, named: list[str]
 ) -> None:
     with pytest.raises(beltid.InputError) as caught:
         call()
-    assert re.search(message, str(caught.value)), str(caught.value)
+    assert all(words in str(caught.value) for words in named), str(caught.value)
     assert "float64" not in str(caught.value)
 
 

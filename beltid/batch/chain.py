@@ -1,53 +1,42 @@
-"""The chain of a belt: the method as a table of steps, each with its inputs."""
+"""The chain of a belt: the method as a table of steps, and what became of each."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import beltid.stages.steps  # noqa: F401  makes the stages known
-from beltid.batch.belts import (
-    DONE,
-    FAILED,
-    HELD_OUT,
-    NOT_RUN,
-    OUT_OF_TOLERANCE,
-    REPORT,
-    SKIPPED,
-    TO_BE_MADE,
-    UP_TO_DATE,
-    WRONG,
-    Belt,
-)
 from beltid.config import Config, ConfigSource
-from beltid.errors import EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
+from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewSettings
 from beltid.notes import Prefix, log, prefixed
 from beltid.report.view import summary_of
 from beltid.stage import STAGES, Stage
 from beltid.stages.named_recordings import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
 from beltid.stages.workers import Workers
-from beltid.store.disk import remove_stale
+
+DONE: Final = "done"
+UP_TO_DATE: Final = "up to date"
+TO_BE_MADE: Final = "to be made"
+FAILED: Final = "failed"
+WRONG: Final = "cannot be made"
+OUT_OF_TOLERANCE: Final = "out of tolerance"
+REPORT: Final = "report"
+OVERRIDDEN_BY: Final = {"compare": "compare refined"}
+"""Comparison that may be out of tolerance -> comparison whose success overrides it: the bias of the
+published surface is known, the refined surface is the result."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the chain.
+    """One step of the chain: its stage, with a suffix if the chain has it twice, and its file.
 
-    Attributes
-    ----------
-    name : str
-        Name of its stage, with a suffix if the chain has it twice.
-    makes : str
-        Name of its file.
-    needs : dict
-        Parameter of the stage -> recording or file of an earlier step.
-    section : str
-        Section of the config that must be stated for the step; "" for none.
+    `needs` says for each parameter of the stage which recording, or file of an earlier step, it is;
+    `section`, which section of the config must be stated ("": none).
     """
 
     name: str
@@ -59,10 +48,6 @@ class Step:
     def stage(self) -> Stage:
         """The stage."""
         return STAGES[self.name.partition(" ")[0]]
-
-    def ready(self, files: Collection[str]) -> bool:
-        """Return whether all inputs exist."""
-        return all(name in files for name in self.needs.values())
 
     def inputs(self, files: Mapping[str, Path]) -> dict[str, Path]:
         """Return its inputs by parameter."""
@@ -81,7 +66,7 @@ CHAIN: Final = (
     Step("compare", "compare", FRICTION | {"simulated": "simulated"}),
     Step("simulate-rig refined", "simulated_refined", REFINED | STIFFNESS | FRICTION),
     Step("compare refined", "compare_refined", FRICTION | {"simulated": "simulated_refined"}),
-    Step(HELD_OUT, "crossvalidation", FRICTION | STIFFNESS),
+    Step("cross-validate", "crossvalidation", FRICTION | STIFFNESS),
     Step("simulate-drive", "drive", REFINED | STIFFNESS | {"slip": "slip"}, "drive"),
     Step("compare-drive", "compare_drive", {"slip": "slip", "drive": "drive"}, "drive"),
 )
@@ -93,20 +78,66 @@ OF_RUNNING_BELT: Final = ("fit-stiffness", "fit-slip", "fit-friction", "build-su
 """Steps that need no simulated rig; a running belt has none."""
 
 
+@dataclass(slots=True)
+class Belt:
+    """What became of the chain of a belt."""
+
+    name: str
+    states: dict[str, str] = field(default_factory=dict)
+    """State of every step, in the order of the chain."""
+    lacking: tuple[str, ...] = ()
+    """Kinds of recordings that the chain can use but the config does not name."""
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Facts of the steps that have a result."""
+    troubles: dict[str, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+    """Exit status and problems of the steps that have any."""
+    origins: list[str | None] = field(default_factory=list)
+    made: list[str] = field(default_factory=list)
+    """Names of the files that exist, recordings among them."""
+    new: bool = False
+    """Whether anything was computed."""
+
+    def failed(self, name: str, error: BeltidError) -> None:
+        """Record and log that a step failed."""
+        self.states[name] = FAILED
+        self.troubles[name] = (error.exit_status, error.problems)
+        _say(logging.ERROR, name, error.problems)
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the first step that failed, unless another one overrides it."""
+        for name, (status, _) in self.troubles.items():
+            by = self.states.get(OVERRIDDEN_BY.get(name, ""))
+            if self.states[name] != OUT_OF_TOLERANCE or by not in (DONE, UP_TO_DATE):
+                return status
+        return EXIT_DONE
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """The steps that failed, each with its exit status and its first problem."""
+        return tuple(
+            f"{name} failed (exit status {status}): {problems[0]}"
+            for name, (status, problems) in self.troubles.items()
+            if self.states[name] == FAILED
+        )
+
+
 def chain_of(config: Config) -> list[Step]:
     """Return the steps of a chain."""
     if config.rig.kind == "running":
         return [step for step in CHAIN if step.name in OF_RUNNING_BELT]
+    left_out = "cross-validate" if config.cross_validate.by == "none" else ""
     chain = [s for s in CHAIN if not s.section or s.section in config.model_fields_set]
-    return [s for s in chain if s.name != HELD_OUT or config.cross_validate.by != "none"]
+    return [step for step in chain if step.name != left_out]
 
 
 def states_at_first(chain: Sequence[Step], recordings: Collection[str]) -> dict[str, str]:
     """Return the state of every step before the first: some lack a recording."""
     available, states = set(recordings), {}
     for step in chain:
-        states[step.name] = NOT_RUN if step.ready(available) else SKIPPED
-        available |= {step.makes} if step.ready(available) else set()
+        ready = available.issuperset(step.needs.values())
+        states[step.name] = "not run" if ready else "no recording"
+        available |= {step.makes} if ready else set()
     return states
 
 
@@ -118,7 +149,7 @@ def look_at_belt(
     states, stale = states_at_first(chain, files), set[str]()
     for step in chain:
         out, state, error = folder / f"{step.makes}.parquet", states[step.name], None
-        if step.ready(files):
+        if files.keys() >= set(step.needs.values()):
             state = TO_BE_MADE
             if not force and stale.isdisjoint(step.needs.values()):
                 try:
@@ -134,38 +165,58 @@ def look_at_belt(
 
 
 def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: bool = False) -> Belt:
-    """Run the chain of a belt; a step that fails does not stop those that do not need it.
-
-    Parameters
-    ----------
-    source : ConfigSource
-        The config.
-    folder : Path
-        Results folder of the belt.
-    workers : Workers
-        Run the heavy calls.
-    force : bool
-        Whether to compute again what is up to date.
-    """
+    """Run the chain of a belt; a step that fails does not stop those that do not need it."""
     chain, files = chain_of(source.config), dict(source.config.data.files)
     belt = Belt(source.name, states_at_first(chain, files), tuple(lacking(source.config)))
-    remove_stale(folder)
     with prefixed(Prefix(f"{source.name}: ")):
-        _announce(belt, source, folder)
+        synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
+        log.info("config %s%s, results in %s", source.origin, synthetic, folder)
+        if source.config.rig.kind == "running":
+            from beltid.stages.planned_runs import NOT_SIMULATED
+
+            log.info(NOT_SIMULATED)
+        for kind in belt.lacking:
+            log.warning(WITHOUT[kind])
         for step in chain:
-            if step.ready(files):
+            if files.keys() >= set(step.needs.values()):
                 out = folder / f"{step.makes}.parquet"
                 try:
-                    _run_step(belt, step, source, step.inputs(files), out, workers, force=force)
+                    _run_step(belt, step, source, step.inputs(files), out, workers, force)
                     files[step.makes] = out
                 except TooFewSettings as error:
-                    belt.few_settings(step.name)
+                    belt.states[step.name] = "too few settings"
                     _say(logging.WARNING, step.name, error.problems)
                 except BeltidError as error:
                     belt.failed(step.name, error)
-                    _say(logging.ERROR, step.name, error.problems)
     belt.made = sorted(files)
     return belt
+
+
+def _run_step(
+    belt: Belt,
+    step: Step,
+    source: ConfigSource,
+    inputs: Mapping[str, Path],
+    out: Path,
+    workers: Workers,
+    force: bool,
+) -> None:
+    start, name = time.monotonic(), step.name
+    built = step.stage.run(source, inputs, out, force=force, workers=workers)
+    said = summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=step.stage.fails_with)
+    belt.states[name] = UP_TO_DATE if built.up_to_date else DONE
+    if said.exit_status:
+        judged = said.exit_status == EXIT_OUT_OF_TOLERANCE
+        belt.states[name] = OUT_OF_TOLERANCE if judged else FAILED
+        belt.troubles[name] = (said.exit_status, (said.verdict, *said.warnings))
+    belt.facts[name] = said.facts
+    belt.origins.append(said.origin)
+    belt.new |= not built.up_to_date
+    spent = "" if built.up_to_date else f", {time.monotonic() - start:.1f} s"
+    log.info("%s: %s%s", name, belt.states[name], spent)
+    _say(logging.DEBUG, name, said.notes)
+    _say(logging.WARNING, name, said.warnings)
+    _say(logging.INFO, name, [said.verdict])
 
 
 def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = False) -> None:
@@ -182,56 +233,14 @@ def add_page(belt: Belt, source: ConfigSource, folder: Path, *, force: bool = Fa
 
                 page, state, belt.new = of_belt(shown, out, force=force), DONE, True
                 _say(logging.WARNING, REPORT, page.warnings)
-                _say(logging.INFO, REPORT, [page.verdict] if page.verdict else [])
+                _say(logging.INFO, REPORT, [page.verdict])
         except BeltidError as error:
             belt.failed(REPORT, error)
-            _say(logging.ERROR, REPORT, error.problems)
             return
         belt.states[REPORT] = state
         log.info("%s: %s, %s", REPORT, state, out)
 
 
-def _announce(belt: Belt, source: ConfigSource, folder: Path) -> None:
-    synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
-    log.info("config %s%s, results in %s", source.origin, synthetic, folder)
-    if source.config.rig.kind == "running":
-        from beltid.stages.planned_runs import NOT_SIMULATED
-
-        log.info(NOT_SIMULATED)
-    for kind in belt.lacking:
-        log.warning(WITHOUT[kind])
-
-
-def _run_step(
-    belt: Belt,
-    step: Step,
-    source: ConfigSource,
-    inputs: Mapping[str, Path],
-    out: Path,
-    workers: Workers,
-    *,
-    force: bool,
-) -> None:
-    start = time.monotonic()
-    built = step.stage.run(source, inputs, out, force=force, workers=workers)
-    summary = summary_of(
-        built.artifact, up_to_date=built.up_to_date, fails_with=step.stage.fails_with
-    )
-    state = UP_TO_DATE if built.up_to_date else DONE
-    if summary.exit_status:
-        state = OUT_OF_TOLERANCE if summary.exit_status == EXIT_OUT_OF_TOLERANCE else FAILED
-        belt.troubles[step.name] = (summary.exit_status, (summary.verdict, *summary.warnings))
-    belt.states[step.name] = state
-    belt.facts[step.name] = summary.facts
-    belt.origins.append(summary.origin)
-    belt.new |= not built.up_to_date
-    spent = "" if built.up_to_date else f", {time.monotonic() - start:.1f} s"
-    log.info("%s: %s%s", step.name, state, spent)
-    _say(logging.DEBUG, step.name, summary.notes)
-    _say(logging.WARNING, step.name, summary.warnings)
-    _say(logging.INFO, step.name, [summary.verdict] if summary.verdict else [])
-
-
 def _say(level: int, name: str, lines: Sequence[str]) -> None:
-    for line in lines:
+    for line in filter(None, lines):
         log.log(level, "%s: %s", name, line)

@@ -9,73 +9,53 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from logging.handlers import QueueHandler
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
-from beltid.batch.belts import Belt
+from beltid.batch.chain import Belt
 from beltid.errors import BeltidError
 from beltid.notes import log, python_warnings
 
 SPAWN: Final = multiprocessing.get_context("spawn")
 """Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
 LAST_NOTES_S: Final = 5.0
-"""Longest time that is waited for the last notes of processes that ended."""
 Work = Callable[..., Belt]
-"""A module-level function."""
 
 
 def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
-    """Yield what becomes of belts as they end, each in a process.
+    """Yield what becomes of belts as they end, each in a process, `jobs` at the same time.
 
-    If a process is killed, the belts that have not ended are tried once more, each in a process of
-    its own: what they had finished is up to date, and the belt to blame is known.
-
-    Parameters
-    ----------
-    work : callable
-        A module-level function that runs a belt.
-    calls : mapping of str to tuple
-        Name of a belt -> the arguments.
-    jobs : int
-        Number of processes at the same time.
+    If a process is killed, the belts that have not ended are tried once more, one after the other:
+    what they had finished is up to date, and the belt to blame is known. `work` is a module-level
+    function, `calls` has its arguments by the name of the belt.
     """
     left = dict(calls)
     try:
         for belt in _ended(work, calls, jobs):
             del left[belt.name]
             yield belt
+        return
     except BrokenProcessPool:
         log.warning("a process was killed (out of memory?), once more: %s", ", ".join(left))
-    with ThreadPoolExecutor(jobs) as pool:
-        yield from pool.map(partial(_alone, work), left.items())
-
-
-def _alone(work: Work, call: tuple[str, tuple[Any, ...]]) -> Belt:
-    try:
-        (belt,) = _ended(work, dict([call]), 1)
-    except BrokenProcessPool:
-        text = "was killed twice (out of memory?); run again, with fewer --jobs"
-        belt = Belt(call[0])
-        belt.failed("process", BeltidError(text))
-        log.error("%s: its process %s", belt.name, text)
-    return belt
+    for name, call in left.items():
+        try:
+            yield from _ended(work, {name: call}, 1)
+        except BrokenProcessPool:
+            belt = Belt(name)
+            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
+            belt.failed("process", BeltidError(text))
+            yield belt
 
 
 def _ended(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
     with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
         with _signals_blocked():
-            ends = [pool.submit(_with_warnings, work, call) for call in calls.values()]
+            ends = [pool.submit(work, *call) for call in calls.values()]
         for end in as_completed(ends):
             yield end.result()
-
-
-def _with_warnings(work: Work, call: tuple[Any, ...]) -> Belt:
-    with python_warnings():
-        return work(*call)
 
 
 def _begin(notes: Any) -> None:
@@ -83,6 +63,7 @@ def _begin(notes: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     log.setLevel(logging.DEBUG)
     log.addHandler(QueueHandler(notes))
+    python_warnings().__enter__()  # for as long as the process lives
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -96,7 +77,9 @@ def _end_with_parent() -> None:
 @contextlib.contextmanager
 def _heard() -> Iterator[Any]:
     """Open a queue whose notes are logged here."""
-    with _signals_blocked(), _quiet():
+    # what cleans up after a parent that was killed need not say so
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
+    with _signals_blocked():
         resource_tracker.ensure_running()
     notes = SPAWN.Queue()
     notes.cancel_join_thread()
@@ -117,24 +100,8 @@ def _heard() -> Iterator[Any]:
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
     """Shield the processes started inside from Ctrl-C and hang-up: the parent ends them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the process that cleans up after a parent that was killed: it is as it should be."""
-    before = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = "ignore"
-    try:
-        yield
-    finally:
-        os.environ.pop("PYTHONWARNINGS")
-        if before is not None:
-            os.environ["PYTHONWARNINGS"] = before

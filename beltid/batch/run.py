@@ -1,4 +1,4 @@
-"""All belts of a batch: their chains, their reports, and what would be done."""
+"""All belts of a batch: their configs, their chains, their reports, and what would be done."""
 
 from __future__ import annotations
 
@@ -8,13 +8,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from beltid.batch.belts import FAILED, REPORT, TO_BE_MADE, WRONG, Belt, batch_summary
-from beltid.batch.chain import add_page, look_at_belt, run_belt
-from beltid.config import ConfigSource
-from beltid.errors import EXIT_DONE, BeltidError, ConfigError
+from beltid.batch.chain import (
+    DONE,
+    FAILED,
+    OUT_OF_TOLERANCE,
+    REPORT,
+    TO_BE_MADE,
+    UP_TO_DATE,
+    WRONG,
+    Belt,
+    add_page,
+    look_at_belt,
+    run_belt,
+)
+from beltid.config import ConfigSource, load_config
+from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
+from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import mismatched_kinds
+from beltid.stages.named_recordings import wrong_recordings
 from beltid.stages.page_mark import (
     NAME,
     OnPage,
@@ -25,9 +37,52 @@ from beltid.stages.page_mark import (
     up_to_date,
 )
 from beltid.stages.workers import available_cores, threads
+from beltid.store.artifact import combined_origin
 
 AT_ONCE: Final = 8
 """Number of belts whose files are read and written at the same time if a cluster computes."""
+COLUMNS: Final = (
+    ("k_linear_N_m2", "fit-stiffness", "k_linear_N_m2"),
+    ("k_quadratic_N_m3", "fit-stiffness", "k_quadratic_N_m3"),
+    ("runs", "fit-friction", "runs"),
+    ("rms_percent", "compare", "rms_percent"),
+    ("largest_percent", "compare", "largest_percent"),
+    ("refined_rms_percent", "compare refined", "rms_percent"),
+    ("refined_largest_percent", "compare refined", "largest_percent"),
+    ("predicted_rms_percent", "cross-validate", "rms_percent"),
+)
+"""Columns of the table: name, step, fact; those of a comparison are over all its runs."""
+
+
+def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
+    """Load the configs of a batch, one per belt, and that of ``--config``.
+
+    All their problems are raised at once as a ConfigError, with missing recordings and equal names.
+    """
+    named = [(path, str(path)) for path in paths]
+    if explicit is not None:
+        named.append((explicit, f"{explicit} (--config)"))
+    elif not named and (path := named_by_environment()) is not None:
+        named.append((path, f"{path} (named by ${ENVIRONMENT_VARIABLE})"))
+    if not named:
+        raise InputError("no config given: beltid run CONFIG.yaml, or set $BELTID_CONFIG")
+    problems, sources = list[str](), dict[str, ConfigSource]()
+    for path, origin in named:
+        try:
+            source = ConfigSource(load_config(path), origin, path)
+        except BeltidError as error:
+            problems += error.problems
+            continue
+        problems += wrong_recordings(source)
+        other = sources.setdefault(source.name.lower(), source)  # file systems may ignore case
+        if other is not source:
+            problems.append(
+                f"{path}: belt.name = {source.name}, must differ from that of {other.path}: "
+                "it names the folder of the results"
+            )
+    if problems:
+        raise ConfigError(problems)
+    return list(sources.values())
 
 
 def run_batch(
@@ -41,48 +96,25 @@ def run_batch(
 ) -> Summary:
     """Run the chain of every belt and summarize the batch; a belt that fails stops no other.
 
-    Parameters
-    ----------
-    sources : sequence of ConfigSource
-        One config per belt.
-    folder : Path
-        Results folder; each belt has a folder in it.
-    jobs : int, optional
-        Number of cores to use; by default all. Several belts have a process each.
-    scheduler : str
-        Address of a Dask scheduler whose cluster runs the simulations; "" for this machine.
-    force, report : bool
-        Whether to compute again what is up to date, and to write the reports.
-
-    Raises
-    ------
-    ConfigError
-        If recordings of a new belt are swapped.
+    Each belt has a folder in `folder`. `jobs` cores are used, by default all; `scheduler` is the
+    address of a Dask cluster that simulates instead. `force` computes again what is up to date.
     """
-    new = [source for source in sources if not (folder / source.name).is_dir()]
-    if wrong := [line for source in new for line in mismatched_kinds(source)]:
-        raise ConfigError(wrong)
-    found = _belts(sources, folder, jobs, scheduler, force, report)
-    ended = {belt.name: belt for belt in found}
-    belts = [ended[source.name] for source in sources]
-    if report:
-        write_page_of_all(belts, sources, folder, force=force)
-    return batch_summary(belts, folder)
-
-
-def _belts(
-    sources: Sequence[ConfigSource],
-    folder: Path,
-    jobs: int | None,
-    scheduler: str,
-    force: bool,
-    report: bool,
-) -> Iterator[Belt]:
-    """Yield the belts as they end: here, in processes, or with a cluster."""
     if scheduler:
-        yield from _on_cluster(sources, folder, scheduler, force, report)
-        return
-    jobs, calls = jobs or available_cores(), {}
+        ended = _on_cluster(sources, folder, scheduler, force, report)
+    else:
+        ended = _here(sources, folder, jobs or available_cores(), force, report)
+    by_name = {belt.name: belt for belt in ended}
+    belts = [by_name[source.name] for source in sources]
+    if report:
+        _compare_on_page(belts, sources, folder, force)
+    return _summary(belts, folder)
+
+
+def _here(
+    sources: Sequence[ConfigSource], folder: Path, jobs: int, force: bool, report: bool
+) -> Iterator[Belt]:
+    """Yield the belts as they end; those with work to do in processes, if there are several."""
+    calls = {}
     for source in sources:
         place = folder / source.name
         if len(sources) > 1 and jobs > 1 and (force or _has_work(source, place)):
@@ -99,6 +131,10 @@ def _belts(
         )
 
 
+def _has_work(source: ConfigSource, folder: Path) -> bool:
+    return any(state in (TO_BE_MADE, WRONG) for _, _, state, _ in look_at_belt(source, folder))
+
+
 def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: bool) -> Belt:
     """Run the chain of a belt in this process, and write its report."""
     belt = run_belt(source, folder, threads(jobs), force=force)
@@ -107,30 +143,24 @@ def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: 
     return belt
 
 
-def _has_work(source: ConfigSource, folder: Path) -> bool:
-    return any(state in (TO_BE_MADE, WRONG) for _, _, state, _ in look_at_belt(source, folder))
-
-
 def _on_cluster(
     sources: Sequence[ConfigSource], folder: Path, scheduler: str, force: bool, report: bool
 ) -> Iterator[Belt]:
     from beltid.batch.cluster import Cluster
 
     cluster = Cluster(scheduler)
-    try:
-        with ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool:
-            run = partial(run_belt, workers=cluster, force=force)
-            places = [folder / source.name for source in sources]
-            for source, belt in zip(sources, pool.map(run, sources, places), strict=True):
-                if report:  # here: matplotlib does not draw in several threads
-                    add_page(belt, source, folder / source.name, force=force)
-                yield belt
-    finally:
-        cluster.close()
+    with ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool:
+        run = partial(run_belt, workers=cluster, force=force)
+        places = [folder / source.name for source in sources]
+        for source, belt in zip(sources, pool.map(run, sources, places), strict=True):
+            if report:  # here: matplotlib does not draw in several threads
+                add_page(belt, source, folder / source.name, force=force)
+            yield belt
+    cluster.close()
 
 
-def write_page_of_all(
-    belts: Sequence[Belt], sources: Sequence[ConfigSource], folder: Path, *, force: bool = False
+def _compare_on_page(
+    belts: Sequence[Belt], sources: Sequence[ConfigSource], folder: Path, force: bool
 ) -> None:
     """Write the page that compares the belts, and those of earlier batches in the folder."""
     shown = {
@@ -140,7 +170,7 @@ def write_page_of_all(
     }
     if not shown:
         return
-    in_batch = {folder / source.name for source in sources}
+    ours, in_batch = list(shown), {folder / source.name for source in sources}
     for place in reported_in(folder):
         if place not in in_batch:
             shown[place] = OnPage(place, config_of(place))
@@ -148,36 +178,82 @@ def write_page_of_all(
         return
     on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
     try:
-        mark = made_from(*on_page, words=links_to(on_page, page))
-        if not up_to_date(page, mark, force=force):
+        if not up_to_date(page, made_from(*on_page, words=links_to(on_page, page)), force=force):
             from beltid.stages.report_belt import of_belts
 
             of_belts(on_page, page, force=force)
+        log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
-        for line in error.problems:
-            log.error("%s: %s", REPORT, line)
-        next(b for b in reversed(belts) if folder / b.name in shown).failed(REPORT, error)
-        return
-    log.info("%s: comparison of the belts: %s", REPORT, page)
+        next(belt for belt in belts if folder / belt.name == ours[-1]).failed(REPORT, error)
+
+
+def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
+    """Summarize a batch: one line per belt, and the verdict."""
+    rows = [_row(belt) for belt in belts]
+    failed = [row for row in rows if row["exit_status"] != EXIT_DONE]
+    up_to_date = all(row["status"] == UP_TO_DATE for row in rows)
+    verdict = "everything is up to date, nothing was done" if up_to_date else "all belts done"
+    status = EXIT_DONE
+    if failed:
+        status = EXIT_BATCH_FAILED if len(belts) > 1 else failed[0]["exit_status"]
+        names = ", ".join(row["belt"] for row in failed)
+        verdict = f"{len(failed)} of {len(belts)} belts failed: {names}"
+    origins = {row["origin"] for row in rows}
+    # a column that is empty for all belts appears only for programs
+    columns = ["belt", *(name for name, _, _ in COLUMNS), "status"]
+    shown = [name for name in columns if any(row[name] is not None for row in rows)]
+    return Summary(
+        stage="run",
+        title="from the recordings to the comparison",
+        out=folder,
+        facts={"belts": len(belts), "belts_failed": len(failed)},
+        table=rows,
+        shown=(*shown, *(["origin"] if len(origins) > 1 else [])),
+        verdict=verdict,
+        exit_status=status,
+        up_to_date=up_to_date,
+        origin=origins.pop() if len(origins) == 1 else None,
+    )
+
+
+def _row(belt: Belt) -> dict[str, Any]:
+    """Return the law, friction, agreement and status of a belt, and everything else that is known.
+
+    Its origin is "synthetic" if any data are, "measured" if all are.
+    """
+    row: dict[str, Any] = {"belt": belt.name}
+    for column, step, fact in COLUMNS:
+        facts = belt.facts.get(step, {})
+        row[column] = (facts["groups"][0] if "groups" in facts else facts).get(fact)
+    problems = [f"{step}: {line}" for step, (_, of) in belt.troubles.items() for line in of]
+    row |= {
+        "status": _status(belt),
+        "origin": combined_origin(belt.origins),
+        "exit_status": belt.exit_status,
+        "stages": dict(belt.states),
+        "problems": problems,
+    }
+    return row | {step.replace("-", "_").replace(" ", "_"): f for step, f in belt.facts.items()}
+
+
+def _status(belt: Belt) -> str:
+    """Return what became of a belt in a few words."""
+    if not belt.new and FAILED not in belt.states.values():
+        return UP_TO_DATE
+    wrong = (FAILED, OUT_OF_TOLERANCE)
+    words = [f"{name} {state}" for name, state in belt.states.items() if state in wrong]
+    if belt.exit_status == EXIT_DONE:
+        missing = " or ".join(belt.lacking)
+        words.insert(0, f"{DONE}, without {missing}" if missing else DONE)
+    return ", ".join(words)
 
 
 def plan_batch(sources: Sequence[ConfigSource], folder: Path, *, force: bool = False) -> Summary:
-    """List the steps that a batch would carry out, without writing anything.
-
-    Parameters
-    ----------
-    sources : sequence of ConfigSource
-        One config per belt.
-    folder : Path
-        Results folder.
-    force : bool
-        Whether the batch would compute everything again.
-    """
+    """List the steps that a batch would carry out, without writing anything."""
     rows, warnings, status = list[dict[str, Any]](), list[str](), EXIT_DONE
     for source in sources:
         for name, out, state, error in look_at_belt(source, folder / source.name, force=force):
-            row = {"belt": source.name, "step": name, "artifact": str(out), "state": state}
-            rows.append(row)
+            rows.append({"belt": source.name, "step": name, "artifact": str(out), "state": state})
             if error is not None:
                 status = status or error.exit_status
                 warnings += [f"{source.name}: {name}: {line}" for line in error.problems]

@@ -1,15 +1,8 @@
 """The command line: the only package that prints or exits.
 
-============== ==================================================================
-Module         Responsibility
-============== ==================================================================
-``program``    the list of commands, the options that all have, the entry point
-``commands``   the commands that are no steps of the method
-``steps``      a command from a step: arguments and options by its signature
-``execute``    do the work, print its summary, exit statuses
-``process``    stop signals: report, end the children, exit; closed and full streams
-``messages``   what goes to stderr: notes, warnings, progress
-============== ==================================================================
+`program`: commands are made from functions; the options of all; the entry point. `commands`: those
+that are no steps. `steps`: a command from a step. `execute`: work, summary, exit statuses.
+`process`: stop signals and streams. `messages`: notes, warnings and progress on stderr.
 """
 
 from beltid.cli.program import app, main

@@ -18,7 +18,6 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from beltid.errors import printable
-from beltid.stages.workers import ONE_THREAD
 
 WORDS: Final = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
 SHOW_CURSOR: Final = b"\r\x1b[2K\x1b[?25h"
@@ -29,8 +28,11 @@ _kept: list[str] = []
 
 
 def one_thread_each() -> None:
-    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers."""
-    for name in ONE_THREAD:
+    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers.
+
+    The calls already use all cores, and small matrices take longer on several than on one.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 

@@ -1,15 +1,16 @@
-"""The program: the list of its commands, the options of every command, the entry point."""
+"""The program: its commands, made from functions and their docstrings, and the entry point."""
 
 from __future__ import annotations
 
 import functools
 import inspect
+import re
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Final, get_type_hints
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -19,11 +20,7 @@ from beltid._version import __version__
 from beltid.cli.process import hear_signals, one_thread_each, prepare_streams
 from beltid.errors import EXIT_INPUT, printable
 
-FOLDER_GONE: Final = (
-    "the working folder no longer exists: "
-    "change to another one, or name all files by absolute paths"
-)
-MAIN_HELP = """\
+MAIN_HELP: Final = """\
 Identify the contact parameters between a V-ribbed belt and a pulley.
 
 From bench recordings to a friction law that is proven on a simulated copy of the bench (method of
@@ -50,6 +47,17 @@ FIRST: Final = {
 }
 """Commands that are no steps, in the order of the help."""
 SEE: Final = "Options of every command (-c, -o, -f, -q, -v, --json): beltid --help"
+SHORT: Final = {
+    "jobs": "-j",
+    "dry_run": "-n",
+    "config": "-c",
+    "out": "-o",
+    "quiet": "-q",
+    "verbose": "-v",
+    "force": "-f",
+}
+"""Short names of options."""
+KEYWORD: Final = inspect.Parameter.KEYWORD_ONLY
 
 
 def show_version(context: typer.Context, wanted: bool) -> None:
@@ -65,54 +73,39 @@ def show_version(context: typer.Context, wanted: bool) -> None:
     raise typer.Exit
 
 
-def _option(*names: str, text: str, **about: Any) -> Any:
-    return typer.Option(*names, help=text, hidden=True, **about)
-
-
 VERSION: Final = "Show the version and exit; with -v, those of all libraries, and the environment."
 Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
-HiddenVersion = Annotated[bool, _option("--version", text=VERSION, callback=show_version)]
 
 
 @dataclass(frozen=True, slots=True)
 class Common:
-    """Options of every command, in the order of the help."""
+    """Options of every command, in the order of the help.
 
-    config: Annotated[
-        Path | None,
-        _option(
-            *("--config", "-c"),
-            metavar="YAML",
-            text="Config of belt, benches and settings. Default: the one that the environment "
-            "variable BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to "
-            "the input or in a folder above it, else the built-in 5PK rig of the paper.",
-        ),
-    ] = None
-    out: Annotated[
-        Path | None,
-        _option(
-            *("--out", "-o"),
-            metavar="FILE",
-            text="File to write. Default: next to the input, as named in the help.",
-        ),
-    ] = None
-    json: Annotated[bool, _option("--json", text="Print one JSON object instead of a table.")] = (
-        False
-    )
-    quiet: Annotated[bool, _option("--quiet", "-q", text="Print warnings and errors only.")] = False
-    verbose: Annotated[
-        bool,
-        # eager: --version, wherever it stands, must know it
-        _option("--verbose", "-v", is_eager=True, text="Print all rows and details."),
-    ] = False
-    force: Annotated[
-        bool,
-        _option(
-            *("--force", "-f"),
-            text="Compute again even if the result is up to date, and replace another file at "
-            "--out. Inputs and recordings are never replaced.",
-        ),
-    ] = False
+    Parameters
+    ----------
+    config : YAML
+        Config of belt, benches and settings. Default: the one that the environment variable
+        BELTID_CONFIG names, else <name of the input>.yaml or beltid.yaml next to the input or in a
+        folder above it, else the built-in 5PK rig of the paper.
+    out : FILE
+        File to write. Default: next to the input, as named in the help.
+    json : bool
+        Print one JSON object instead of a table.
+    quiet : bool
+        Print warnings and errors only.
+    verbose : bool
+        Print all rows and details.
+    force : bool
+        Compute again even if the result is up to date, and replace another file at --out. Inputs
+        and recordings are never replaced.
+    """
+
+    config: Path | None = None
+    out: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    force: bool = False
 
 
 class InOrder(TyperGroup):
@@ -125,8 +118,8 @@ class InOrder(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by name; if there is none, load all for a suggestion and return None."""
         if cmd_name not in self.commands:
-            names = [cmd_name] if cmd_name in self.list_commands(ctx) else self.list_commands(ctx)
-            for name in names:
+            known = self.list_commands(ctx)
+            for name in [cmd_name] if cmd_name in known else known:
                 if name in FIRST:
                     import_module("beltid.cli.commands")
                 else:
@@ -138,14 +131,18 @@ class InOrder(TyperGroup):
         """Write the commands: first what a new user needs, then the steps of the method."""
         from beltid.cli.steps import short_of
 
-        with formatter.section("Commands"):
-            formatter.write_dl(list(FIRST.items()))
-        with formatter.section("Steps"):
-            formatter.write_dl([(name, short_of(step)) for name, step in _steps().items()])
-        with formatter.section("Options of every command"):
-            formatter.write_dl([*_common_help(), ("-h, --help", "Show the help of a command.")])
-        with formatter.section("Exit status"):
-            formatter.write_dl(list(STATUSES))
+        common = [
+            (f"{', '.join(_names(name))} {_metavar(kind) or ''}".rstrip(), text)
+            for name, (kind, text) in _common().items()
+        ]
+        for title, rows in (
+            ("Commands", FIRST.items()),
+            ("Steps", [(name, short_of(step)) for name, step in _steps().items()]),
+            ("Options of every command", [*common, ("-h, --help", "Show the help of a command.")]),
+            ("Exit status", STATUSES),
+        ):
+            with formatter.section(title):
+                formatter.write_dl(list(rows))
 
 
 def _steps() -> dict[str, Any]:
@@ -154,15 +151,6 @@ def _steps() -> dict[str, Any]:
     from beltid.stage import STAGES
 
     return {name: step for name, step in STAGES.items() if step.is_command}
-
-
-def _common_help() -> list[tuple[str, str]]:
-    rows = []
-    for hint in get_type_hints(Common, include_extras=True).values():
-        option = hint.__metadata__[0]
-        names = ", ".join(sorted((option.default, *option.param_decls), key=len))
-        rows.append((f"{names} {option.metavar or ''}".strip(), option.help))
-    return rows
 
 
 class PlainCommand(TyperCommand):
@@ -175,59 +163,115 @@ class PlainCommand(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the arguments without braces, which look like alternatives."""
-        return [
-            piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
-        ]
+        return [re.sub("[{}]", "", piece) for piece in super().collect_usage_pieces(ctx)]
 
 
-SETTINGS: Final = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
-app = typer.Typer(
-    cls=InOrder,
-    name="beltid",
-    help=MAIN_HELP,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=True,
-    context_settings=SETTINGS,
-)
+def plain_typer(**about: Any) -> typer.Typer:
+    """Create a group of commands without colours and boxes."""
+    settings = {"help_option_names": ["--help", "-h"], "max_content_width": 100}
+    about |= {"rich_markup_mode": None, "no_args_is_help": True, "context_settings": settings}
+    return typer.Typer(**about)
+
+
+app = plain_typer(cls=InOrder, name="beltid", help=MAIN_HELP, pretty_exceptions_enable=False)
 
 
 def command(
-    name: str, *, of: typer.Typer = app, short: str = "", out: Any = None
+    name: str, *, of: typer.Typer = app, short: str = "", out: str = ""
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a function as a command; the common options are its argument ``common``."""
+    """Make a command of a function: arguments and options by its signature and docstring.
 
-    def registered(function: Callable[..., None]) -> Callable[..., None]:
-        with_options = _with_common_options(function, out)
-        of.command(name, cls=PlainCommand, short_help=short, epilog=SEE)(with_options)
-        return with_options
+    ``out`` says what --out is, as ``FILE: The file.``, if not what it is in all commands.
+    """
 
-    return registered
+    def made(function: Callable[..., None]) -> Callable[..., None]:
+        text, told, example = sections(inspect.getdoc(function) or "")
+        signature = inspect.signature(function, eval_str=True).parameters.values()
+        parameters = [parameter(p, *told[p.name]) for p in signature if p.name != "common"]
+        text = f"{text}\n\n{example}"
+        return register(name, function, parameters, text, of=of, short=short, out=out)
+
+    return made
 
 
-def _with_common_options(function: Callable[..., None], out: Any) -> Callable[..., None]:
-    signature = inspect.signature(function, eval_str=True)
-    own = [p for p in signature.parameters.values() if p.name != "common"]
-    common = get_type_hints(Common, include_extras=True)
-    if out is not None:
-        common["out"] = Annotated[Path | None, out]
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    version = inspect.Parameter("version", keyword, default=False, annotation=HiddenVersion)
-    shared = [
-        inspect.Parameter(field.name, keyword, default=field.default, annotation=common[field.name])
-        for field in fields(Common)
-    ]
+def register(
+    name: str,
+    function: Callable[..., None],
+    parameters: Iterable[inspect.Parameter],
+    text: str,
+    *,
+    of: typer.Typer = app,
+    short: str = "",
+    out: str = "",
+) -> Callable[..., None]:
+    """Register a function as a command with a help text; its ``common`` are the common options."""
+    told, shared = _common(), list[inspect.Parameter]()
+    for p in inspect.signature(Common, eval_str=True).parameters.values():
+        # eager: --version, wherever it stands, must know it
+        about: dict[str, Any] = {"hidden": True, "is_eager": p.name == "verbose"}
+        if p.name == "out" and out:
+            kind, _, meaning = out.partition(": ")
+            told["out"], about = (kind, meaning), {}
+        shared.append(parameter(p.replace(kind=KEYWORD), *told[p.name], **about))
+    hidden = typer.Option("--version", callback=show_version, help=VERSION, hidden=True)
+    version = inspect.Parameter(
+        "version", KEYWORD, default=False, annotation=Annotated[bool, hidden]
+    )
+    names = [p.name for p in shared]
 
     @functools.wraps(function)
-    def wrapper(*args: Any, **values: Any) -> None:
-        values.pop("version")
-        chosen = {field.name: values.pop(field.name) for field in fields(Common)}
-        function(*args, common=Common(**chosen), **values)
+    def called(*args: Any, version: bool, **values: Any) -> None:
+        common = Common(**{name: values.pop(name) for name in names})
+        function(*args, common=common, **values)
 
-    parameters = [*own, *shared, version]
-    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-    return wrapper
+    signature = inspect.Signature([*parameters, *shared, version])
+    called.__signature__ = signature  # type: ignore[attr-defined]
+    called.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
+    called.__doc__ = text
+    of.command(name, cls=PlainCommand, short_help=short, epilog=SEE)(called)
+    return called
+
+
+def parameter(p: inspect.Parameter, kind: str, text: str, **about: Any) -> inspect.Parameter:
+    """Return a parameter as an argument, or as an option if it is a keyword."""
+    annotation = type(p.default) if p.annotation is p.empty else p.annotation
+    about |= {"help": text, "metavar": _metavar(kind)}
+    if p.kind is not KEYWORD:
+        return p.replace(annotation=Annotated[annotation, typer.Argument(**about)])
+    about["show_default"] = p.default not in (None, False)
+    if p.name == "jobs" or annotation is int:
+        about["min"] = 1
+    option = typer.Option(*reversed(_names(p.name)), **about)
+    return p.replace(annotation=Annotated[annotation, option])
+
+
+def _names(name: str) -> list[str]:
+    return [*filter(None, [SHORT.get(name)]), f"--{name.replace('_', '-')}"]
+
+
+def _metavar(kind: str) -> str | None:
+    """Return the choices of a docstring, or its type if that is a name in capitals or a unit."""
+    of_type = kind if re.fullmatch(r"[A-Z]+|\S+/\S+", kind) else None
+    return "|".join(re.findall(r'"([^"]+)"', kind)) or of_type
+
+
+def _common() -> dict[str, tuple[str, str]]:
+    return sections(inspect.getdoc(Common) or "")[1]
+
+
+def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
+    """Split a numpydoc text: what it says, its parameters with type and meaning, its examples."""
+    parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
+    found = dict(zip(parts[1::2], parts[2::2], strict=True))
+    pattern = r"^(\w+) : (.*)\n((?:    .*\n?)+)"
+    told = re.findall(pattern, found.get("Parameters", ""), flags=re.M)
+    lines = found.get("Examples", "").strip().splitlines()
+    example = "\n".join(f"{' ' * 9 if i else 'Example: '}{line}" for i, line in enumerate(lines))
+    return (
+        parts[0].strip(),
+        {name: (kind, " ".join(text.split())) for name, kind, text in told},
+        f"\b\n{example}" if len(lines) > 1 else example,
+    )
 
 
 @app.callback()
@@ -248,20 +292,13 @@ def main() -> None:
     hear_signals()
     try:
         app()
-    except OSError as error:
-        if error.filename is None:
-            if not _is_folder_gone():
+    except OSError as error:  # such as a file name that is too long, before the work starts
+        try:
+            Path.cwd()
+            if error.filename is None:
                 raise
-            typer.echo(f"error: {FOLDER_GONE}", err=True)
-        else:  # such as a file name that is too long, before the work starts
-            typer.echo(f"error: {printable(f'{error.filename}: {error.strerror}')}", err=True)
+            problem = printable(f"{error.filename}: {error.strerror}")
+        except FileNotFoundError:
+            problem = "the working folder no longer exists: change to another one"
+        typer.echo(f"error: {problem}", err=True)
         sys.exit(EXIT_INPUT)
-
-
-def _is_folder_gone() -> bool:
-    """Return whether the working folder was deleted: relative paths lead nowhere."""
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False

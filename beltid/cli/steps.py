@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import inspect
-import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
-from beltid.cli.program import Common, command
+from beltid.cli.program import KEYWORD, Common, parameter, register, sections
 from beltid.stage import RECORDINGS, Stage
 
 FILES: Final = (
@@ -22,12 +20,11 @@ BENCHES: Final = {
     "speedloss": "the speed-loss bench",
     "rig": "the friction rig",
 }
-SHORT: Final = {"jobs": ("-j",)}
 UNITS: Final = {"": "text", "deg": "°", "degC": "°C"}
 OTHERWISE: Final = """
-    Other names or units of columns: state them in the config under columns: and units:. Exports of
-    testing machines and measuring programs are read as they are, known names and units are
-    recognised: beltid inspect FILE shows how.
+Other names or units of columns: state them in the config under columns: and units:. Exports of
+testing machines and measuring programs are read as they are, known names and units are recognised:
+beltid inspect FILE shows how.
 """
 
 
@@ -42,33 +39,24 @@ def kind_of(stage: Stage, role: str) -> str:
 def add(stage: Stage) -> None:
     """Add the command of a step to the program."""
     text, told, example = sections(inspect.getdoc(stage.compute) or "")
-    keyword, parameters = inspect.Parameter.KEYWORD_ONLY, list[inspect.Parameter]()
+    hints = inspect.signature(stage.compute, eval_str=True).parameters
+    parameters = []
     for name, p in stage.signature.parameters.items():
-        if name not in stage.reads:
-            continue
-        kind, optional = kind_of(stage, name), p.default is not p.empty
-        metavar = kind.upper()
-        if p.kind is keyword:
-            given: Any = typer.Option("--from", metavar=metavar, help=told[name][1])
-        else:
-            shown = f"[{metavar}]" if optional else metavar
-            given = typer.Argument(metavar=shown, help=_about(kind))
-        of: Any = Annotated[Path | None, given] if optional else Annotated[Path, given]
-        default = {"default": None} if optional else {}
-        parameters.append(inspect.Parameter(name, keyword, annotation=of, **default))
-    parameters += [_option(stage, p, *told[p.name]) for p in stage.options]
+        if name in stage.reads:
+            kind = kind_of(stage, name)
+            given: Any = typer.Argument(metavar=kind.upper(), help=_about(kind))
+            if p.kind is KEYWORD:
+                given = typer.Option("--from", metavar=kind.upper(), help=told[name][1])
+            of = Path if p.default is p.empty else Path | None
+            parameters.append(p.replace(kind=KEYWORD, annotation=Annotated[of, given]))
+    parameters += [parameter(hints[p.name], *told[p.name]) for p in stage.options]
+    columns = "".join(_columns(kind_of(stage, role)) for role in stage.reads)
+    text = f"{text}\n\nWrites {_file(stage)}.\n\n{columns}{example}\n"
 
     def run(*, common: Common, **given: Any) -> None:
         _run(stage, given, common)
 
-    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [*parameters, inspect.Parameter("common", keyword, annotation=Common)]
-    )
-    run.__annotations__ = {p.name: p.annotation for p in parameters}
-    name = stage.file_name({p.name: p.default for p in stage.options})
-    columns = "".join(_columns(kind_of(stage, role)) for role in stage.reads)
-    run.__doc__ = f"{text}\n\nWrites {name}.\n\n{columns}Example: {example}\n"
-    command(stage.name, short=short_of(stage))(run)
+    register(stage.name, run, parameters, text, short=short_of(stage))
 
 
 def short_of(stage: Stage) -> str:
@@ -76,10 +64,13 @@ def short_of(stage: Stage) -> str:
     needed = [
         kind_of(stage, name).upper()
         for name, p in stage.signature.parameters.items()
-        if name in stage.reads and p.kind is not p.KEYWORD_ONLY
+        if name in stage.reads and p.kind is not KEYWORD
     ]
-    name = stage.file_name({p.name: p.default for p in stage.options})
-    return f"{', '.join(needed)} -> {name}"
+    return f"{', '.join(needed)} -> {_file(stage)}"
+
+
+def _file(stage: Stage) -> str:
+    return stage.file_name({p.name: p.default for p in stage.options})
 
 
 def _run(stage: Stage, given: dict[str, Any], common: Common) -> None:
@@ -90,8 +81,7 @@ def _run(stage: Stage, given: dict[str, Any], common: Common) -> None:
     from beltid.report.summary import Summary
     from beltid.report.view import summary_of
 
-    files = {role: given.pop(role) for role in stage.reads}
-    files = {role: path for role, path in files.items() if path is not None}
+    files = {role: path for role in stage.reads if (path := given.pop(role)) is not None}
     first = next(iter(files.values()), None)
     folder = Path() if first is None else folder_of(first)
     out = common.out or folder / stage.file_name(given)
@@ -103,23 +93,6 @@ def _run(stage: Stage, given: dict[str, Any], common: Common) -> None:
         return summary_of(built.artifact, up_to_date=built.up_to_date, fails_with=stage.fails_with)
 
     finish(work, common, f"{out} was not written" + (" again" if out.exists() else ""))
-
-
-def _option(stage: Stage, p: inspect.Parameter, of: str, text: str) -> inspect.Parameter:
-    """Return the option of a keyword; its choices or its type stand in the docstring."""
-    hints = inspect.signature(stage.compute, eval_str=True).parameters
-    annotation = hints[p.name].annotation
-    if annotation is p.empty:
-        annotation = type(p.default)
-    choices = "|".join(re.findall(r'"([^"]+)"', of))
-    name = f"--{p.name.replace('_', '-')}"
-    about: dict[str, Any] = {"help": text, "show_default": p.default not in (None, False)}
-    if choices:
-        about["metavar"] = choices
-    if p.name == "jobs" or annotation is int:
-        about["min"] = 1
-    option = typer.Option(name, *SHORT.get(p.name, ()), **about)
-    return p.replace(annotation=Annotated[annotation, option])
 
 
 def _about(kind: str) -> str:
@@ -142,18 +115,4 @@ def _columns(kind: str) -> str:
         f"{'' if column.required else '; may be missing'}\n"
         for column in schemas.table(kind).columns
     ]
-    head = "\b\nColumns of the CSV (others are ignored):\n"
-    return f"{head}{''.join(rows)}{inspect.cleandoc(OTHERWISE)}\n\n"
-
-
-def sections(doc: str) -> tuple[str, dict[str, tuple[str, str]], str]:
-    """Split a numpydoc text: what it says, its parameters with type and meaning, its example."""
-    parts = re.split(r"^(\w+)\n-{4,}\n", doc, flags=re.M)
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
-    told = dict(_parameters(found.get("Parameters", "")))
-    return parts[0].strip(), told, " ".join(found.get("Examples", "").split())
-
-
-def _parameters(text: str) -> Iterator[tuple[str, tuple[str, str]]]:
-    for match in re.finditer(r"^(\w+) : (.*)\n((?:    .*\n?)+)", text, flags=re.M):
-        yield match[1], (match[2], " ".join(match[3].split()))
+    return f"\b\nColumns of the CSV (others are ignored):\n{''.join(rows)}{OTHERWISE}\n"

@@ -6,7 +6,6 @@ that is printed cannot differ.
 
 from __future__ import annotations
 
-import codecs
 import os
 import re
 import sys
@@ -77,6 +76,7 @@ class Number:
 
     def __call__(self, value: Any) -> float:
         """Return the value as a float, or as an int if it must be whole; 5.0 counts as whole."""
+        value = value.item() if hasattr(value, "item") else value
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or (self.whole and value % 1):
             kind = "whole number" if self.whole else "number"
@@ -116,6 +116,7 @@ class ListOf:
 
     def __call__(self, value: Any) -> tuple[Any, ...]:
         """Return the items."""
+        value = value.tolist() if hasattr(value, "tolist") else value
         if not isinstance(value, (list, tuple)) or not 1 <= len(value) <= self.longest:
             raise complain(f"a list such as {self.example}, of 1 to {self.longest}")
         seen: list[Any] = []
@@ -201,11 +202,10 @@ plain_words = partial(_plain, PLAIN_WORDS, " and blanks, beginning with a letter
 def text_encoding(value: Any) -> str:
     """Check the name of a text encoding."""
     try:
-        if codecs.lookup(value)._is_text_encoding:
-            return str(value)
+        "".encode(value)
+        return str(value)
     except (LookupError, TypeError, ValueError):
-        pass
-    raise complain("the name of an encoding such as utf-8, latin-1 or cp1252")
+        raise complain("the name of an encoding such as utf-8, latin-1 or cp1252") from None
 
 
 def separating_character(value: Any) -> str:

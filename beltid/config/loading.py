@@ -47,7 +47,7 @@ def load_config(source: str | Path | Mapping[str, Any] | Config | None = None) -
     if isinstance(source, Config):
         return source
     if isinstance(source, Mapping):
-        return _checked(Source(_plain(source)))
+        return _checked(Source(source))
     if not isinstance(source, (str, Path)):
         raise ConfigError(
             f"config = {type(source).__name__}, must be the path of a YAML file or a dict"
@@ -64,30 +64,16 @@ def _checked(source: Source) -> Config:
         for key, value in source.values.items()
         if value is not None or key not in Config.model_fields
     }
-    config, problems = Config(), list[tuple[Place, str]]()
+    problems: list[tuple[Place, str]] = []
     try:
-        config = Config.model_validate(values)
+        return Config.model_validate(values)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
-            place = source.place(tuple(detail["loc"]), key=detail["type"] in UNKNOWN)
-            problems.append((place, message(detail, Config)))
-    problems.sort(key=lambda problem: problem[0])
-    lines = [f"{source.at(place)}{text}" for place, text in problems]
-    hidden = lines[SHOWN:]
-    if lines:
-        raise ConfigError([*lines[:SHOWN], f"and {len(hidden)} more"] if hidden else lines)
-    return config
-
-
-def _plain(value: Any) -> Any:
-    """Convert numpy scalars and arrays of a dict to plain values."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if type(value).__module__ == "numpy" and hasattr(value, "tolist"):
-        return value.tolist()
-    return value
+            place = source.place(detail["loc"], key=detail["type"] in UNKNOWN)
+            problems.append((place, message(detail, Config, source.node(detail["loc"]))))
+    lines = [f"{source.at(p)}{text}" for p, text in sorted(problems, key=lambda found: found[0])]
+    hidden = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
+    raise ConfigError([*lines[:SHOWN], *hidden])
 
 
 def _with_paths_from(config: Config, folder: Path) -> Config:
@@ -123,22 +109,11 @@ class ConfigSource:
 def find_config(
     recording_path: str | Path | None = None, explicit: str | Path | None = None
 ) -> ConfigSource:
-    """Find the config of a recording.
+    """Find the config of a recording or artifact.
 
     The first of: `explicit`; the file named by ``$BELTID_CONFIG``; ``<stem>.yaml``, then
-    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig.
-
-    Parameters
-    ----------
-    recording_path : path, optional
-        The recording or artifact to process; if not given, no folder is searched.
-    explicit : path, optional
-        Config named by the user.
-
-    Raises
-    ------
-    ConfigError
-        If the config is missing or invalid; the message says how it was found.
+    ``beltid.yaml``, next to the recording, then in each parent folder; the built-in 5PK rig. If it
+    is wrong, the ConfigError says how it was found.
     """
     if explicit is not None:
         path = Path(explicit)
@@ -161,18 +136,15 @@ def _load_found(path: Path, how: str) -> ConfigSource:
     try:
         return ConfigSource(load_config(path), f"{path} ({how})", path)
     except ConfigError as error:
-        raise ConfigError(
-            [*error.problems, f"{path}: this config was {how}, --config names another"]
-        ) from None
+        told = f"{path}: this config was {how}, --config names another"
+        raise ConfigError([*error.problems, told]) from None
 
 
 def _candidates(recording_path: str | Path) -> Iterator[Path]:
     recording = Path(os.path.abspath(recording_path))
     stem = Path(recording.name.removesuffix(".gz")).stem
     for folder in recording.parents:
-        if stem:
-            yield folder / f"{stem}.yaml"
-        yield folder / FILE_NAME
+        yield from (folder / f"{stem}.yaml", folder / FILE_NAME)
 
 
 def effective_values(

@@ -25,10 +25,14 @@ Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
 Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
-TENSIONS = (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0)
-SPEEDS = (0.05, 0.10, 0.21, 0.42, 0.84)
 
-
+GIVEN: dict[str, params.GivenForce] = {
+    "stretch": "none",
+    "weight_tight": "tight",
+    "weight_slack": "slack",
+    "hub_force": "hub",
+}
+"""What stays while the pulley turns -> the force that is given."""
 _arcs = partial(settings, 360, "°", "[40, 68, 82]")
 _tensions = partial(settings, 1e5, "N", "[100, 270, 410]")
 _speeds = partial(settings, 1e4, "rad/s", "[0.05, 0.21, 0.84]")
@@ -78,8 +82,12 @@ class RigSection(Section):
     span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")
     supports: Literal["pinned", "clamped"] = key("pinned", "how the cells hold the belt")
     arcs_deg: Numbers = _arcs((40.0, 68.0, 82.0), "contact arcs; default: of the recording")
-    initial_tensions_N: Numbers = _tensions(TENSIONS, "before the pulley turns; likewise")
-    pulley_speeds_rad_s: Numbers = _speeds(SPEEDS, "pulley speeds; likewise")
+    initial_tensions_N: Numbers = _tensions(
+        (50.0, 100.0, 160.0, 220.0, 270.0, 310.0, 360.0, 411.0), "before the pulley turns; likewise"
+    )
+    pulley_speeds_rad_s: Numbers = _speeds(
+        (0.05, 0.10, 0.21, 0.42, 0.84), "pulley speeds; likewise"
+    )
 
     @property
     def measures(self) -> MeasuredKind:
@@ -105,13 +113,7 @@ class RigSection(Section):
         stretch of the belt.
         """
         by_kind = {"dead_weight": "weight_tight", "torque_hub": "hub_force"}
-        given: dict[str, params.GivenForce] = {
-            "stretch": "none",
-            "weight_tight": "tight",
-            "weight_slack": "slack",
-            "hub_force": "hub",
-        }
-        return given[self.holds or by_kind.get(self.kind, "stretch")]
+        return GIVEN[self.holds or by_kind.get(self.kind, "stretch")]
 
 
 class ConditionsSection(Section):
@@ -366,9 +368,8 @@ class Config(Section):
 
     def belt_params(self) -> params.Belt:
         """Return the section properties of the belt."""
-        b = self.belt
-        stiffness = b.axial_stiffness_N, b.bending_stiffness_N_m2
-        return params.Belt(*stiffness, b.mass_per_length_kg_m, b.damping_time_s)
+        stiffness = self.belt.axial_stiffness_N, self.belt.bending_stiffness_N_m2
+        return params.Belt(*stiffness, self.belt.mass_per_length_kg_m, self.belt.damping_time_s)
 
     def rig_params(self) -> params.Rig:
         """Return the geometry of the rig."""
@@ -377,8 +378,8 @@ class Config(Section):
 
     def contact_params(self) -> params.Contact:
         """Return the settings of the contact."""
-        contact, ratio = self.contact, self.simulation.sticking_ratio
-        return params.Contact(contact.damping_N_s_m, contact.points_per_element, ratio)
+        ratio = self.simulation.sticking_ratio
+        return params.Contact(self.contact.damping_N_s_m, self.contact.points_per_element, ratio)
 
     @property
     def sha256(self) -> str:

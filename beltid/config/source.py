@@ -1,10 +1,10 @@
-"""The values of a config with their places: YAML 1.2 by ruamel.yaml, or a dict."""
+"""The values of a config, YAML 1.2 by ruamel.yaml or a dict, and where and how each is written."""
 
 from __future__ import annotations
 
 import codecs
-import re
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,28 +23,33 @@ def format_path(path: KeyPath) -> str:
     return "".join(parts).removeprefix(".")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Source:
-    """Values of a config, with the name of its file; "" if there is none."""
+    """Values of a config, with the name and the text of its file; "" if there is none."""
 
     values: Any
     name: str = ""
+    text: str = ""
+
+    @functools.cached_property
+    def root(self) -> Any:
+        """Root of the nodes of the YAML, which know their places; None if there is no text."""
+        return _yaml().compose(self.text) if self.text else None
+
+    def node(self, path: KeyPath, *, key: bool = False) -> Any:
+        """Return the YAML node of a value (or key); if it is absent, that of its section."""
+        node = self.root
+        for depth, part in enumerate(path, 1):
+            found = [pair for name, *pair in _items(node) if str(name) == str(part)]
+            if not found:
+                break
+            node = found[0][not (key and depth == len(path))]
+        return node
 
     def place(self, path: KeyPath, *, key: bool = False) -> Place:
         """Return the place of a value (or key); if it is absent, that of its section."""
-        node, place = self.values, (-1, -1)
-        for depth, part in enumerate(path, 1):
-            try:
-                if isinstance(node, list):
-                    place = node.lc.item(part)  # type: ignore[attr-defined]
-                elif key and depth == len(path):
-                    place = node.lc.key(part)
-                else:
-                    place = node.lc.value(part)
-                node = node[part]
-            except (AttributeError, LookupError, TypeError):
-                break
-        return place[0] + 1, place[1] + 1
+        node = self.node(path, key=key)
+        return _place(node.start_mark) if node is not None else (0, 0)
 
     def at(self, place: Place) -> str:
         """Return ``file:line:column: ``, as far as known."""
@@ -53,23 +58,8 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """Read a YAML file.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, is not YAML, or holds no sections.
-    """
+    """Read a YAML file; what is no YAML, or holds no sections, is a ConfigError with its place."""
     name = str(path)
-    values = _parsed(_text(path), name)
-    if not isinstance(values, Mapping):
-        what = "list" if isinstance(values, list) else "single value"
-        found = ": the config is empty" if values is None else f":1:1: found a {what}"
-        raise ConfigError(f"{name}{found}, it must hold sections such as belt:, rig:")
-    return Source(values, name)
-
-
-def _text(path: Path) -> str:
     try:
         with path.open("rb") as file:
             raw = file.read(MAX_BYTES + 1).removeprefix(codecs.BOM_UTF8)
@@ -85,26 +75,61 @@ def _text(path: Path) -> str:
         raise ConfigError(f"{path}: the config cannot be read: {reason}") from None
     if len(raw) > MAX_BYTES:
         raise ConfigError(f"{path}: larger than {MAX_BYTES:,} bytes, this is not a config")
-    return text
+    source = _parsed(text, name)
+    if not isinstance(source.values, Mapping):
+        what = "list" if isinstance(source.values, list) else "single value"
+        found = ": the config is empty" if source.values is None else f":1:1: found a {what}"
+        raise ConfigError(f"{name}{found}, it must hold sections such as belt:, rig:")
+    return source
 
 
-def _parsed(text: str, name: str) -> Any:
+def _yaml() -> Any:
     from ruamel.yaml import YAML
+
+    return YAML(typ="safe", pure=True)
+
+
+def _parsed(text: str, name: str) -> Source:
+    from ruamel.yaml.constructor import DuplicateKeyError
     from ruamel.yaml.error import MarkedYAMLError
 
     try:
-        return YAML(typ="rt", pure=True).load(text)
+        return Source(_yaml().load(text), name, text)
     except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"{name}:{mark.line + 1}:{mark.column + 1}" if mark else name
-        reason = str(error.problem or error.context)
-        reason = "a tab, indent with blanks" if "'\\t'" in reason else reason
-        if "mapping values are not allowed" in reason:
+        mark, reason = error.problem_mark or error.context_mark, str(error.problem)
+        place = "{}:{}:{}".format(name, *_place(mark)) if mark else name
+        if isinstance(error, DuplicateKeyError):
+            reason = next(_twice(_yaml().compose(text), (), set()))
+        elif "'\\t'" in reason:
+            reason = "a tab, indent with blanks"
+        elif "mapping values are not allowed" in reason:
             reason = "an unexpected ':' (is the line above indented alike, is a text in quotes?)"
-        elif twice := re.match(r'found duplicate key "(.*?)"', reason):
-            reason = f"{twice[1]} is given twice"
-    except RecursionError:
-        place, reason = name, "nested too deep"
     except Exception as error:  # malformed characters, escapes and numbers raise almost any error
         place, reason = name, str(error).partition("\n")[0][:200]
     raise ConfigError(f"{place}: not valid YAML: {reason}")
+
+
+def _twice(node: Any, path: KeyPath, seen: set[int]) -> Iterator[str]:
+    """Say of each key that a section has twice where it stood first; an alias is seen once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    lines: dict[str | int, int] = {}
+    for name, key, value in _items(node):
+        if name in lines:
+            yield f"{format_path((*path, name))} is given twice, first in line {lines[name]}"
+        lines.setdefault(name, key.start_mark.line + 1)
+        yield from _twice(value, (*path, name), seen)
+
+
+def _items(node: Any) -> list[tuple[str | int, Any, Any]]:
+    """Return name, node of the key and of the value of each item of a section or list."""
+    if node is None or node.id == "scalar":
+        return []
+    if node.id == "sequence":
+        return [(i, item, item) for i, item in enumerate(node.value)]
+    return [(str(key.value), key, value) for key, value in node.value]
+
+
+def _place(mark: Any) -> Place:
+    return mark.line + 1, mark.column + 1

@@ -41,7 +41,7 @@ def config_text(config: Config, *, complete: bool = True) -> str:
     """
     values = effective_values(config)
     shown = {path: "" for path, _, is_stated in values if complete or is_stated}
-    return "\n".join(_lines(config, shown) if shown else ["{}  # nothing is stated"]) + "\n"
+    return _text(config, shown) if shown else "{}  # nothing is stated\n"
 
 
 def template_text(config: Config, sources: Mapping[str, str]) -> str:
@@ -53,28 +53,32 @@ def template_text(config: Config, sources: Mapping[str, str]) -> str:
     shown = {path: sources.get(format_path(path)) for path in paths}
     files = {kind: str(path) for kind, path in config.data.files.items()}  # as the user names them
     config = config.model_copy(update={"data": config.data.model_copy(update=files)})
-    return "\n".join([HEAD.format(name=config.belt.name), *_lines(config, shown)]) + "\n"
+    return f"{HEAD.format(name=config.belt.name)}\n{_text(config, shown)}"
 
 
-def _lines(config: Config, shown: Mapping[KeyPath, str | None]) -> Iterator[str]:
-    """Yield the lines of some keys, each with a note; keys without one are commented out."""
-    above: KeyPath = ()
-    for path, value, _ in effective_values(config):
-        if path not in shown:
-            continue
-        section: Any = config
-        for depth, name in enumerate(path[:-1]):
-            section = getattr(section, str(name), None)
-            if path[: depth + 1] != above[: depth + 1]:
-                yield from [""] * (depth == 0 and above != ())
-                title = str(section.__doc__).splitlines()[0] if isinstance(section, Section) else ""
-                yield _line(f"{'  ' * depth}{name}:", title)
-        above, name, note = path[:-1], str(path[-1]), shown[path]
-        of = type(section)
-        declared = (key_of(of, name).meaning, allowed(of, name)) if section is not None else ()
-        sign = "# " if note is None else ""
-        line = f"{'  ' * len(above)}{sign}{name}: {value_text(value)}"
-        yield _line(line, "; ".join(filter(None, (*declared, note))))
+def _text(config: Config, shown: Mapping[KeyPath, str | None]) -> str:
+    """Write some keys, each with a note; keys without one are commented out."""
+    sections = [_lines({name: value}, shown, ()) for name, value in config]
+    return "\n\n".join("\n".join(lines) for section in sections if (lines := list(section))) + "\n"
+
+
+def _lines(
+    values: Section | Mapping[str, Any], shown: Mapping[KeyPath, str | None], above: KeyPath
+) -> Iterator[str]:
+    indent = "  " * len(above)
+    for name, value in dict(values).items():
+        path = (*above, name)
+        if path in shown:
+            of, note = type(values), shown[path]
+            declared = (
+                (key_of(of, name).meaning, allowed(of, name)) if issubclass(of, Section) else ()
+            )
+            line = f"{indent}{'# ' if note is None else ''}{name}: {value_text(value)}"
+            yield _line(line, "; ".join(filter(None, (*declared, note))))
+        elif isinstance(value, (Section, dict)):
+            inside = list(_lines(value, shown, path))
+            title = str(value.__doc__).splitlines()[0] if isinstance(value, Section) else ""
+            yield from [_line(f"{indent}{name}:", title), *inside] if inside else ()
 
 
 def _line(text: str, comment: str) -> str:

@@ -11,7 +11,7 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -40,60 +40,42 @@ Origin = Literal["measured", "synthetic"]
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What an artifact says about itself besides its table: plain JSON values.
-
-    Attributes
-    ----------
-    kind, version : str, int
-        Kind of the table, and version of its schema.
-    made_by : str
-        Command, such as "fit-stiffness".
-    made_from : str
-        Hash of the software, inputs, settings and options: unchanged means up to date.
-    software, sources : str
-        Version of the software; SHA-256 of its sources.
-    origin : {"measured", "synthetic"} or None
-        Origin of the data; None if not stated.
-    inputs, ancestors : dict
-        SHA-256 of the inputs by role; of all that they were made from, by name.
-    config, config_sha256 : str
-        Name of the config without its folder, and its hash.
-    settings : dict
-        Sections of the config that matter, and the options of the call.
-    facts : dict
-        Single results by name; the unit is in the name.
-    tables : dict of str to list of dict
-        Further tables.
-    validity : dict
-        Ranges within which the result holds.
-    set_aside : list of dict
-        What was set aside, and why.
-    notes, warnings : list of str
-        What the user should know, and look into.
-    verdict, passed : str, bool or None
-        Verdict in words; whether what was judged is within tolerance, None if nothing was.
-    """
+    """What an artifact says about itself besides its table: plain JSON values."""
 
     kind: str
     version: int = 0
+    """Version of the schema of the kind."""
     made_by: str = ""
+    """Command, such as "fit-stiffness"."""
     made_from: str = ""
+    """Hash of the software, inputs, settings and options: unchanged means up to date."""
     software: str = ""
     sources: str = ""
+    """SHA-256 of the sources of the software."""
     origin: str | None = None
+    """Origin of the data, "measured" or "synthetic"; None if not stated."""
     inputs: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of the inputs, by role."""
     ancestors: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of all that it was made from, by name."""
     config: str = ""
+    """Name of the config without its folder."""
     config_sha256: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
+    """Sections of the config that matter, and the options of the call."""
     facts: dict[str, Any] = field(default_factory=dict)
+    """Single results by name; the unit is in the name."""
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    """Further tables."""
     validity: dict[str, Any] = field(default_factory=dict)
+    """Ranges within which the result holds."""
     set_aside: list[dict[str, Any]] = field(default_factory=list)
+    """What was set aside, and why."""
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     verdict: str = ""
     passed: bool | None = None
+    """Whether what was judged is within tolerance; None if nothing was."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,10 +159,8 @@ def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "arti
 
     table = schemas.table(record.kind)
     values = normalised(columns, table, name)
-    stated = {**asdict(record), "version": table.version}
-    text = json.dumps(
-        plain(stated), separators=(",", ":"), allow_nan=False, ensure_ascii=True
-    ).encode()
+    stated = plain({**asdict(record), "version": table.version})
+    text = json.dumps(stated, separators=(",", ":"), allow_nan=False).encode()
     sealed = arrow_table(values, table).replace_schema_metadata(
         {RECORD_KEY: text, SEAL_KEY: _seal(text, values)}
     )
@@ -191,9 +171,8 @@ def artifact_bytes(columns: Mapping[str, Any], record: Record, name: str = "arti
         version="2.6",
         compression="zstd",
         compression_level=3,
-        use_dictionary=[c.name for c in table.columns if c.name in values and c.dtype == "string"],
+        use_dictionary=[name for name in values if table.column(name).dtype == "string"],
         write_page_checksum=True,
-        store_schema=True,
     )
     return buffer.getvalue()
 
@@ -209,37 +188,31 @@ def read_artifact(path: str | Path, kind: str | None = None) -> Artifact:
 
 def artifact_from_bytes(data: bytes, path: Path, kind: str | None = None) -> Artifact:
     """Read an artifact from the bytes of its file; see `read_artifact`."""
+    needed = "" if kind is None else f", a {kind} artifact is needed; {_command(kind)} writes one"
     if data[:4] != b"PAR1":
-        raise ArtifactError(f"{path}: not an artifact (not a Parquet file){_needed(kind)}")
+        raise ArtifactError(f"{path}: not an artifact (not a Parquet file){needed}")
     file = open_parquet(data, str(path), ArtifactError)
-    stored = file.schema_arrow.metadata or {}
-    if RECORD_KEY not in stored or SEAL_KEY not in stored:
+    stored = file.metadata.metadata or {}
+    if SEAL_KEY not in stored or RECORD_KEY not in stored:
         if EARLIER_KEY in stored:
-            raise ArtifactError(f"{path}: written by an earlier version{_again(stated_kind(path))}")
-        if RECORD_KEY in stored or SEAL_KEY in stored:
-            raise ArtifactError(f"{path}: damaged: a part of its record is missing")
-        raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{_needed(kind)}")
+            again = _command(_kind_in(data) or kind or "")
+            raise ArtifactError(f"{path}: written by an earlier version; {again} makes it again")
+        raise ArtifactError(f"{path}: a Parquet file, but not one of beltid{needed}")
     text = stored[RECORD_KEY]
     try:
-        stated = json.loads(text)
-        known = {f.name for f in fields(Record)}
-        record = Record(**{name: value for name, value in stated.items() if name in known})
-    except (ValueError, TypeError, AttributeError):
-        raise ArtifactError(f"{path}: damaged: its record cannot be read") from None
-    if record.kind not in schemas.TABLES:
-        raise ArtifactError(f"{path}: is a {record.kind} artifact, which this version knows not")
-    table = schemas.table(record.kind)
+        record = Record(**json.loads(text))
+        table = schemas.table(record.kind)
+    except (ValueError, TypeError, KeyError):
+        raise ArtifactError(f"{path}: damaged, or of another version of beltid{needed}") from None
     if kind not in (None, record.kind):
-        raise ArtifactError(f"{path}: is a {record.kind} artifact{_needed(kind)}")
+        raise ArtifactError(f"{path}: is a {record.kind} artifact{needed}")
     if record.version != table.version:
         raise ArtifactError(
             f"{path}: schema version {record.version} of a {table.kind} artifact (written by "
-            f"{record.software}), must be {table.version}{_again(table.kind)}"
+            f"{record.software}), must be {table.version}; {_command(table.kind)} makes it again"
         )
     try:
-        columns = columns_of_arrow(file.read(use_threads=False), table, str(path))
-    except ArtifactError:
-        raise
+        columns = columns_of_arrow(file.read(use_threads=False), table)
     except Exception as error:  # a damaged file can raise almost any error
         raise ArtifactError(f"{path}: {damaged(error)}") from None
     if _seal(text, columns) != stored[SEAL_KEY]:
@@ -253,26 +226,20 @@ def may_be_artifact(path: Path) -> bool:
 
     try:
         with path.open("rb") as file:
-            if file.read(4) != b"PAR1":
-                return False
-        return SEAL_KEY in (pq.read_schema(path).metadata or {})
+            return file.read(4) == b"PAR1" and SEAL_KEY in (pq.read_metadata(path).metadata or {})
     except Exception:  # a damaged file can raise almost any error
         return False
 
 
 def stated_kind(path: Path) -> str | None:
     """Return the kind that a file states, even if damaged or old; None if it is not of beltid."""
-    data = read_bytes(path, ArtifactError) if path.stat().st_size else b""
+    return _kind_in(path.read_bytes())
+
+
+def _kind_in(data: bytes) -> str | None:
     match = re.search(rb'"kind":"([a-z_]+)"', data) if b"beltid_s" in data else None
     return None if match is None else match[1].decode()
 
 
-def _again(kind: str | None) -> str:
-    known = kind is not None and kind in schemas.TABLES
-    return f"; `{schemas.table(str(kind)).command}` makes it again" if known else ""
-
-
-def _needed(kind: str | None) -> str:
-    if kind is None:
-        return ""
-    return f", a {kind} artifact is needed; `{schemas.table(kind).command}` writes one"
+def _command(kind: str) -> str:
+    return f"`{schemas.TABLES[kind].command if kind in schemas.TABLES else 'beltid'}`"

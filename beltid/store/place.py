@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 from beltid.errors import ArtifactError, InputError
-from beltid.store.disk import no_folder
 
 FOREIGN: Final = "a file that beltid did not write"
 OURS: Final = ""
@@ -31,8 +30,8 @@ def check_place(
     endings : tuple of str
         Endings that such files have.
     whose : callable
-        Says what an existing file is: `OURS` if it may be replaced; `FOREIGN`, which is replaced
-        only with force; or something else, which is, too, whatever its ending.
+        Says what an existing file is: `OURS` if it may be replaced; anything else, such as
+        `FOREIGN`, is replaced only with force.
     inputs : mapping of str to Path, optional
         Files that are read, by what they are: never replaced.
     force : bool
@@ -44,25 +43,24 @@ def check_place(
         Names the file, what is there and what to do.
     """
     for what, path in (inputs or {}).items():
-        if same_file(path, out):
+        if _same_file(path, out):
             raise InputError(f"{out}: is the {what}, name another --out")
     if out.is_dir():
         raise ArtifactError(f"{out}: is a folder, name a file in it")
-    fits = out.suffix.lower() in endings
-    if not fits:
-        name = out.with_suffix(endings[0]).name
+    if out.suffix.lower() not in endings:
         raise InputError(
             f"{out}: ends in {out.suffix or 'nothing'}, must be one of {', '.join(endings)}, such "
-            f"as {name}"
+            f"as {out.with_suffix(endings[0]).name}"
         )
-    if out.exists():
-        found = whose(out)
-        if found and not force:
-            raise InputError(
-                f"{out}: is {found}, not replaced; name another --out, or replace it with --force"
-            )
-    if problem := no_folder(out):
-        raise ArtifactError(f"{out}: not written: {problem}")
+    if out.exists() and (found := whose(out)) and not force:
+        raise InputError(
+            f"{out}: is {found}, not replaced; name another --out, or replace it with --force"
+        )
+    folder = next(above for above in out.absolute().parents if above.exists())
+    if not folder.is_dir():
+        raise ArtifactError(f"{out}: not written: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ArtifactError(f"{out}: not written: no permission to write in {folder}")
 
 
 def anyone_s(path: Path) -> str:
@@ -70,11 +68,8 @@ def anyone_s(path: Path) -> str:
     return "already there"
 
 
-def same_file(path: Path, other: Path) -> bool:
-    """Return whether two paths lead to the same file."""
-    if os.path.realpath(path) == os.path.realpath(other):
-        return True
+def _same_file(path: Path, other: Path) -> bool:
     try:
         return os.path.samefile(path, other)
-    except (OSError, ValueError):  # one of the files does not exist
-        return False
+    except OSError:  # one of the files does not exist
+        return os.path.realpath(path) == os.path.realpath(other)

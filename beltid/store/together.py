@@ -7,7 +7,6 @@ one of them was made from is given, or stated by another, with another content.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import takewhile
 from typing import Final
 
 from beltid.errors import ArtifactError
@@ -16,69 +15,68 @@ from beltid.tables.schemas import RECORDINGS, table
 
 SEVERAL: Final = ("surface", "simulated", "compare")
 """Kinds of which a belt has two, published and refined; the refined ones have their own name."""
-REFINED: Final = "surface_refined"
-ALL: Final = "beltid run"
 
 
 def name_of(artifact: Artifact) -> str:
     """Return the kind of an artifact, and whether it comes from the refined surface."""
-    refined = artifact.facts.get("method") == "refined" or REFINED in artifact.record.ancestors
+    ancestors = artifact.record.ancestors
+    refined = artifact.facts.get("method") == "refined" or "surface_refined" in ancestors
     return f"{artifact.kind}_refined" if artifact.kind in SEVERAL and refined else artifact.kind
 
 
 def ancestors_of(inputs: Iterable[Artifact]) -> dict[str, str]:
     """Return the SHA-256 of artifacts and of all that they were made from."""
-    return {
-        name: sha
-        for artifact in inputs
-        for name, sha in (*artifact.record.ancestors.items(), (name_of(artifact), artifact.sha256))
-    }
-
-
-def recordings_of(artifact: Artifact) -> set[tuple[str, str]]:
-    """Return kind and SHA-256 of the recordings that an artifact was made from."""
-    return {pair for pair in artifact.record.ancestors.items() if pair[0] in RECORDINGS}
+    found: dict[str, str] = {}
+    for artifact in inputs:
+        found |= artifact.record.ancestors
+        found[name_of(artifact)] = artifact.sha256
+    return found
 
 
 def refuse_misfits(artifacts: Iterable[Artifact], guests: Iterable[Artifact] = ()) -> None:
-    """Refuse artifacts that do not fit together."""
+    """Refuse artifacts that do not fit together; a guest counts if it is of the same recordings."""
     hosts = list(artifacts)
-    known = {recording for host in hosts for recording in recordings_of(host)}
-    problems = misfits([*hosts, *(guest for guest in guests if known & recordings_of(guest))])
+    known = {recording for host in hosts for recording in _recordings_of(host)}
+    problems = misfits([*hosts, *(guest for guest in guests if known & _recordings_of(guest))])
     if problems:
         raise ArtifactError(problems)
+
+
+def _recordings_of(artifact: Artifact) -> set[tuple[str, str]]:
+    return {pair for pair in artifact.record.ancestors.items() if pair[0] in RECORDINGS}
 
 
 def misfits(artifacts: Sequence[Artifact]) -> list[str]:
     """Return a line for each misfit, only for the nearest causes."""
     found: dict[int, list[str]] = {}
-    for artifact in artifacts:
-        for distance, line in _misfits_of(artifact, artifacts):
+    for position, artifact in enumerate(artifacts):
+        for distance, line in _misfits_of(artifact, artifacts, artifacts[:position]):
             found.setdefault(distance, []).append(line)
     return found[min(found)] if found else []
 
 
-def _misfits_of(artifact: Artifact, artifacts: Sequence[Artifact]) -> Iterator[tuple[int, str]]:
+def _misfits_of(
+    artifact: Artifact, artifacts: Sequence[Artifact], earlier: Sequence[Artifact]
+) -> Iterator[tuple[int, str]]:
     """Yield the misfits with its inputs (0), their ancestors (1), artifacts with the same (2)."""
     for name, content in artifact.record.ancestors.items():
+        what = f"{name} {'recording' if name in RECORDINGS else 'artifact'}"
         given = [other for other in artifacts if name_of(other) == name]
         if given and all(other.sha256 != content for other in given):
             is_input = content in artifact.record.inputs.values()
-            yield 0 if is_input else 1, _line(artifact, f"{name} artifact", given[0])
+            yield 0 if is_input else 1, _line(artifact, what, given[0])
         elif not given:
-            what = f"{name} {'recording' if name in RECORDINGS else 'artifact'}"
-            for earlier in takewhile(lambda other: other is not artifact, artifacts):
-                if earlier.record.ancestors.get(name, content) != content:
-                    yield 2, _line(artifact, what, earlier)
+            for other in earlier:
+                if other.record.ancestors.get(name, content) != content:
+                    yield 2, _line(artifact, what, other)
 
 
 def _line(artifact: Artifact, what: str, other: Artifact) -> str:
-    command = f"beltid {artifact.record.made_by}"
-    if not artifact.record.made_by:
-        command = table(artifact.kind).command
+    made_by = artifact.record.made_by
+    command = f"beltid {made_by}" if made_by else table(artifact.kind).command
     if artifact.kind == "simulated" and other.kind == "friction":
         command += f" --from {other.path}"
-    remedy = f"`{command}` makes it again"
-    if command != ALL:
-        remedy += f", `{ALL}` all results of the belt"
-    return f"{artifact.path}: was made from another {what} than {other.path}; {remedy}"
+    return (
+        f"{artifact.path}: was made from another {what} than {other.path}; `{command}` makes it "
+        "again, `beltid run` all results of the belt"
+    )

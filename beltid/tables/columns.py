@@ -16,28 +16,9 @@ LENGTH_OF_LIST: Final = re.compile(r"list(?: of (\d+))?")
 class Column:
     """One column of a table.
 
-    Attributes
-    ----------
-    name : str
-        Public name, with the unit as suffix.
-    dtype : {"float64", "int64", "bool", "string", "list"}
-        Type; "list" is a list of float64 that has the same length in all rows.
-    unit : str
-        Unit; "" for none, "1" for a dimensionless number.
-    meaning : str
-        Description.
-    nullable : bool
-        Whether a value may be missing (nan, or None in a string column).
-    low, high : float
-        Range of allowed values.
-    open_low, open_high : bool
-        Whether a bound itself is excluded.
-    required : bool
-        Whether the table must have the column.
-    length : int
-        Length of a list; 0: any, but equal in all rows.
-    choices : tuple of str
-        Allowed texts; empty: any.
+    The unit of its public `name` is the suffix; `unit` is "" for none and "1" for a dimensionless
+    number. A `nullable` column may miss values (nan, or None among texts), a table may lack one
+    that is not `required`. Lists hold float64 and have the same `length` in all rows (0: any).
     """
 
     name: str
@@ -73,20 +54,9 @@ def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One kind of table.
+    """One kind of table: what writes it, and the column with the label of a run ("": none).
 
-    Attributes
-    ----------
-    kind : str
-        Name of the kind.
-    command : str
-        Command or bench that writes it, for messages.
-    label : str
-        Column with the label of a run or test; "" if there is none.
-    columns : tuple of Column
-        Columns in order.
-    version : int
-        Schema version; it changes when the name, unit or meaning of a column changes.
+    Its schema version changes when the name, unit or meaning of a column changes.
     """
 
     kind: str

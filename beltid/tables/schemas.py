@@ -250,39 +250,26 @@ pulley_speed_rad_s  number?  rad/s  speed of the pulley
 TABLES["crossvalidation"] = replace(
     TABLES["compare"], kind="crossvalidation", command="beltid cross-validate"
 )
+RECORDINGS: Final = ("press", "rig", "speedloss", "points")
+ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
 CONDITIONS: Final = ("condition", "side")
 """Columns with the conditions of a run."""
 WHERE_KNOWN: Final = (*CONDITIONS, "momentum_N", "torque_with")
 """Columns of the friction table that only some rigs and recordings provide."""
 RUN_TEXTS: Final = ("idle", *CONDITIONS)
 """Columns of a recording that stay empty if they are not stated."""
-RECORDINGS: Final = ("press", "rig", "speedloss", "points")
 NOMINAL: Final = ("arc_deg", "initial_tension_N", "weight_N")
 """Columns with the nominal settings of a run, constant within it."""
 SETTINGS: Final = (*NOMINAL, "temperature_degC", "belt_speed_m_s", *RUN_TEXTS)
 """Columns with one value per run."""
-ARTIFACTS: Final = tuple(kind for kind in TABLES if kind not in RECORDINGS)
+CELLS: Final = ("tension_tight_N", "tension_slack_N")
+CHANNELS: Final = (*CELLS, "weight_N", "torque_N_m", "hub_force_N", "belt_speed_m_s", "idle")
+"""Columns of a rig of which each bench has some."""
 
 
 def table(kind: str) -> Table:
-    """Return the table of a kind.
-
-    Raises
-    ------
-    KeyError
-        If there is no such kind; a bug in the code, not a user error.
-    """
+    """Return the table of a kind."""
     return TABLES[kind]
-
-
-RIG_KINDS: Final = (
-    ("two_cells", "tight"),
-    ("dead_weight", "tight"),
-    ("dead_weight", "slack"),
-    ("torque_hub", "tight"),
-    ("torque", "tight"),
-)
-"""Kinds of friction rig and the span with the weight; those that need more channels come first."""
 
 
 def rig_table(
@@ -299,29 +286,22 @@ def rig_table(
     running : bool
         Whether the belt moves.
     """
-    cell = "tension_slack_N" if weight_on == "tight" else "tension_tight_N"
     required = {
-        "two_cells": ("tension_tight_N", "tension_slack_N"),
-        "dead_weight": ("weight_N", cell),
+        "two_cells": CELLS,
+        "dead_weight": ("weight_N", CELLS[weight_on == "tight"]),
         "torque": ("torque_N_m",),
         "torque_hub": ("torque_N_m", "hub_force_N"),
     }[measures]
-    one_span = ("tension_tight_N", "tension_slack_N", "weight_N")
-    extra: tuple[str, ...] = one_span if measures == "torque" else ()
-    extra += ("idle",) if "torque_N_m" in required else ()
-    extra += ("belt_speed_m_s",) if running else ()
-    channels = {
-        *("tension_tight_N", "tension_slack_N", "weight_N"),
-        *("torque_N_m", "hub_force_N", "belt_speed_m_s", "idle"),
-    }
-    # only rigs with two cells and a belt at rest need the initial tension
-    unneeded = set() if measures == "two_cells" and not running else {"initial_tension_N"}
-    columns = []
-    for column in table("rig").columns:
-        if column.name in required:
-            columns.append(replace(column, required=True))
-        elif column.name in {*unneeded, *extra}:
-            columns.append(replace(column, required=False, nullable=True))
-        elif column.name not in channels:
-            columns.append(column)
-    return replace(table("rig"), columns=tuple(columns))
+    optional = {*CELLS, "weight_N"} if measures == "torque" else set()
+    optional |= {"idle"} if "torque_N_m" in required else set()
+    optional |= {"belt_speed_m_s"} if running else set()
+    if measures != "two_cells" or running:  # only two cells at a belt at rest need it
+        optional.add("initial_tension_N")
+    columns = [
+        replace(c, required=c.name in required, nullable=c.nullable or c.name in optional)
+        if c.name in {*required, *optional}
+        else c
+        for c in TABLES["rig"].columns
+        if c.name in {*required, *optional} or c.name not in CHANNELS
+    ]
+    return replace(TABLES["rig"], columns=tuple(columns))

@@ -99,64 +99,40 @@ _SPELLINGS: Final[dict[str, str]] = {
 LONGEST: Final = 80
 """Longest text that is checked for a unit [characters]."""
 
+_KNOWN: Final = {unit: unit for table in CONVERSIONS.values() for unit in table if unit != "1"}
 _BY_LOWER: Final[dict[str, str]] = {
     word.lower(): unit
-    for words in (
-        {unit: unit for table in CONVERSIONS.values() for unit in table},
-        _SPELLINGS,
-    )
-    for word, unit in words.items()
+    for word, unit in (_KNOWN | _SPELLINGS).items()
     if len(word) > 2 and not word.startswith("mN")  # MN m is not mN m
 }
 
 
 def canonical_unit(text: str) -> str:
-    """Convert a unit to its canonical spelling, without brackets and dots.
+    """Return the spelling of `CONVERSIONS` for a unit such as ``"[µm]"``, ``"Nm"``, ``"1/min"``.
 
-    Parameters
-    ----------
-    text : str
-        A unit as a person writes it, such as ``"[µm]"``, ``"Nm"``, ``"1/min"``.
-
-    Returns
-    -------
-    str
-        The spelling used in `CONVERSIONS`, or the text without brackets if it is not known.
+    A unit that is not known is returned without brackets, blanks and dots.
     """
     if len(text) > LONGEST:
         return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())
-    bare = re.sub(r"\s+since\s.*", "", bare)  # times in NetCDF: minutes since 2026-01-01
     if re.fullmatch(r"[\d.,]+", bare):
         return bare  # "1" is a unit, ".1" is not
     tight = re.sub(r"[\s*·⋅.]+", "", bare)
     if tight in _SPELLINGS:
         return _SPELLINGS[tight]
-    if _is_known(bare):
+    if bare in _KNOWN:
         return bare
     # all other units of three or more letters are unique regardless of case
     return _BY_LOWER.get(tight.lower(), tight) if len(tight) > 2 else tight
 
 
-def _is_known(unit: str) -> bool:
-    return unit != "1" and any(unit in table for table in CONVERSIONS.values())
-
-
 def is_known_unit(text: str) -> bool:
     """Return whether a text is a unit that converts to the unit of any column."""
-    return _is_known(canonical_unit(text))
+    return canonical_unit(text) in _KNOWN
 
 
 def conversion(unit: str, target: str) -> Conversion | None:
-    """Return the conversion from a unit to the unit of a table; None if there is none.
-
-    Parameters
-    ----------
-    unit : str
-        Unit found in a file or a config.
-    target : str
-        Unit of the table's column, a key of `CONVERSIONS`.
-    """
+    """Return the conversion from a unit to the unit of a table; None if there is none."""
     return CONVERSIONS.get(target, {}).get(canonical_unit(unit))
 
 
@@ -164,12 +140,7 @@ def conversion(unit: str, target: str) -> Conversion | None:
 class Calibration:
     """Calibration of a raw channel: ``value = factor * raw + offset`` in the table's unit.
 
-    Attributes
-    ----------
-    factor, offset : float
-        As stated in the calibration sheet of the sensor.
-    per : str
-        Raw unit of the factor, "V" or "mV"; "" for any raw unit.
+    `per` is the raw unit of the factor, "V" or "mV"; "" for any.
     """
 
     factor: float

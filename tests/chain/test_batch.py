@@ -26,7 +26,7 @@ finally:
 def test_the_number_of_processes_changes_no_byte_and_all_notes_are_heard(
     bench: Path, by_one: Path
 ) -> None:
-    done = beltid(bench, *BOTH, "-j", "2")
+    done = beltid(bench, *BOTH, "-j", "4")  # two processes, each with two threads
     assert done.exit_code == 0, done.stderr
     assert contents(bench / "runs") == contents(by_one)
     notes = done.stderr.splitlines()
@@ -35,12 +35,6 @@ def test_the_number_of_processes_changes_no_byte_and_all_notes_are_heard(
         assert mine[0].startswith(f"config {belt}.yaml")
         assert len([line for line in mine if ": done, " in line]) == 9 - (belt == "one")
     assert not [line for line in notes if line and line.split(": ")[0] not in ("one", "two")][1:]
-
-
-def test_one_belt_on_several_cores_has_the_same_bytes(bench: Path, by_one: Path) -> None:
-    done = beltid(bench, "run", "--no-report", "two.yaml", "-j", "3")
-    assert done.exit_code == 0, done.stderr
-    assert contents(bench / "runs" / "two") == contents(by_one / "two")
 
 
 def test_what_is_up_to_date_is_left_alone_and_nothing_heavy_is_imported(
@@ -57,9 +51,9 @@ def test_what_is_up_to_date_is_left_alone_and_nothing_heavy_is_imported(
 
 
 def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_one: Path) -> None:
-    def states(*more: str) -> dict[str, str]:
+    def states(*more: str, status: int = 0) -> dict[str, str]:
         done = beltid(bench, "run", "two.yaml", "--dry-run", "--json", *more)
-        assert done.exit_code == 0, done.stderr
+        assert done.exit_code == status, done.stderr
         rows = json.loads(done.stdout)["table"]
         return {row["step"]: row["state"] for row in rows if row["step"] != "fit-slip"}
 
@@ -72,8 +66,12 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(bench: Path, by_on
     (bench / "runs" / "two" / "surface.parquet").unlink()
     made = {name for name, state in states().items() if state == "to be made"}
     assert made == {"build-surface", "simulate-rig", "compare"}
-    (bench / "rig.csv").unlink()
-    assert beltid(bench, "run", "two.yaml", "-n").exit_code == 2
+    (bench / "press.csv").write_text((bench / "press.csv").read_text() + "\n")
+    (bench / "runs" / "two" / "friction.parquet").write_text("my thesis")
+    kept = contents(bench / "runs")
+    found = states(status=2)
+    assert (found["fit-stiffness"], found["fit-friction"]) == ("to be made", "cannot be made")
+    assert contents(bench / "runs") == kept
 
 
 def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_one: Path) -> None:
@@ -90,7 +88,6 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_o
     assert two["stages"]["cross-validate"] == "up to date"
     facts = two["cross_validate"]
     assert two["predicted_rms_percent"] == facts["groups"][0]["rms_percent"] < 3.0
-    assert f"{two['belt']}: runs of an arc that was left out are predicted to" in done.stdout
     assert single["stages"]["cross-validate"] == "too few settings"
     assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
 
@@ -111,24 +108,26 @@ def drives(folder: Path, names: list[str]) -> list[str]:
     return [f"{name}.yaml" for name in names]
 
 
-@pytest.mark.parametrize("jobs", [pytest.param("1", marks=pytest.mark.long), "2"])
-def test_one_broken_belt_of_sixty_is_named_and_stops_no_other(tmp_path: Path, jobs: str) -> None:
-    configs = drives(tmp_path, [f"b{k}" for k in range(60)])
+@pytest.mark.parametrize(
+    ("count", "jobs"), [(9, "1"), pytest.param(60, "2", marks=pytest.mark.long)]
+)
+def test_one_broken_belt_of_many_is_named_and_stops_no_other(
+    tmp_path: Path, count: int, jobs: str
+) -> None:
+    configs = drives(tmp_path, [f"b{k}" for k in range(count)])
     text = (tmp_path / "slip.csv").read_text().replace("S1,1,300,2.0,62.8", "S1,1,300,2.0,x")
     (tmp_path / "broken.csv").write_text(text)
     (tmp_path / "b7.yaml").write_text("belt: {name: b7}\ndata: {speedloss: broken.csv}\n")
     done = beltid(tmp_path, "run", *configs, "--json", "--no-report", "-j", jobs)
     assert done.exit_code == 5
     said = json.loads(done.stdout)
-    assert said["verdict"] == "1 of 60 belts failed: b7"
-    assert said["facts"] == {"belts": 60, "belts_failed": 1}
-    assert [row["belt"] for row in said["table"]] == [f"b{k}" for k in range(60)]
+    assert said["facts"] == {"belts": count, "belts_failed": 1}
+    assert [row["belt"] for row in said["table"]] == [f"b{k}" for k in range(count)]
     states = [row["stages"]["fit-slip"] for row in said["table"]]
     assert [k for k, state in enumerate(states) if state != "done"] == [7]
     assert "error: b7: fit-slip: broken.csv:" in done.stderr
-    assert len(list((tmp_path / "runs").glob("*/slip.parquet"))) == 59
-    again = beltid(tmp_path, "run", "b7.yaml", "--no-report")
-    assert again.exit_code == 2
+    assert len(list((tmp_path / "runs").glob("*/slip.parquet"))) == count - 1
+    assert beltid(tmp_path, "run", "b7.yaml", "--no-report").exit_code == 2
 
 
 def test_all_that_is_wrong_with_the_configs_is_told_before_anything_runs(tmp_path: Path) -> None:
@@ -139,9 +138,6 @@ def test_all_that_is_wrong_with_the_configs_is_told_before_anything_runs(tmp_pat
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     for words in ("missing.yaml: there is no", "belt.name = A, must differ", "data.rig = no.csv"):
         assert len([line for line in errors if words in line]) == 1, done.stderr
-    (tmp_path / "c.yaml").write_text("belt: {name: c}\ndata: {press: slip.csv}\n")
-    done = beltid(tmp_path, "run", "c.yaml")
-    assert (done.exit_code, "speedloss recording" in done.stderr) == (2, True)
     assert not (tmp_path / "runs").exists()
 
 

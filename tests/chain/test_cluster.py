@@ -96,24 +96,15 @@ def test_a_worker_killed_in_the_middle_changes_no_byte(
     assert not any("runs" in str(path) for path in cluster.folder.rglob("*"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--scheduler", "here"), "cluster here: cannot be reached"),
-        (("--scheduler", "tcp://127.0.0.1:9"), "cluster tcp://127.0.0.1:9: cannot be reached"),
-        (("--scheduler", "tcp://127.0.0.1:9", "-j", "2"), "--jobs applies to this machine"),
-        ((), "cluster named, named by $DASK_SCHEDULER_ADDRESS"),
-    ],
-)
-def test_a_cluster_that_is_not_there_is_status_2_and_reported(
-    bench: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], said: str
+@pytest.mark.parametrize("arguments", [(), ("--scheduler", "tcp://127.0.0.1:9")])
+def test_a_cluster_that_is_not_there_is_status_2_and_named(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
 ) -> None:
     monkeypatch.setattr(clusters, "CONNECT_WITHIN_S", 0.5)
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "named")
     done = beltid(bench, "run", "one.yaml", *arguments)
     assert done.exit_code == 2
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr
+    assert f"error: cluster {arguments[1] if arguments else 'named'}: " in done.stderr
     assert not (bench / "runs").exists()
 
 
@@ -122,7 +113,8 @@ def test_an_empty_variable_or_a_number_of_jobs_names_this_machine(
     bench: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
 ) -> None:
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "here" if more else "")
-    (bench / "press.csv").write_text("test,time_s\n")
+    for name in ("press.csv", "rig.csv"):
+        (bench / name).write_text("test,time_s\n")
     done = beltid(bench, "run", "one.yaml", "--no-report", *more)
     assert done.exit_code == 2
     assert "press.csv" in done.stderr  # it began
@@ -139,18 +131,10 @@ class Client:
         return {"tcp://a:1": here, "tcp://b:1": self.answers(here)}
 
 
-@pytest.mark.parametrize(
-    ("answers", "said"),
-    [
-        (lambda here: None, "1 of 2 workers lack beltid, such as tcp://b:1; install beltid"),
-        (lambda here: "0" * 64, "1 of 2 workers have another beltid, such as tcp://b:1; install"),
-    ],
-)
-def test_workers_without_the_package_or_of_other_sources_are_refused_at_once(
-    answers: Callable[[Any], Any], said: str
-) -> None:
-    with pytest.raises(InputError, match=said):
-        clusters.refuse_others(Client(answers), "there")
+@pytest.mark.parametrize("answer", [None, "0" * 64, ModuleNotFoundError("beltid")])
+def test_workers_without_the_package_or_of_other_sources_are_refused_at_once(answer: Any) -> None:
+    with pytest.raises(InputError, match=r"1 of 2 workers .* tcp://b:1"):
+        clusters.refuse_others(Client(lambda here: answer), "there")
     clusters.refuse_others(Client(lambda here: here), "there")
 
 

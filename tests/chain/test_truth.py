@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from beltid.batch.run import run_batch
-from beltid.batch.sources import config_sources
+from beltid.batch.run import config_sources, run_batch
 
 ROOT = Path(__file__).parents[2]
 

@@ -41,6 +41,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory, part_of_rig: Any) -> Pa
     runs = part_of_rig((40, 82), (100, 220, 310, 411), (0.05, 0.21))
     (folder / "rig.csv").write_text(runs)
     (folder / "beltid.yaml").write_text(SHORT_CONFIG)
+    (folder / "drive.yaml").write_text(f"{SHORT_CONFIG}drive: {{method: string}}\n")
     return folder
 
 
@@ -55,7 +56,10 @@ def finish(recordings: Path, folder: Path) -> None:
     shutil.copytree(recordings, folder, dirs_exist_ok=True)
     calls = (
         ["run", "beltid.yaml", "--no-report", "-j", "1"],
-        ["simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"],
+        [
+            *("simulate-drive", "surface.parquet", "stiffness.parquet", "--from", "slip.parquet"),
+            *("-c", "drive.yaml"),
+        ],
         ["compare-drive", "slip.parquet", "drive.parquet"],
     )
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:

@@ -1,33 +1,53 @@
-"""The command as the shell sees it: pipes, terminals, signals, exit statuses."""
+"""The command as the shell sees it: streams, signals, exit statuses."""
 
 from __future__ import annotations
 
 import os
-import resource
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-BELTID = (sys.executable, "-m", "beltid")
+MAIN = "from beltid.cli import main; main()"
+PROGRAM = """
+import ctypes, os, signal, sys, time
+from beltid.cli.process import hear_signals, if_stopped
+number = signal.Signals[sys.argv[1]]
+signal.signal(number, signal.default_int_handler)
+hear_signals()
+def interrupt(*ignored):
+    os.kill(os.getpid(), number)
+    time.sleep(20.0)
+    return 0
+def work():
+    {call}
+    print("went on")
+with if_stopped("nothing was written"):
+    work()
+"""
+PLACES = {
+    "plain code": "interrupt()",
+    # ctypes prints and drops an exception that its callback raises
+    "a callback of compiled code": "ctypes.CFUNCTYPE(ctypes.c_int)(interrupt)()",
+    "code that takes every exception": (
+        "exec('try:\\n interrupt()\\nexcept BaseException:\\n pass', globals())"
+    ),
+    "an import": (
+        "sys.meta_path.insert(0, type('F', (), {'find_spec': interrupt})()); import no_such_module"
+    ),
+}
 
 
-def environment(**settings: str) -> dict[str, str]:
+def python(code: str, *arguments: str, **settings: Any) -> subprocess.CompletedProcess[bytes]:
+    """Run Python code in a process of its own, without a config of the user's."""
     inherited = {k: v for k, v in os.environ.items() if k not in ("BELTID_CONFIG", "COLUMNS")}
-    return {**inherited, **settings}
-
-
-def run(folder: Path, *arguments: str, **settings: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run(
-        [*BELTID, *arguments],
-        cwd=folder,
-        capture_output=True,
-        env=environment(**settings),
-        check=False,
-        timeout=60,
-    )
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 60} | settings
+    settings["env"] = inherited | settings.get("env", {})
+    return subprocess.run([sys.executable, "-c", code, *arguments], check=False, **settings)
 
 
 @pytest.fixture
@@ -37,149 +57,114 @@ def beside(recordings: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_same_input_same_bytes_in_another_process_and_folder(
-    finished: Path, recordings: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("place", "number", "word", "status"),
+    [
+        *((place, "SIGINT", "interrupted", 130) for place in PLACES),
+        ("plain code", "SIGTERM", "terminated", 143),
+        ("plain code", "SIGHUP", "hung up", 129),
+    ],
+)
+def test_a_signal_ends_the_program_wherever_it_comes(
+    place: str, number: str, word: str, status: int
 ) -> None:
-    for name in ("rig.csv", "beltid.yaml"):
-        shutil.copy(recordings / name, tmp_path)
-    done = run(tmp_path, "fit-friction", "rig.csv", "--json", PYTHONHASHSEED="7", TZ="Asia/Tokyo")
-    assert done.returncode == 0
-    made = (tmp_path / "friction.parquet").read_bytes()
-    assert made == (finished / "friction.parquet").read_bytes()
+    done = python(PROGRAM.replace("{call}", PLACES[place]), number)
+    assert done.stderr.decode() == f"error: {word}; nothing was written\n"
+    assert (done.returncode, done.stdout) == (status, b"")
 
 
-@pytest.mark.parametrize("named", ["speedloss.csv", "absolute"])
-def test_a_working_folder_that_was_deleted(beside: Path, named: str) -> None:
-    gone = beside / "gone"
-    gone.mkdir()
-    file = str(beside / "speedloss.csv") if named == "absolute" else named
-    call = f"import os, sys; os.rmdir({str(gone)!r}); sys.argv[1:] = ['fit-slip', {file!r}]"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{call}; from beltid.cli import main; main()"],
-        cwd=gone,
-        capture_output=True,
-        env=environment(),
+def test_an_ignored_signal_stays_ignored() -> None:
+    code = (
+        "import os, signal; from beltid.cli.process import hear_signals\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN); hear_signals()\n"
+        "os.kill(os.getpid(), signal.SIGHUP); print('went on')"
     )
+    assert python(code).stdout == b"went on\n"
+
+
+def test_children_end_with_the_program() -> None:
+    code = """
+import multiprocessing, os, signal, time
+from beltid.cli.process import hear_signals
+hear_signals()
+child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(600.0,))
+child.start()
+print(child.pid, flush=True)
+os.kill(os.getpid(), signal.SIGTERM)
+time.sleep(20.0)
+"""
+    done = python(code)  # waits for all that hold the pipe
+    assert done.returncode == 128 + signal.SIGTERM
+    assert int(done.stdout) > 0
+
+
+def test_same_input_same_bytes_in_another_process_and_folder(finished: Path, beside: Path) -> None:
+    shutil.copy(finished / "beltid.yaml", beside)
+    env = {"PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
+    assert python(MAIN, "fit-slip", "speedloss.csv", cwd=beside, env=env).returncode == 0
+    made = (beside / "slip.parquet").read_bytes()
+    assert made == (finished / "slip.parquet").read_bytes()
+
+
+def test_a_working_folder_that_was_deleted(beside: Path) -> None:
+    code = f"import os; os.rmdir(os.getcwd()); {MAIN}"
+    for file, status in (("speedloss.csv", 2), (str(beside / "speedloss.csv"), 0)):
+        (beside / "gone").mkdir()
+        done = python(code, "fit-slip", file, cwd=beside / "gone")
+        assert done.returncode == status
+        assert b"Traceback" not in done.stderr
+    assert (beside / "slip.parquet").is_file()
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(beside: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = python(MAIN, "fit-slip", "speedloss.csv", "-v", cwd=beside, stdout=write)
+    os.close(write)
+    assert done.returncode == 0
     assert b"Traceback" not in done.stderr
-    if named == "absolute":
-        assert done.returncode == 0
-        assert (beside / "slip.parquet").is_file()
-    else:
-        assert done.returncode == 2
-        assert b"working folder" in done.stderr
+    assert b"Exception ignored" not in done.stderr
+    assert (beside / "slip.parquet").is_file()
 
 
-def test_a_terminal_without_the_letters_gets_substitutes(beside: Path) -> None:
-    done = run(beside, "config", "show", "--all", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize(("stream", "status"), [("stdout", 2), ("stderr", 0)])
+def test_a_full_disk_behind_a_stream(tmp_path: Path, stream: str, status: int) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = python(MAIN, "config", "show", "--all", cwd=tmp_path, **{stream: full})
+    assert done.returncode == status
+    assert b"error: stdout: " in done.stderr if status else b"axial_stiffness_N" in done.stdout
+
+
+def test_a_terminal_without_the_letters_gets_substitutes(tmp_path: Path) -> None:
+    env = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = python(MAIN, "config", "show", "--all", cwd=tmp_path, env=env)
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()
 
 
-def small_files_only() -> None:
-    """In a new process: no file becomes larger than 2 kB, as on a disk that is nearly full."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
-
-
-def test_a_product_that_is_cut_short_on_stdout_is_an_error(tmp_path: Path) -> None:
-    with (tmp_path / "shown.yaml").open("wb") as product:
-        done = subprocess.run(
-            [*BELTID, "config", "show", "--all"],
-            cwd=tmp_path,
-            stdout=product,
-            stderr=subprocess.PIPE,
-            env=environment(PYTHONUNBUFFERED=""),
-            preexec_fn=small_files_only,
-            check=False,
-        )
-    assert (tmp_path / "shown.yaml").stat().st_size <= 2048
-    assert done.returncode == 2
-    assert b"error: stdout: File too large" in done.stderr
-
-
-def test_a_reader_that_has_seen_enough_is_no_error(recordings: Path, tmp_path: Path) -> None:
-    shutil.copy(recordings / "speedloss.csv", tmp_path)
-    process = subprocess.Popen(
-        [*BELTID, "fit-slip", "speedloss.csv", "-v"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment(),
-    )
-    assert process.stdout is not None
-    process.stdout.close()
-    assert process.stderr is not None
-    talk = process.stderr.read()
-    process.stderr.close()
-    assert process.wait(timeout=60) == 0
-    assert b"Traceback" not in talk
-    assert b"Exception ignored" not in talk
-    assert (tmp_path / "slip.parquet").is_file()
+def test_closed_streams_are_as_good_as_dev_null(beside: Path) -> None:
+    call = f'"{sys.executable}" -m beltid fit-slip speedloss.csv <&- >&- 2>&-'
+    done = subprocess.run(["sh", "-c", call], cwd=beside, capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+    assert (beside / "slip.parquet").is_file()
 
 
 def test_a_bug_ends_with_a_traceback_and_status_1(tmp_path: Path) -> None:
-    code = (
-        "import beltid.config as config; "
-        "config.config_text = lambda *a, **k: 1 / 0; "
-        "from beltid.cli import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, "config", "show"],
-        cwd=tmp_path,
-        capture_output=True,
-        env=environment(),
-        check=False,
-    )
+    code = f"import beltid.config as config; config.config_text = lambda *a, **k: 1 / 0; {MAIN}"
+    done = python(code, "config", "show", cwd=tmp_path)
     assert done.returncode == 1
     assert b"ZeroDivisionError" in done.stderr
     assert done.stdout == b""
 
 
-needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-
-
-@needs_full_device
-def test_a_full_disk_behind_stderr_does_not_stop_the_work(tmp_path: Path) -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [*BELTID, "config", "show", "--all"],
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            stderr=full,
-            env=environment(),
-            check=False,
-            timeout=60,
-        )
-    assert done.returncode == 0
-    assert b"axial_stiffness_N" in done.stdout
-
-
-@pytest.mark.parametrize(
-    ("call", "closed"),
-    [
-        ("--help", ">&-"),
-        ("fit-slip speedloss.csv", "<&- >&- 2>&-"),
-    ],
-)
-def test_closed_streams_are_as_good_as_dev_null(beside: Path, call: str, closed: str) -> None:
-    done = subprocess.run(
-        ["sh", "-c", f'"{sys.executable}" -m beltid {call} {closed}'],
-        cwd=beside,
-        capture_output=True,
-        env=environment(),
-        check=False,
-        timeout=60,
-    )
-    assert (done.returncode, done.stdout) == (0, b"")
-    assert b"Traceback" not in done.stderr
-    assert (beside / "slip.parquet").is_file() is call.endswith(".csv")
-
-
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux does")
-@pytest.mark.parametrize(("stated", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, 2)])
 def test_the_linear_algebra_of_a_command_runs_in_one_thread(
-    stated: dict[str, str], threads: int
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its matrices are so small that threads cost more than they do; who states more gets them."""
+    """Its matrices are so small that threads cost more than they do."""
+    for name in [name for name in os.environ if name.endswith("_NUM_THREADS")]:
+        monkeypatch.delenv(name)
     code = (
         "import os, sys; from beltid.cli import main\n"
         "try: main()\n"
@@ -187,8 +172,4 @@ def test_the_linear_algebra_of_a_command_runs_in_one_thread(
         "import numpy; a = numpy.ones((500, 500)); a @ a\n"
         "print(len(os.listdir('/proc/self/task')))"
     )
-    free = {name: v for name, v in environment().items() if not name.endswith("_NUM_THREADS")}
-    done = subprocess.run(
-        [sys.executable, "-c", code, "--version"], capture_output=True, env={**free, **stated}
-    )
-    assert int(done.stdout.splitlines()[-1]) == min(threads, len(os.sched_getaffinity(0)))
+    assert python(code, "--version").stdout.splitlines()[-1] == b"1"

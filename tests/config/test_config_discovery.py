@@ -6,16 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from beltid.config import find_config, load_config
+from beltid.config import find_config
 from beltid.errors import ConfigError
-
-
-@pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    folder = tmp_path / "bench" / "monday"
-    folder.mkdir(parents=True)
-    return folder
 
 
 def ribs(path: Path, number: int) -> Path:
@@ -23,48 +15,39 @@ def ribs(path: Path, number: int) -> Path:
     return path
 
 
-def test_the_order_of_places(place, monkeypatch):
-    recording = place / "rig.csv"
-    assert find_config(recording).config == load_config()
-    assert find_config().path is None
-    assert "built-in 5PK" in find_config().origin
+def test_the_order_of_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "bench" / "monday"
+    place.mkdir(parents=True)
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("BELTID_CONFIG", "")  # counts as unset
+    recording = place / "rig.v2.csv.gz"
     (place / "beltid.yaml").mkdir()  # a folder of that name is no config
-    assert find_config(recording).path is None
+    assert find_config().path is find_config(recording).path is None
     (place / "beltid.yaml").rmdir()
-    others = [place.parent.parent / "beltid.yaml", place.parent / "rig.yaml"]
-    for number, path in enumerate([*others, place / "beltid.yaml", place / "rig.yaml"], 11):
+    others = [place.parent.parent / "beltid.yaml", place.parent / "rig.v2.yaml"]
+    for number, path in enumerate([*others, place / "beltid.yaml", place / "rig.v2.yaml"], 11):
         ribs(path, number)
-        monkeypatch.setenv("BELTID_CONFIG", "")  # counts as unset
-        found = find_config(recording)
-        assert (found.config.belt.ribs, found.path) == (number, path)
-        assert str(path) in found.origin
-        monkeypatch.chdir(place)
-        assert find_config("rig.csv").config.belt.ribs == number
+        for found in (find_config(recording), find_config(recording.name)):
+            assert (found.config.belt.ribs, found.path) == (number, path)
+            assert str(path) in found.origin
     monkeypatch.setenv("BELTID_CONFIG", str(ribs(place / "other.yaml", 15)))
     assert find_config(recording).config.belt.ribs == 15
     assert "$BELTID_CONFIG" in find_config(recording).origin
-    named = ribs(place / "named.yaml", 16)
-    assert find_config(recording, named).config.belt.ribs == 16
-    assert "--config" in find_config(recording, named).origin
+    found = find_config(recording, ribs(place / "named.yaml", 16))
+    assert (found.config.belt.ribs, "--config" in found.origin) == (16, True)
 
 
-@pytest.mark.parametrize("name", ["5pk.v2.csv", "5pk.v2.csv.gz"])
-def test_the_stem_of_a_recording(place, name):
-    assert find_config(place / name).path is None
-    assert find_config(ribs(place / "5pk.v2.yaml", 14).with_name(name)).config.belt.ribs == 14
-
-
-def test_a_wrong_config_that_was_found_says_why_it_was_taken(place):
-    ribs(place / "beltid.yaml", 0)
+def test_a_wrong_config_that_was_found_says_why_it_was_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("BELTID_CONFIG", raising=False)
+    ribs(tmp_path / "beltid.yaml", 0)
     with pytest.raises(ConfigError) as caught:
-        find_config(place / "rig.csv")
+        find_config(tmp_path / "rig.csv")
     assert len(caught.value.problems) == 2
     assert all(word in caught.value.problems[1] for word in ("beltid.yaml", "rig.csv", "--config"))
-
-
-def test_a_named_config_that_is_missing_is_an_error(place, monkeypatch):
-    with pytest.raises(ConfigError, match="no such config file"):
-        find_config(place / "rig.csv", place / "missing.yaml")
-    monkeypatch.setenv("BELTID_CONFIG", str(place / "missing.yaml"))
-    with pytest.raises(ConfigError, match="no such config file"):
-        find_config(place / "rig.csv")
+    missing = tmp_path / "missing.yaml"
+    monkeypatch.setenv("BELTID_CONFIG", str(missing))
+    for explicit in (missing, None):
+        with pytest.raises(ConfigError, match="missing"):
+            find_config(tmp_path / "rig.csv", explicit)

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,7 +40,7 @@ def test_the_built_in_rig_is_that_of_the_paper():
 def test_the_shipped_configs_state_the_recorded_runs(belt):
     config = load_config(ROOT / "configs" / f"{belt}.yaml")
     assert config.belt.name == belt
-    rig = np.genfromtxt(config.data.rig, delimiter=",", names=True)
+    rig = pd.read_csv(config.data.rig, usecols=["arc_deg", "initial_tension_N"])
     assert set(rig["arc_deg"]) == set(config.rig.arcs_deg)
     assert set(rig["initial_tension_N"]) == set(config.rig.initial_tensions_N)
     assert len([path for path in config.data.files.values() if path.is_file()]) == 3
@@ -149,7 +150,7 @@ def test_the_layout_of_files_is_a_dictionary_by_kind():
 names = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Zl", "Zp"]), min_size=1)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     name=names.filter(lambda s: s.isprintable() and len(s) < 200),
     stiffness=st.floats(1e2, 1e8),

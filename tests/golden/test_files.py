@@ -503,7 +503,7 @@ WRONG = [
     ("rig:\n  arcs_deg: [40, 400]\n", "2:18 rig.arcs_deg[1] 400 (0, 360)"),
     ("rig: {arcs_deg: 40}\n", "1:17 rig.arcs_deg 40 [40, 68, 82]"),
     ("rig:\n  span_length_m: 0,1\n", "2:18 rig.span_length_m 0,1 0.1"),
-    ("press: {segment_length_cm: 1e5}\n", "1:28 press.segment_length_cm 100000 [0.1, 100] cm"),
+    ("press: {segment_length_cm: 1e5}\n", "1:28 press.segment_length_cm 1e5 [0.1, 100] cm"),
     ("conditions: {surface: oily}\n", "1:23 conditions.surface oily dry wet dusty"),
     ("units: {rig: {tension_tight_N: kPa}}\n", "1:32 units.rig.tension_tight_N kPa N kN lbf N/V"),
     ("columns: {rig: {tension_tight: F1}}\n", "1:17 columns.rig.tension_tight tension_tight_N"),

@@ -155,7 +155,13 @@ def test_stopped_from_outside(number: int, status: int, two_belts: Path, tmp_pat
         str(tmp_path / "runs"),
     ]
     process = subprocess.Popen(
-        command, cwd=two_belts, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+        command,
+        cwd=two_belts,
+        env=environment,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        # signals do what they do, also where the tests run in the background
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 60
     while not list(tmp_path.rglob("stiffness.parquet")):

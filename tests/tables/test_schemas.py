@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from beltid.config import Config
 from beltid.tables import schemas
 from beltid.tables.columns import Column, column_of
 from beltid.tables.units import CONVERSIONS
@@ -58,11 +57,3 @@ def test_columns_are_named_once_and_their_units_are_known(table: schemas.Table) 
         assert (column.unit == "") == (column.dtype in ("string", "bool"))
         if table.kind in schemas.RECORDINGS and column.dtype == "float64":
             assert column.unit in CONVERSIONS, column.name
-
-
-def test_the_config_names_the_kinds_of_recordings() -> None:
-    config = Config()
-    for kinds in (config.columns, config.units, config.runs):
-        assert set(kinds) < set(schemas.RECORDINGS)  # those of the rig serve its plateaus
-    known = {name for kind in schemas.RECORDINGS for name in schemas.table(kind).names}
-    assert set(schemas.SETTINGS) <= known

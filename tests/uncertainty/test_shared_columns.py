@@ -11,7 +11,7 @@ import pytest
 
 import beltid
 from beltid.config.model import UncertaintySection
-from beltid.stages.uncertainties import standard_uncertainties
+from beltid.stages.inputs import standard_uncertainties
 from beltid.uncertainty.agreement import validated
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.simulated import RunsUncertainty
