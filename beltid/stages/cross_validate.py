@@ -142,13 +142,9 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
     sources = with_rig_sources(solution.sources, of_arcs)
     bench = replace(campaign.bench, surface=surface)
-<<<<<<< HEAD
     part = simulated_uncertainty(
         bench, press, measured.points, arcs, sources, kind=kind, same_bench=True
     )
-=======
-    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
->>>>>>> main
     if fold.by == "speed":
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
