@@ -82,8 +82,9 @@ def agreement(
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
-    points = compare_points(measured, simulated, tolerances)
-    result, parts = validated(points, measured, simulated, uncertainty)
+    result, parts = validated(
+        compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
+    )
     found, budget = parts.facts(result), parts.budget()
     columns = {**result.to_columns(), **parts.columns(result)}
     n = len(columns["run"])

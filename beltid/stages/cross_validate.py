@@ -141,10 +141,9 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     arc_sources = [source for source in solution.sources if source.error == ARC][:1]
     of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
     sources = with_rig_sources(solution.sources, of_arcs)
+    points = measured.points
     bench = replace(campaign.bench, surface=surface)
-    part = simulated_uncertainty(
-        bench, press, measured.points, arcs, sources, kind=kind, same_bench=True
-    )
+    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
     if fold.by == "speed":
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
