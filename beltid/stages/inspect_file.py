@@ -171,6 +171,9 @@ def file_sections(inspection: Inspection, config: Config) -> Sections:
 def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
     """Return the units of the config, else of the file; the others, by default, as comments."""
     lines, comments = [], []
+    columns = {
+        c.name: c for kind in ("points", inspection.kind) for c in schemas.table(kind).columns
+    }
     for role, match in inspection.found.items():
         unit = stated.get(role)
         if isinstance(unit, Calibration):
@@ -179,7 +182,7 @@ def _units(inspection: Inspection, stated: Mapping[str, Any]) -> list[str]:
             lines.append(f"    {role}: {value_text(unit)}")
         elif match.stated and match.channel.unit:
             lines.append(f"    {role}: {value_text(canonical_unit(match.channel.unit))}")
-        ours = schemas.table(inspection.kind).column(role).unit
+        ours = columns[role].unit
         open_unit = not match.stated and not canonical_unit(match.channel.unit).strip("-")
         if match.how == "recognised" and open_unit and ours:
             rpm = ", or rpm" if ours == "rad/s" else ""
