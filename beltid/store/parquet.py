@@ -149,16 +149,9 @@ def _arrow_type(column: Column) -> pa.DataType:
 
 
 def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> Any:
-    """Return the cells, with nan for null; Arrow's own ways to do so import pandas."""
-    import pyarrow as pa
-
-    if column.dtype in ("list", "string"):
+    """Return the cells, with None for null; Arrow's own ways to numpy import pandas."""
+    if column.dtype in ("list", "string", "bool") or chunked.null_count:
         return chunked.to_pylist()
-    if column.dtype == "float64":
-        nan = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
-        chunked = chunked.fill_null(nan)
-    elif column.dtype == "bool":  # Arrow packs eight into a byte
-        chunked = chunked.cast("uint8")
     return np.from_dlpack(chunked.combine_chunks()).copy()
 
 
