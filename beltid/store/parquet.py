@@ -102,7 +102,8 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "bool":
         return []
     if column.dtype == "string":
-        wrong, missing = np.zeros(len(cells), dtype=bool), np.equal(cells, None)
+        missing = np.array([cell is None for cell in cells], dtype=bool)
+        wrong = np.zeros_like(missing)
     else:
         wrong, missing = np.isinf(cells) | outside(cells, column), np.isnan(cells)
     if not column.nullable:
