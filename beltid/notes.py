@@ -91,19 +91,6 @@ def python_warnings() -> Iterator[None]:
         yield
 
 
-class Kept(logging.Handler):
-    """Handler that keeps level and text of each line, for another process to report."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lines: list[tuple[int, str]] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep a line; steps of a task are not kept."""
-        if not hasattr(record, "progress"):
-            self.lines.append((record.levelno, record.getMessage()))
-
-
 @contextlib.contextmanager
 def heard_by(handler: logging.Handler) -> Iterator[None]:
     """Let a handler receive the notes made inside."""

@@ -8,10 +8,9 @@ the config that it names; a test poisons all others.
 from __future__ import annotations
 
 import functools
-import hashlib
 import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
@@ -30,14 +29,15 @@ if TYPE_CHECKING:
     from beltid.store.artifact import Artifact, Origin, Record
 
 Result = TypeVar("Result")
-Kind = str | tuple[str, ...] | Callable[..., str]
-"""Kind of an input; several, of which the file is one; or a function of the options."""
+Kind = str | tuple[str, ...]
+"""Kind of an input; or several, of which the file is one."""
 
 SUFFIX: Final = ".parquet"
-RECORDINGS: Final = ("press", "rig", "speedloss", "points")
+RECORDINGS: Final = ("press", "rig", "speedloss")
 HIDDEN: Final = ("workers",)
-"""Keywords of a stage that are no options: they change no result."""
+"""Keywords of a stage that are no options."""
 NO_MATTER: Final = ("jobs", *HIDDEN)
+"""Keywords that change no result."""
 BUILT_IN: Final = "built-in 5PK rig"
 OF_BENCH: Final = (
     "belt.axial_stiffness_N",
@@ -52,44 +52,29 @@ OF_BENCH: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome(Generic[Result]):
-    """Result of a stage: a table, single results, further tables, and what the user should know.
-
-    Attributes
-    ----------
-    columns : dict of str to ndarray
-        The table, with the columns of its kind; nan or None where a value is missing.
-    result : object
-        The scientific result with all its properties.
-    facts : dict
-        Single results by name; the unit is in the name.
-    tables : dict of str to list of dict
-        Further tables.
-    validity : dict
-        Ranges within which the result holds.
-    set_aside : list of dict
-        Runs or points that were set aside, with the reason.
-    notes, warnings : tuple of str
-        What the user should know, and what the user should look into.
-    verdict, passed : str, bool or None
-        Verdict in words; whether what was judged is within tolerance, None if nothing was.
-    kind : str
-        Kind of the table.
-    origin : {"measured", "synthetic"} or None
-        Origin of the data; None if not stated.
-    """
+    """Result of a stage: a table, single results, further tables, and what the user should know."""
 
     columns: dict[str, np.ndarray]
+    """The table, with the columns of its kind; nan or None where a value is missing."""
     result: Result
+    """The scientific result with all its properties."""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    """Single results by name; the unit is in the name."""
     tables: Mapping[str, Any] = field(default_factory=dict)
+    """Further tables: lists of rows."""
     validity: Mapping[str, Any] = field(default_factory=dict)
+    """Ranges within which the result holds."""
     set_aside: list[dict[str, Any]] = field(default_factory=list)
+    """Runs or points that were set aside, with the reason."""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
     passed: bool | None = None
+    """Whether what was judged is within tolerance, None if nothing was."""
     kind: str = ""
+    """Kind of the table."""
     origin: Origin | None = None
+    """Origin of the data, "measured" or "synthetic"; None if not stated."""
 
     def to_frame(self) -> pd.DataFrame:
         """Return the table as a pandas DataFrame."""
@@ -180,16 +165,10 @@ class Outcome(Generic[Result]):
         return text_of(self.as_artifact())
 
     def _repr_html_(self) -> str:
-        """Render the table for a notebook, with its warnings."""
-        from html import escape
-
         frame = self.to_frame()[[n for n, values in self.columns.items() if values.ndim == 1]]
-        warnings = "".join(f"<li>{escape(line)}</li>" for line in self.warnings)
-        table = frame.to_html(
-            max_rows=12, na_rep="", border=0, float_format="{:.5g}".format, escape=True
-        )
+        table = frame.to_html(max_rows=12, na_rep="", border=0, float_format="{:.5g}".format)
         origin = " (synthetic data)" if self.origin == "synthetic" else ""
-        return f"<p>{escape(self.kind)}{origin}: {len(frame)} rows</p><ul>{warnings}</ul>{table}"
+        return f"<p>{self.kind}{origin}: {len(frame)} rows</p>{table}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,72 +180,83 @@ class Built:
 
 
 @dataclass(frozen=True, slots=True)
+class Input:
+    """A file that a stage reads: its kind, its name in the record, its content when it was read."""
+
+    path: Path
+    kind: str
+    name: str
+    besides: list[Path]
+    """Files among those of the path that do not belong to it."""
+    seen: Any
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path, kind: str, name: str, config: Config) -> Input:
+        """Return an input with the hash of its content."""
+        from beltid.bench.files import content_of, signature_of
+
+        besides = [table for of, table in config.run_tables.items() if of == kind]
+        seen = signature_of(path)
+        return cls(path, kind, name, besides, seen, content_of(path, besides).sha256)
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether it is no artifact."""
+        return self.kind in RECORDINGS
+
+    def has_changed(self) -> bool:
+        """Return whether the file has changed since."""
+        from beltid.bench.files import content_of, signature_of
+
+        if signature_of(self.path) == self.seen:
+            return False
+        return content_of(self.path, self.besides).sha256 != self.sha256
+
+
+@dataclass(frozen=True, slots=True)
 class Work:
-    """One call of a stage on files: what it reads, writes and depends on."""
+    """One call of a stage on files: what it reads and depends on."""
 
     source: ConfigSource
-    files: Mapping[str, Path]
-    kinds: Mapping[str, str]
-    names: Mapping[str, str]
-    out: Path
+    files: Mapping[str, Input]
+    tables: Sequence[Input]
+    """Tables of the runs of its recordings."""
     options: Mapping[str, Any]
     settings: Mapping[str, Any]
-    contents: Mapping[str, Any]
-    seen: Mapping[str, Any]
-    made_from: str
+    made_from: str = ""
 
     @property
     def inputs(self) -> dict[str, str]:
-        """SHA-256 of the inputs by role."""
-        return {role: content.sha256 for role, content in self.contents.items()}
+        """SHA-256 of all that is read, by name."""
+        return {file.name: file.sha256 for file in (*self.files.values(), *self.tables)}
 
 
 @dataclass(eq=False)
 class Stage:
-    """A stage: ``stage(tables..., config)`` in memory, ``stage.run(source, files, out)`` on files.
-
-    Attributes
-    ----------
-    name : str
-        Name of the command.
-    makes : str
-        Kind of the table.
-    reads : mapping of str to Kind
-        Parameter -> kind of recording or artifact; a keyword is an input that may be left out.
-    uses : tuple of str
-        Sections of the config that it reads.
-    compute : callable
-        The function.
-    file : str or callable
-        Name of the file, or a function of the options that gives it; default: the kind.
-    bench : tuple of str
-        Sections of the config in which the inputs must not differ without a warning.
-    guests : tuple of str
-        Inputs that may be of another bench.
-    finds : callable, optional
-        Adds inputs that lie beside the given ones.
-    writes : callable, optional
-        Turns the outcome into the bytes of a file that is no artifact.
-    whose : callable, optional
-        Says of such a file what it is; see `check_place`.
-    fails_with : int
-        Exit status if `passed` is False.
-    is_command : bool
-        Whether it is a command.
-    """
+    """A stage: ``stage(tables..., config)`` in memory, ``run(source, files, out)`` on files."""
 
     name: str
+    """Name of the command."""
     makes: str
+    """Kind of the table."""
     reads: Mapping[str, Kind]
+    """Parameter -> kind of recording or artifact; a keyword is an input that may be left out."""
     uses: tuple[str, ...]
+    """Sections of the config that it reads."""
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""
+    """Name of the file, or a function of the options that gives it; default: the kind."""
     bench: tuple[str, ...] = ()
+    """Sections of the config in which the inputs must not differ without a warning."""
     guests: tuple[str, ...] = ()
+    """Inputs that may be of another bench."""
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
+    """Adds inputs that lie beside the given ones."""
     writes: Callable[[Outcome[Any]], bytes] | None = None
-    whose: Callable[[Path], str] | None = None
+    """Turns the outcome into the bytes of a file that is no artifact."""
     fails_with: int = EXIT_OUT_OF_TOLERANCE
+    """Exit status if `passed` is False."""
     is_command: bool = True
 
     def __post_init__(self) -> None:
@@ -289,17 +279,22 @@ class Stage:
     def __call__(self, *args: Any, **kwargs: Any) -> Outcome[Any]:
         """Compute from tables, results and laws in memory."""
         from beltid.config import load_config
+        from beltid.store.artifact import Artifact, combined_origin
 
         bound = self.signature.bind(*args, **kwargs)
         bound.apply_defaults()
         given = dict(bound.arguments)
         config = given["config"] = load_config(given.get("config"))
         items = [given[role] for role in self.reads]
-        for role, kind in self._kinds(given).items():
+        for role, kind in self.reads.items():
             if kind in RECORDINGS:
-                given[role] = _recording(given[role], kind, config)
+                given[role] = _in_memory(given[role], str(kind), config)
         outcome = self.compute(**given)
-        return replace(outcome, kind=self.makes, origin=_origin_of(items, config))
+        # a result has its own origin; a plain table beside it takes that one, alone the config's
+        origins = [item.origin for item in items if isinstance(item, (Outcome, Artifact))]
+        if config.data.origin or not origins:
+            origins.append(config.data.origin)
+        return replace(outcome, kind=self.makes, origin=combined_origin(origins))
 
     def run(
         self,
@@ -345,8 +340,9 @@ class Stage:
         if workers is not None and "workers" in self.signature.parameters:
             given["workers"] = workers
         outcome = replace(self.compute(**given), kind=self.makes)
-        _refuse_changed(work)
-        return Built(self._write(work, outcome, items), up_to_date=False)
+        if changed := [file.path for file in work.files.values() if file.has_changed()]:
+            raise InputError([f"{path}: was changed while it was read" for path in changed])
+        return Built(self._write(work, outcome, items, out), up_to_date=False)
 
     def look(
         self,
@@ -358,86 +354,74 @@ class Stage:
         **options: Any,
     ) -> tuple[Work, Artifact | None]:
         """Return the work, and what it made before from the same inputs; compute nothing."""
-        from beltid.bench.files import content_of, signature_of
-
-        given = dict(files)
-        if self.finds is not None:
-            given = self.finds(given)
+        config = source.config
+        given = dict(files) if self.finds is None else self.finds(dict(files))
         chosen = {p.name: options.get(p.name, p.default) for p in self.options}
-        reads = {role: kind for role, kind in self._kinds(chosen).items() if role in given}
+        reads = {role: kind for role, kind in self.reads.items() if role in given}
         kinds = {role: _kind_of(kind, given[role]) for role, kind in reads.items()}
-        # a recording in the place of an artifact is of another bench
-        names = {
-            role: "recording" if kind in RECORDINGS and isinstance(reads[role], tuple) else kind
+        existing = self._check_place(source, given, kinds, out, force=force)
+        inputs = {
+            role: Input.of(given[role], kind, _name_of(kind, reads[role]), config)
             for role, kind in kinds.items()
         }
-        tables = {
-            kind: table
-            for kind, table in source.config.run_tables.items()
+        tables = [
+            Input.of(table, "", f"{kind}_runs", config)
+            for kind, table in config.run_tables.items()
             if kind in kinds.values()
-        }
-        read = {**given, **{f"{kind}_runs": table for kind, table in tables.items()}}
-        seen = {role: signature_of(path) for role, path in read.items()}
-        existing = self._check_place(source, given, out, force=force)
-        contents = {
-            names.get(role, role): content_of(path, _besides(source.config, kinds.get(role, "")))
-            for role, path in read.items()
-        }
-        settings = self.settings(source.config, kinds, chosen)
-        made_from = self._made_from(source.config, contents, settings)
-        work = Work(source, given, kinds, names, out, chosen, settings, contents, seen, made_from)
-        fresh = existing if existing and existing.record.made_from == made_from else None
-        return work, None if force else fresh
+        ]
+        settings = self._settings(config, kinds.values(), chosen)
+        work = Work(source, inputs, tables, chosen, settings)
+        work = replace(work, made_from=self._made_from(work))
+        fresh = existing is not None and existing.record.made_from == work.made_from
+        return work, existing if fresh and not force else None
 
-    def settings(
-        self, config: Config, kinds: Mapping[str, str], options: Mapping[str, Any]
+    def _settings(
+        self, config: Config, kinds: Iterable[str], options: Mapping[str, Any]
     ) -> dict[str, Any]:
         """Return all settings that matter as plain JSON values: sections of the config, options."""
         from beltid.store.artifact import plain
 
         values = config.model_dump(mode="json")
         found = {name: values[name] for name in self.uses}
-        recorded = [kind for kind in kinds.values() if kind in RECORDINGS]
-        if recorded:
-            found["data"] = {"origin": values["data"]["origin"]}
-            found["dialect"] = values["dialect"]
-            # what is stated of a rig serves its plateaus
-            recorded = ["rig" if kind == "points" else kind for kind in recorded]
+        if recorded := [kind for kind in kinds if kind in RECORDINGS]:
+            found |= {"data": {"origin": values["data"]["origin"]}, "dialect": values["dialect"]}
             for part in ("columns", "units", "runs"):
                 found[part] = {kind: values[part][kind] for kind in recorded}
-        stated = {name: value for name, value in options.items() if name not in NO_MATTER}
-        return {**found, **{name: plain(value) for name, value in stated.items() if value}}
+        stated = {name: plain(v) for name, v in options.items() if v and name not in NO_MATTER}
+        return found | stated
 
-    def _made_from(
-        self, config: Config, contents: Mapping[str, Any], settings: Mapping[str, Any]
-    ) -> str:
+    def _made_from(self, work: Work) -> str:
         from beltid.store.artifact import plain
-        from beltid.store.disk import source_sha256
+        from beltid.store.disk import sha256, source_sha256
 
+        config = work.source.config
         stated = {
             name: sorted(getattr(config, name).model_fields_set)
             for name in self.uses
             if name in config.model_fields_set
         }
-        hashes = {role: content.sha256 for role, content in contents.items()}
-        parts = [__version__, source_sha256(), self.name, hashes, settings, stated]
-        return hashlib.sha256(json.dumps(plain(parts), sort_keys=True).encode()).hexdigest()
-
-    def _kinds(self, options: Mapping[str, Any]) -> dict[str, str | tuple[str, ...]]:
-        names = {p.name for p in self.options}
-        chosen = {name: value for name, value in options.items() if name in names}
-        return {role: k(**chosen) if callable(k) else k for role, k in self.reads.items()}
+        parts = [__version__, source_sha256(), self.name, work.inputs, work.settings, stated]
+        return sha256(json.dumps(plain(parts), sort_keys=True).encode())
 
     def _check_place(
-        self, source: ConfigSource, files: Mapping[str, Path], out: Path, *, force: bool
+        self,
+        source: ConfigSource,
+        files: Mapping[str, Path],
+        kinds: Mapping[str, str],
+        out: Path,
+        *,
+        force: bool,
     ) -> Artifact | None:
         """Refuse a place that is not for the result; return the artifact that is there."""
         from beltid.errors import ArtifactError
         from beltid.store.artifact import read_artifact, stated_kind
-        from beltid.store.place import FOREIGN, OURS, check_place
+        from beltid.store.place import FOREIGN, OURS, anyone_s, check_place
 
-        inputs = {f"{role} input of this command": path for role, path in files.items()}
-        named = {f"{k} recording of the config": p for k, p in source.config.data.files.items()}
+        named = {
+            f"{kind} recording of the config": p for kind, p in source.config.data.files.items()
+        }
+        of = {kind: "recording" if kind in RECORDINGS else "table" for kind in kinds.values()}
+        read = {f"{kind} {of[kind]} that is read": files[role] for role, kind in kinds.items()}
         existing = None
 
         def whose(path: Path) -> str:
@@ -452,7 +436,8 @@ class Stage:
             return OURS
 
         ending = Path(self.file_name({p.name: p.default for p in self.options})).suffix
-        check_place(out, (ending,), self.whose or whose, inputs=inputs | named, force=force)
+        owner = whose if self.writes is None else anyone_s
+        check_place(out, (ending,), owner, inputs=read | named, force=force)
         return existing
 
     def _read(self, work: Work) -> dict[str, Any]:
@@ -462,14 +447,13 @@ class Stage:
         from beltid.store.together import refuse_misfits
 
         config, items = work.source.config, dict[str, Any]()
-        for role, path in work.files.items():
-            kind = work.kinds[role]
-            if kind in RECORDINGS:
-                items[role] = read_recording(path, kind, config)
-                what = "rows" if kind == "points" else "samples"
-                log.info("%s: %s %s", path, items[role].n_samples, what)
+        for role, file in work.files.items():
+            if file.is_recording:
+                items[role] = read_recording(file.path, file.kind, config)
+                what = "rows" if items[role].kind == "points" else "samples"
+                log.info("%s: %s %s", file.path, items[role].n_samples, what)
             else:
-                items[role] = read_artifact(path, kind)
+                items[role] = read_artifact(file.path, file.kind)
         artifacts = {role: item for role, item in items.items() if isinstance(item, Artifact)}
         guests = [artifacts[role] for role in self.guests if role in artifacts]
         refuse_misfits([a for role, a in artifacts.items() if role not in self.guests], guests)
@@ -477,41 +461,46 @@ class Stage:
             _warn_of_other_bench(artifact, work.source, self.bench)
         return items
 
-    def _write(self, work: Work, outcome: Outcome[Any], items: Mapping[str, Any]) -> Artifact:
+    def _write(
+        self, work: Work, outcome: Outcome[Any], items: Mapping[str, Any], out: Path
+    ) -> Artifact:
         from beltid.store.artifact import Artifact, combined_origin, plain, write_artifact
         from beltid.store.disk import sha256, source_sha256, write_bytes
         from beltid.store.together import ancestors_of
 
-        config, path = work.source.config, work.source.path
+        config, path, files = work.source.config, work.source.path, work.files
         artifacts = [item for item in items.values() if isinstance(item, Artifact)]
-        recordings = {name: sha for name, sha in work.inputs.items() if name in RECORDINGS}
-
-        def counts(role: str) -> bool:  # a recording of another bench tells nothing of this one
-            return work.names[role] != "recording" or items[role].is_artifact
-
+        origins = []
+        for role, item in items.items():
+            if isinstance(item, Artifact):
+                origins.append(item.origin)
+            elif item.is_artifact:  # a simulated recording
+                origins.append("synthetic")
+            elif files[role].name == files[role].kind:  # another bench tells nothing of this one
+                origins.append(config.data.origin)
         record = outcome.record(
             made_by=self.name,
             made_from=work.made_from,
             software=f"beltid {__version__}",
             sources=source_sha256(),
-            origin=combined_origin(
-                [_origin(item, config) for role, item in items.items() if counts(role)]
-                or [config.data.origin]
-            ),
+            origin=combined_origin(origins or [config.data.origin]),
             inputs=work.inputs,
-            ancestors={**ancestors_of(artifacts), **recordings},
+            ancestors={
+                **ancestors_of(artifacts),
+                **{f.name: f.sha256 for f in files.values() if f.name in RECORDINGS},
+            },
             # name without folder, so that the same input gives the same bytes anywhere
             config=BUILT_IN if path is None else path.name,
             config_sha256=config.sha256,
             settings=work.settings,
-            notes=[*(n for item in items.values() for n in _notes(item)), *outcome.notes],
+            notes=[*(n for i in items.values() for n in getattr(i, "notes", ())), *outcome.notes],
         )
         if self.writes is None:
-            return write_artifact(work.out, outcome.columns, record)
+            return write_artifact(out, outcome.columns, record)
         data = self.writes(outcome)
-        write_bytes(work.out, data)
+        write_bytes(out, data)
         stated = replace(record, facts=plain(record.facts), tables=plain(record.tables))
-        return Artifact(outcome.columns, stated, work.out, sha256(data))
+        return Artifact(outcome.columns, stated, out, sha256(data))
 
 
 STAGES: Final[dict[str, Stage]] = {}
@@ -535,7 +524,18 @@ def stage(
     return registered
 
 
-def _kind_of(kind: str | tuple[str, ...], path: Path) -> str:
+def _in_memory(frame: Any, kind: str, config: Config) -> Recording:
+    """Return a frame as a recording; without a time, that of a rig is a table of plateaus."""
+    from beltid.bench.recording import Recording, columns_of
+
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
+    time = config.columns[kind].get("time_s", "time_s")
+    if kind == "rig" and isinstance(names, Iterable) and time not in [str(n) for n in names]:
+        kind = "points"
+    return Recording(kind, columns_of(frame, kind, config), Path("frame"))
+
+
+def _kind_of(kind: Kind, path: Path) -> str:
     """Return which of several kinds a file is: the artifact, or else the recording."""
     from beltid.store.artifact import may_be_artifact
 
@@ -544,60 +544,9 @@ def _kind_of(kind: str | tuple[str, ...], path: Path) -> str:
     return kind[0] if may_be_artifact(path) else kind[1]
 
 
-def _besides(config: Config, kind: str) -> list[Path]:
-    """Return what may lie among the files of a recording, and is none: the table of its runs."""
-    return [config.run_tables[kind]] if kind in config.run_tables else []
-
-
-def _recording(item: Any, kind: str, config: Config) -> Recording:
-    from beltid.bench.recording import Recording, columns_of
-
-    return Recording(kind, columns_of(item, kind, config), Path("frame"))
-
-
-def _origin_of(items: list[Any], config: Config) -> Origin | None:
-    """Combine the origins of inputs in memory.
-
-    A result has its own; a plain table beside it takes that one, alone that of the config. A law or
-    a surface given by numbers is no data.
-    """
-    from beltid.store.artifact import Artifact, combined_origin
-
-    origins = [item.origin for item in items if isinstance(item, (Outcome, Artifact))]
-    if config.data.origin or not origins:
-        origins.append(config.data.origin)
-    return combined_origin(origins)
-
-
-def _origin(item: Any, config: Config) -> str | None:
-    """Return the origin of an input in a file: from the config for a recording, else its own."""
-    from beltid.store.artifact import Artifact
-
-    if isinstance(item, Artifact):
-        return item.origin
-    return "synthetic" if item.is_artifact else config.data.origin
-
-
-def _notes(item: Any) -> tuple[str, ...]:
-    return getattr(item, "notes", ())
-
-
-def _refuse_changed(work: Work) -> None:
-    """Raise an error if an input has changed since it was read."""
-    from beltid.bench.files import content_of, signature_of
-
-    changed = [
-        path
-        for role, path in work.files.items()
-        if signature_of(path) != work.seen[role]
-        and content_of(path, _besides(work.source.config, work.kinds[role])).sha256
-        != work.contents[work.names[role]].sha256
-    ]
-    if changed:
-        raise InputError(
-            [f"{p}: was changed while it was read (another process at work?), run again"
-             for p in changed]
-        )  # fmt: skip
+def _name_of(kind: str, allowed: Kind) -> str:
+    """Return the name of an input; a recording in the place of an artifact is of another bench."""
+    return "recording" if kind in RECORDINGS and isinstance(allowed, tuple) else kind
 
 
 def _warn_of_other_bench(
@@ -605,12 +554,11 @@ def _warn_of_other_bench(
 ) -> None:
     """Warn if an artifact was made for another belt or rig than the config in use states."""
     differing = []
-    for key in OF_BENCH:
-        name, _, item = key.partition(".")
-        value = getattr(getattr(source.config, name), item) if name in sections else None
+    for name, item in (key.split(".") for key in OF_BENCH):
+        value = getattr(getattr(source.config, name), item)
         before = artifact.record.settings.get(name, {}).get(item, value)
         if name in sections and before != value:
-            differing.append(f"{key} = {before} (now {value})")
+            differing.append(f"{name}.{item} = {before} (now {value})")
     if differing:
         log.warning(
             "%s: made with %s: if it is not of this belt and bench, use its own config (%s is in "

@@ -17,26 +17,15 @@ import pandas as pd
 from beltid.errors import PlaceOf, Problems
 
 DAY_S: Final = 86400.0
+HALF_DAY: Final = pd.Timedelta(12, "h")
 _DATE: Final = r"(?P<a>\d{4}|\d{1,2})(?P<mark>[-./])(?P<b>\d{1,2})[-./](?P<c>\d{4}|\d{1,2})"
-_AFTER_DATE: Final = r"(?:T|,?\s+)"
 _IS_DATE: Final = re.compile(rf"{_DATE}(?:[T ]00:00(?::00(?:[.,]0+)?)?)?", re.ASCII)
 _IS_CLOCK: Final = re.compile(
-    rf"(?:{_DATE}{_AFTER_DATE})?\d{{1,2}}:\d\d:\d\d(?:[.,]\d{{1,30}}|:\d{{3}}|:\d{{6}})?"
-    r"(?P<half>\s*[AaPp]\.?\s?[Mm]\.?)?(?P<zone>\s*(?:Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?",
+    r"^(?:(?P<date>[\d./-]{6,10})(?:T|,?\s+))?"
+    r"(?P<time>(?:[01]?\d|2[0-3]):[0-5]\d:[0-5]\d(?:[.,]\d{1,30}|:\d{3}|:\d{6})?)"
+    r"(?:\s*(?P<half>[AaPp])\.?\s?[Mm]\.?)?(?:\s*(?P<zone>Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?$",
     re.ASCII,
 )
-_CUT: Final = re.compile(r"\d{1,3}:\d\d(?:[.,]\d+)?", re.ASCII)
-"""A clock time cut by a spreadsheet: minutes and seconds, or hours and minutes."""
-_IN_ONE_WAY: Final = (
-    ("", r" (\d:\d\d:)", r" 0\1"),
-    ("", r"(:\d\d:\d\d)[.,:](\d{1,9})\d*", r"\1.\2"),
-    ("", r"(:\d\d:\d\d)($|[^.\d])", r"\1.0\2"),
-    ("%p", r" ?([AaPp])\.? ?[Mm]\.?", r"\1m"),
-    ("%z", r" ?(?:Z|UTC|GMT)$", "+00:00"),
-    ("%z", r"(\.\d+m?) ?([-+]\d\d)$", r"\1\2:00"),
-    ("%z", r" ?([-+]\d\d):?(\d\d)$", r"\1:\2"),
-)
-"""Part of the form, pattern, and what replaces it, until all times are written in one way."""
 NOT_READ: Final = (
     "must be a clock time such as 13:45:02.125 or 2026-11-20T13:45:02+01:00, like the first time "
     "with or without a date or a zone"
@@ -58,7 +47,31 @@ def written_as(cells: Sequence[str]) -> str:
     """Classify the first filled cells of a column: "date", "clock", or "" for anything else."""
     if cells and all(map(is_date, cells)):
         return "date"
-    return "clock" if cells and (is_clock(cells[0]) or _CUT.fullmatch(cells[0].strip())) else ""
+    return "clock" if cells and is_clock(cells[0]) else ""
+
+
+def moments(texts: pd.Series) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Read clock times like the first of them.
+
+    Returns the nanoseconds from 1970-01-01 in UTC, or from midnight where no date is written; which
+    cannot be read; and which may be day/month as well as month/day.
+    """
+    parts = texts.str.extract(_IS_CLOCK)
+    has = parts[["date", "half", "zone"]].notna()
+    time = pd.to_timedelta(parts["time"].str.replace(r"(:\d\d:\d\d)[,:]", r"\1.", regex=True))
+    half = parts["half"].str.lower()
+    time = time.mask(half.notna() & (time >= HALF_DAY), time - HALF_DAY)
+    time = time.mask(half == "p", time + HALF_DAY)
+    codes, zones = pd.factorize(parts["zone"].str.replace(r"[A-Z]+", "+00:00", regex=True))
+    east = [pd.Timedelta(f"{zone[:3]}:{zone[3:].strip(':') or '00'}:00") for zone in zones]
+    time = time - pd.Series(np.array([*east, pd.Timedelta(0)])[codes], dtype=time.dtype)
+    codes, days = pd.factorize(parts["date"])
+    iso, is_unclear = _iso_days([str(day) for day in days])
+    dates = pd.to_datetime(pd.Series([*iso, "1970-01-01"]), format="%Y-%m-%d", errors="coerce")
+    moment = pd.Series(dates.to_numpy()[codes]) + time
+    wrong = moment.isna() | (has != has.loc[texts.first_valid_index() or 0]).any(axis=1)
+    counts = moment.to_numpy("datetime64[ns]").view(np.int64)
+    return counts, wrong.to_numpy(), np.array([*is_unclear, False])[codes]
 
 
 @dataclass(slots=True)
@@ -67,7 +80,6 @@ class Clock:
 
     name: str = ""  # of the channel
     first: str = ""  # the first time as written
-    form: str = ""  # of it, for `pandas.to_datetime`
     dated: bool = False  # whether it has a date
     midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
     midnights: int = 0  # passed by times of day
@@ -77,30 +89,15 @@ class Clock:
     ) -> np.ndarray:
         """Convert clock times to seconds from the midnight before the first; nan for none."""
         self.name = self.name or str(times.name)
-        text = times.astype("str").str.strip()
+        text = times.astype("str").str.strip().reset_index(drop=True)
         if dates is not None and not re.match(r"\d+[-./]", next(iter(text.dropna()), "")):
-            text = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True) + " " + text
-        if not self.first:
-            self._begin(next(iter(text.dropna()), ""))
-        plain, unclear = "1970-01-01 " + text, np.zeros(len(text), dtype=bool)
-        if self.dated:
-            day = text.str.replace(rf"{_AFTER_DATE}\d{{1,2}}:.*$", "", regex=True)
-            codes, days = pd.factorize(day)
-            iso, is_unclear = _iso_days([str(d) for d in days])
-            unclear = np.array([*is_unclear, False])[codes]
-            clock = text.str.replace(rf"^[-./\d]+{_AFTER_DATE}", "", regex=True)
-            plain = pd.Series(np.array([*iso, None], dtype=object)[codes], dtype="str") + " "
-            plain += clock.reset_index(drop=True)
-        for part, pattern, replacement in _IN_ONE_WAY:
-            if part in self.form:
-                plain = plain.str.replace(pattern, replacement, regex=True)
-        utc = "%z" in self.form
-        moments = pd.to_datetime(plain, format=self.form, errors="coerce", utc=utc)
-        counts = moments.to_numpy("datetime64[ns]").view(np.int64)
-        wrong = moments.isna().to_numpy()
-        if self.midnight_ns is None and not wrong.all():
-            self.midnight_ns = int(counts[~wrong][0] // int(DAY_S * 1e9) * int(DAY_S * 1e9))
-        for why, rows in ((NOT_READ, wrong & text.notna() & ~unclear), (DAY_OR_MONTH, unclear)):
+            day = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True)
+            text = day.reset_index(drop=True) + " " + text
+        self.first = self.first or next(iter(text.dropna()), "")
+        counts, wrong, unclear = moments(text)
+        self.dated = not re.match(r"\d{1,2}:", self.first)
+        missing = text.isna().to_numpy()
+        for why, rows in ((NOT_READ, wrong & ~missing & ~unclear), (DAY_OR_MONTH, unclear)):
             at = np.flatnonzero(rows)
             problems.add_alike(
                 at,
@@ -108,15 +105,10 @@ class Clock:
                 place,
             )
             problems.unread.update(place(int(row))[0] for row in at)
-        return np.where(wrong | unclear, np.nan, (counts - (self.midnight_ns or 0)) * 1e-9)
-
-    def _begin(self, first: str) -> None:
-        """Take the form of the first time."""
-        found = _IS_CLOCK.fullmatch(first)
-        half, zone = (found is not None and found[name] for name in ("half", "zone"))
-        self.first, self.dated = first, bool(found and found["a"])
-        self.form = "%Y-%m-%d " + ("%I:%M:%S.%f%p" if half else "%H:%M:%S.%f")
-        self.form += "%z" if zone else ""
+        read, day_ns = ~(wrong | unclear), int(DAY_S * 1e9)
+        if self.midnight_ns is None and read.any():
+            self.midnight_ns = int(counts[read][0] // day_ns * day_ns)
+        return np.where(read, (counts - (self.midnight_ns or 0)) * 1e-9, np.nan)
 
     def elapsed(
         self, seconds: np.ndarray, runs: np.ndarray, place: PlaceOf, problems: Problems
@@ -151,15 +143,9 @@ class Clock:
         return np.round(time, 9)  # finer digits are rounding errors
 
     def notes(self) -> list[str]:
-        """Return notes on how the time was obtained."""
-        if not self.first:
-            return []
-        what = "time stamps" if self.dated else "times of day"
-        notes = [f"{self.name} holds {what}: seconds are counted from the first, {self.first}"]
-        if self.midnights:
-            times = "once" if self.midnights == 1 else f"{self.midnights} times"
-            notes.append(f"{self.name} passes midnight {times}: the seconds continue")
-        return notes
+        """Return a note on how the time was obtained."""
+        past = f", {self.midnights} times past midnight" if self.midnights else ""
+        return [f"{self.name}: seconds are counted from the first, {self.first}{past}"]
 
 
 def _iso_days(days: Sequence[str]) -> tuple[list[str | None], list[bool]]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -10,20 +11,9 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.clock import DAY_S, Clock
-from beltid.bench.mapping import (
-    Channel,
-    Found,
-    Needs,
-    channels_of,
-    is_whole,
-    mapped,
-    notes_of,
-    refuse_missing,
-)
-from beltid.bench.numbers import numbers_of, words_of
-from beltid.bench.options import ReadOptions
-from beltid.bench.raw import Field, Raw, is_text
-from beltid.errors import Problems
+from beltid.bench.mapping import Found, Needs, channels_of, mapped, meant, notes_of, refuse_missing
+from beltid.bench.numbers import is_number, numbers_of, words_of
+from beltid.bench.raw import Raw, first_texts, is_text
 from beltid.tables.units import Conversion
 from beltid.tables.values import absent
 
@@ -36,25 +26,19 @@ MASTERS: Final = {
     "speedloss": ("driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"),
 }
 """Kind of recording -> channels that determine the result; the first one gives the time."""
-MAX_RATE_RATIO: Final = 20.0
-"""Largest ratio of rates at which two of these channels may still record one event."""
 MIN_OVERLAP: Final = 5
 """Fewest samples of the master in the time that all channels share."""
-Timed = dict[str, tuple[np.ndarray, np.ndarray]]
-"""Our columns -> values, and their times [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
     """A recording, or one run of it, in our columns."""
 
-    place: str  # file, and group in it
     raw: Raw  # gives the places of the samples
     columns: dict[str, np.ndarray]  # those found, in our units
     found: dict[str, Found]  # how they were read
     label: str = ""  # of the run, if no column holds any
     names: tuple[str, ...] = ()  # by which patterns and tables of runs know it
-    fields: tuple[Field, ...] = ()  # entries of the header
     notes: list[str] = field(default_factory=list)
     rows: np.ndarray | None = None  # of the table that are samples; None: all
 
@@ -66,105 +50,40 @@ class Part:
         return self.raw.at(sample if self.rows is None else int(self.rows[sample]))
 
 
-def read_part(
-    raws: Sequence[Raw], needs: Needs, place: str, elsewhere: Collection[str] = ()
-) -> Part | None:
-    """Read our columns from the tables of one recording; None if something is wrong.
+def read_part(raw: Raw, needs: Needs, elsewhere: Collection[str] = ()) -> Part | None:
+    """Read our columns from the table of one recording; None if something is wrong.
 
     `elsewhere` lists our columns that are stated outside the columns.
     """
     problems, wrong = needs.problems, needs.problems.count
-    channels, first, several = channels_of(raws), raws[0], len(raws) > 1
-    found = _found(raws, channels, needs, place if several else first.units_place)
+    channels = channels_of([raw])
+    found = mapped(channels, needs, raw.units_place)
     if problems.count == wrong:
-        timed = several or first.times is not None
-        stated = {*elsewhere, *(["time_s"] if timed else [])}
-        refuse_missing(channels, found, needs, place if several else first.head, stated)
+        refuse_missing(channels, found, needs, raw.head, elsewhere)
     if problems.count > wrong:
         return None
-    clock, notes = Clock(), [note for raw in raws for note in raw.notes]
-    notes += notes_of(found, needs.table, channels)
-    columns, rows, more = _columns(raws, found, needs, place, clock)
-    for raw in raws:
-        problems.take(raw.problems)
-    if problems.count > wrong and not columns:
-        return None
-    fields = tuple(dict.fromkeys(f for raw in raws for f in raw.fields))
-    # without the tables, whose memory is free once the columns are used up
-    bare = {id(raw): raw.bare() for raw in raws}
-    main = Raw(place, pd.DataFrame()) if several else bare[id(first)]
-    found = {
-        role: replace(f, channel=replace(f.channel, raw=bare[id(f.channel.raw)]))
-        for role, f in found.items()
-    }
-    notes += [*more, *clock.notes()]
-    return Part(place, main, columns, found, fields=fields, notes=notes, rows=rows)
-
-
-def _found(
-    raws: Sequence[Raw], channels: Sequence[Channel], needs: Needs, place: str
-) -> dict[str, Found]:
-    """Map channels to our columns; a table with all sensors comes before the others."""
-    if len(raws) == 1:
-        return mapped(channels, needs, place)
-    names = [c.name for c in needs.table.columns]
-    inside = {id(raw): [c for c in channels if c.raw is raw] for raw in raws}
-    whole = next((own for own in inside.values() if is_whole(own, needs)), None)
-    if whole is None:
-        # every raster may have its own time channel; a single one applies to all
-        silent = Needs(needs.table, needs.options)
-        shared = mapped(channels, silent, place, ["time_s"])
-        return mapped(channels, needs, place, [n for n in names if n != "time_s" or shared])
-    found = mapped(whole, needs, place)
-    lacking = [n for n in names if n not in found and n != "time_s"]
-    return found | mapped([c for c in channels if c not in whole], needs, place, lacking)
-
-
-def _columns(
-    raws: Sequence[Raw], found: dict[str, Found], needs: Needs, place: str, clock: Clock
-) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
-    """Return our columns, the rows of the table that they are (None: all), and notes."""
-    problems, table, wrong = needs.problems, needs.table, needs.problems.count
-    values = {role: values_of(f, needs) for role, f in found.items() if role != "time_s"}
-    if "time_s" not in table.names:
-        if len({len(v) for v in values.values()}) > 1:
-            problems.add(f"{place}: the columns have different lengths")
-            return {}, None, []
-        return *_filled(values, values), []
-    used = {id(f.channel.raw): f.channel.raw for f in found.values()}
-    times = {key: _time(raw, found, needs, place, clock, raws) for key, raw in used.items()}
-    timed: Timed = {}
-    for role, column in values.items():
-        channel = found[role].channel
-        time = times[id(channel.raw)]
-        if time is None or len(time) != len(column):
-            what = "no time" if time is None else f"a time of {len(time)} samples"
-            problems.add(f"{place}: there is {what} for {channel.name}")
-        else:
-            timed[role] = column, time
-    if not timed or (problems.count > wrong and len(timed) < len(values)):
-        return {}, None, []
-    names = {role: found[role].channel.name for role in timed}
-    columns, notes = aligned(timed, names, table.kind, place, problems)
-    columns, rows = _filled(columns, found) if len(raws) == 1 else (columns, None)
-    if clock.first and columns:
-        codes = np.asarray(
-            pd.factorize(columns.get(table.label, np.zeros(len(columns["time_s"]))))[0]
-        )
-        part = Part(
-            place, raws[0] if len(raws) == 1 else Raw(place, pd.DataFrame()), columns, {}, rows=rows
-        )
+    clock = Clock()
+    columns = {role: values_of(match, needs, clock) for role, match in found.items()}
+    problems.take(raw.problems)
+    # without the table, whose memory is free once the columns are used up
+    bare = raw.bare()
+    notes = [*raw.notes, *notes_of(found, needs.table, channels)]
+    kept = {r: replace(f, channel=replace(f.channel, raw=bare)) for r, f in found.items()}
+    columns, rows = _filled(columns)
+    part = Part(bare, columns, kept, notes=notes, rows=rows)
+    if clock.first:
+        labels = columns.get(needs.table.label, np.zeros(len(part)))
+        codes = np.asarray(pd.factorize(labels)[0])
         columns["time_s"] = clock.elapsed(columns["time_s"], codes, part.at, problems)
-    return columns, rows, notes
+        notes += clock.notes()
+    return part
 
 
-def _filled(
-    columns: dict[str, np.ndarray], written: Collection[str]
-) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+def _filled(columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """Leave out the rows in which all of our columns that the file has are empty."""
     empty = np.ones(len(next(iter(columns.values()), ())), dtype=bool)
-    for role, values in sorted(columns.items(), key=lambda item: item[1].dtype == object):
-        if role in written and empty.any():
+    for values in sorted(columns.values(), key=lambda values: values.dtype == object):
+        if empty.any():
             empty &= absent(values)
     if not empty.any() or not columns:
         return columns, None
@@ -172,112 +91,103 @@ def _filled(
     return {role: values[rows] for role, values in columns.items()}, rows
 
 
-def values_of(found: Found, needs: Needs) -> np.ndarray:
+def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndarray:
     """Return a channel in the type and unit of our column; report what is no number."""
     raw, column = found.channel.raw, found.channel.raw.frame[found.channel.name]
     if needs.table.column(found.role).dtype == "string":
         return words_of(column)
+    if found.is_clock:
+        dates = None if found.date is None else raw.frame[found.date.name]
+        return (clock or Clock()).read(column, dates, raw.at, needs.problems)
     numbers = column.to_numpy()
     if is_text(column):
         numbers = numbers_of(column, raw.signs, found.shown, raw.at, needs.problems)
     return numbers if found.by == Conversion(1.0) else found.by.apply(numbers)
 
 
-def _time(
-    raw: Raw,
-    found: Mapping[str, Found],
-    needs: Needs,
-    place: str,
-    clock: Clock,
-    raws: Sequence[Raw],
-) -> np.ndarray | None:
-    """Return the times of a table [s]: of its channel, of the format, or shared by all."""
-    time = found.get("time_s")
-    if time is None or time.channel.raw is not raw:
-        if raw.times is not None:
-            return raw.times
-        own = Needs(needs.table, ReadOptions())
-        time = mapped(channels_of([raw]), own, place, ["time_s"]).get("time_s", time)
-    if time is None or not time.is_clock:
-        return None if time is None else values_of(time, needs)
-    of, date = time.channel.raw, time.date
-    dates = None if date is None else of.frame[date.name]
-    seconds = clock.read(of.frame[time.channel.name], dates, of.at, needs.problems)
-    if len(raws) > 1 and not clock.dated:  # rasters are aligned across midnight
-        nights = np.diff(seconds, prepend=seconds[:1]) < -DAY_S / 2
-        seconds = seconds + DAY_S * np.cumsum(nights)
-    return seconds
+def together(raws: Sequence[Raw], needs: Needs) -> Raw:
+    """Join the rasters of one recording at the times of the one with the first of `MASTERS`.
 
-
-def aligned(
-    channels: Timed, names: Mapping[str, str], kind: str, place: str, problems: Problems
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Interpolate all channels linearly to the times of the master; return columns and notes.
-
-    Only the time that the sensors of `MASTERS` share is kept. Other channels are missing outside
-    the time they cover; nothing is extrapolated. A missing sample stays missing.
+    Numbers are interpolated linearly. Only the time that the sensors of `MASTERS` share is kept;
+    other channels are missing outside the time they cover; nothing is extrapolated.
     """
-    masters = MASTERS.get(kind, ())
-    first = next(role for role in (*masters, *channels) if role in channels)
-    clock = channels[first][1]
-    others = [role for role, (_, time) in channels.items() if not _same(time, clock)]
-    if not others:
-        return {**{r: values for r, (values, _) in channels.items()}, "time_s": clock}, []
-    wrong = problems.count
-    for role in (first, *others):
-        time = channels[role][1]
-        if not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0) or time.size < 2:
-            problems.add(
-                f"{place}: the time of {names[role]} (time_s) does not increase from sample to "
-                "sample, so channels of other rates cannot be aligned with it"
-            )
-            return {}, []
-        ratio = _rate(time) / _rate(clock)
-        if role in masters and max(ratio, 1 / ratio) > MAX_RATE_RATIO:
-            problems.add(
-                f"{place}: {names[role]} has {_rate(time):.4g} samples per second, {names[first]} "
-                f"{_rate(clock):.4g}; rates that differ by more than {MAX_RATE_RATIO:g} times are "
-                "not aligned"
-            )
-    bounding = [time for role, (_, time) in channels.items() if role in masters]
-    begin, end = max(t[0] for t in bounding), min(t[-1] for t in bounding)
+    if len(raws) == 1:
+        return raws[0]
+    place, wrong = raws[0].place, needs.problems.count
+    raws = [replace(raw, groups=dict.fromkeys(raw.frame, raw.name)) for raw in raws]
+    roles = [meant(channels_of([raw]), needs) for raw in raws]
+    wanted = [{f.channel.name for fs in of.values() for f in fs} for of in roles]
+    times = {k: v for k, v in _times(raws, needs).items() if wanted[k] - {v[0]}}
+    masters = [k for role in MASTERS.get(needs.table.kind, ()) for k in times if role in roles[k]]
+    if not times or needs.problems.count > wrong:
+        return raws[0]
+    first = next(iter(masters or times))
+    clock = times[first][1]
+    begin = max(times[k][1][0] for k in masters or [first])
+    end = min(times[k][1][-1] for k in masters or [first])
     kept = (clock >= begin) & (clock <= end)
+    names = Counter(name for raw in raws for name in raw.frame)
+    whole = replace(raws[first], name="", units={}, scaling={}, groups={}, lines=())
+    columns, others, left_out = {}, list[str](), list[str]()
+    for k, (name_of_time, time) in times.items():
+        raw = raws[k]
+        is_same = len(time) == len(clock) and np.allclose(time, clock, rtol=0, atol=1e-9)
+        if not is_same and not np.all(np.diff(time) > 0):
+            needs.problems.add(
+                f"{place}: the time of {raw.name} (time_s) does not increase from sample to "
+                "sample, so its channels cannot be aligned with those of other rates"
+            )
+        for name in [*raw.frame] if k == first else sorted(wanted[k] - {name_of_time}):
+            is_alone = names[name] == 1 or name == name_of_time
+            own = name if is_alone else f"{raw.name}/{name}"
+            same = raw.frame[name].to_numpy()
+            values = same if is_same else _interpolated(raw, name, time, clock, needs)
+            if values is None:
+                left_out.append(own)
+                continue
+            others += [] if is_same else [own]
+            columns[own], whole.groups[own] = values[kept], raw.name
+            whole.units[own] = raw.units.get(name, "")
+            whole.scaling[own] = raw.scaling.get(name, "")
     if kept.sum() < MIN_OVERLAP:
-        problems.add(
+        needs.problems.add(
             f"{place}: the channels share {kept.sum()} samples of time, from {begin:g} to {end:g} "
             f"s; must be at least {MIN_OVERLAP}"
         )
-    if problems.count > wrong:
-        return {}, []
-    shared = clock[kept]
-    columns = {
-        role: _interpolated(values, time, shared) if role in others else values[kept]
-        for role, (values, time) in channels.items()
-    }
-    shown = ", ".join(f"{names[r]} ({_rate(channels[r][1]):.4g}/s)" for r in others)
-    notes = [f"{shown} interpolated linearly to the times of {names[first]} ({_rate(clock):.4g}/s)"]
+    notes = [f"{', '.join(others)} interpolated linearly to the other times"] if others else []
+    notes += [f"{', '.join(left_out)} left out: no numbers"] if left_out else []
     if not kept.all():
-        notes.append(
-            f"{(~kept).sum()} samples outside the time shared by the sensors, {begin:g} to "
-            f"{end:g} s, left out"
-        )
-    return {**columns, "time_s": shared}, notes
+        notes.append(f"{(~kept).sum()} samples outside the time shared by the sensors left out")
+    fields = tuple(dict.fromkeys(f for raw in raws for f in raw.fields))
+    notes = [*dict.fromkeys(n for raw in raws for n in raw.notes), *notes]
+    return replace(whole, frame=pd.DataFrame(columns), fields=fields, notes=tuple(notes))
 
 
-def _rate(time: np.ndarray) -> float:
-    return 1.0 / float(np.median(np.diff(time)))
+def _times(raws: Sequence[Raw], needs: Needs) -> dict[int, tuple[str, np.ndarray]]:
+    """Return the rasters with a time -> its channel and seconds; one time applies to all alike."""
+    times, clock = {}, Clock()
+    for k, raw in enumerate(raws):
+        found = mapped(channels_of([raw]), needs, raw.place, ["time_s"]).get("time_s")
+        if found is not None:
+            seconds = values_of(found, needs, clock)
+            if found.is_clock:  # aligned across midnight
+                nights = np.diff(seconds, prepend=seconds[:1]) < -DAY_S / 2
+                seconds = seconds + DAY_S * np.cumsum(nights)
+            times[k] = found.channel.name, seconds
+    for k, raw in enumerate(raws):
+        alike = [seconds for _, seconds in times.values() if len(seconds) == len(raw.frame)]
+        if k not in times and alike:
+            times[k] = "", alike[0]
+    return times
 
 
-def _same(time: np.ndarray, clock: np.ndarray) -> bool:
-    if time is clock or time.shape != clock.shape:
-        return time is clock
-    step = float(np.median(np.diff(clock))) if clock.size > 1 else 0.0
-    return bool(np.all(np.abs(time - clock) <= 1e-6 * step))
-
-
-def _interpolated(values: np.ndarray, time: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    if values.dtype == object:  # a label applies until the next one
-        at = np.searchsorted(time, shared, side="right") - 1
-        labels: np.ndarray = values[np.maximum(at, 0)]
-        return labels
-    return np.interp(shared, time, values, left=np.nan, right=np.nan)
+def _interpolated(
+    raw: Raw, name: str, time: np.ndarray, clock: np.ndarray, needs: Needs
+) -> np.ndarray | None:
+    """Return a channel at other times, nan outside its own; None if it holds no numbers."""
+    values = raw.frame[name]
+    if is_text(values):
+        if not all(map(is_number, first_texts(values)[:1])):
+            return None
+        values = numbers_of(values, raw.signs, name, raw.at, needs.problems)
+    return np.interp(clock, time, values, left=np.nan, right=np.nan)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -36,8 +34,7 @@ def read_tdms(path: Path, place: str) -> Iterator[Raw]:
             if values.dtype.kind == "M":
                 values, unit = np.datetime_as_string(values, unit="us"), ""
             times = _waveform(properties, len(values), origin, place)
-            scaling = unapplied_scaling(values, properties)
-            rasters.add(channel.name, values, unit, times, scaling)
+            rasters.add(channel.name, values, unit, times, unapplied_scaling(values, properties))
         yield from rasters.tables()
 
 
@@ -62,13 +59,12 @@ def read_mdf(path: Path, place: str) -> Iterator[Raw]:
     from asammdf import MDF
 
     with MDF(path, use_display_names=False) as file:
-        fields = _comments(str(getattr(file.header, "comment", "") or ""))
         groups: list[Any] = file.groups
         for index, group in enumerate(groups):
             master = file.masters_db.get(index)
             unit = "" if master is None else str(group.channels[master].unit or "")
             name = str(getattr(group.channel_group, "acq_name", "") or "") or f"group {index + 1}"
-            rasters = Rasters(place, name, f"ASAM MDF {file.version}", fields)
+            rasters = Rasters(place, name, f"ASAM MDF {file.version}")
             for number, channel in enumerate(group.channels):
                 if number != master:
                     signal = file.get(group=index, index=number)
@@ -79,42 +75,27 @@ def read_mdf(path: Path, place: str) -> Iterator[Raw]:
             yield from rasters.tables()
 
 
-def _comments(comment: str) -> tuple[Field, ...]:
-    """Read the properties in the XML comment of a header; no entities are expanded."""
-    if "<" not in comment or "<!" in comment:
-        return (Field("comment", comment.strip()),) if comment.strip() else ()
-    try:
-        entries = list(ElementTree.fromstring(comment).iter())
-    except ElementTree.ParseError:
-        return ()
-    named = [e for e in entries if e.tag.rpartition("}")[2] == "e" and e.get("name")]
-    return tuple(Field(e.get("name", ""), (e.text or "").strip(), e.get("unit", "")) for e in named)
-
-
 def read_uff(path: Path, place: str) -> Iterator[Raw]:
     """Read a universal file: its time records in datasets 58, as text or binary."""
     import pyuff
 
     _refuse_uff(path.read_bytes(), place)
     file = pyuff.UFF(str(path))
-    rasters, left_out = Rasters(place, "", "universal file (UFF 58)"), Counter[str]()
-    fields: dict[str, Field] = {}
+    rasters, left_out = Rasters(place, "", "universal file (UFF 58)"), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
         if kind != 58:
-            left_out[f"dataset {kind}"] += 1
+            left_out.append(f"dataset {kind} left out")
         elif record["abscissa_spec_data_type"] != 17:
-            left_out["a function that is not of time"] += 1
+            left_out.append("a function that is not of time left out")
         elif np.iscomplexobj(record["data"]):
-            left_out["a function with complex values"] += 1
+            left_out.append("a function with complex values left out")
         else:
-            _add_record(record, rasters, fields, place)
-    notes = [f"{what} left out ({n} times)" for what, n in left_out.items()]
+            _add_record(record, rasters, place)
     if not rasters.parts:
-        held = "; ".join(notes) or "nothing"
+        held = "; ".join(left_out) or "nothing"
         raise InputError(f"{place}: holds no time record of real numbers in a dataset 58: {held}")
-    rasters.notes += notes
-    rasters.fields = tuple(fields.values())
+    rasters.notes += dict.fromkeys(left_out)
     yield from rasters.tables()
 
 
@@ -123,20 +104,17 @@ def _refuse_uff(data: bytes, place: str) -> None:
     if not data.rstrip().endswith(b"-1"):
         raise InputError(f"{place}: damaged: the last dataset does not end with -1: cut off")
     for head in re.findall(rb"^ *58b([^\r\n]*)", data, re.MULTILINE | re.IGNORECASE):
-        order, form = (head.split() + [b""] * 2)[:2]
-        if order not in (b"1", b"2") or form != b"2":
+        if not re.match(rb"\s*[12]\s+2\b", head):
             raise InputError(f"{place}: binary numbers must be in IEEE 754 format")
 
 
-def _add_record(
-    record: Mapping[str, Any], rasters: Rasters, fields: dict[str, Field], place: str
-) -> None:
+def _add_record(record: Mapping[str, Any], rasters: Rasters, place: str) -> None:
     """Add the time record of a dataset 58."""
-    said = {
-        k: "" if v.strip().upper() == "NONE" else v.strip()
-        for k, v in record.items()
-        if isinstance(v, str)
-    }
+
+    def said(key: str) -> str:
+        text = str(record.get(key) or "").strip()
+        return "" if text.upper() == "NONE" else text
+
     n, stated = len(record["data"]), int(record["num_pts"])
     if n != stated:
         raise InputError(
@@ -146,9 +124,8 @@ def _add_record(
     times = np.asarray(record["x"], dtype=float)
     if record["abscissa_spacing"]:
         times = even_times(float(record["abscissa_min"]), float(record["abscissa_inc"]), n)
-    names = (said.get("id1"), said.get("ordinate_axis_lab"), f"response {record['rsp_node']}")
-    seconds = in_seconds(times, said.get("abscissa_axis_units_lab", ""), place)
-    unit = said.get("ordinate_axis_units_lab", "")
-    rasters.add(next(filter(None, names)), record["data"], unit, seconds)
-    lines = {f"ID line {i}": said.get(f"id{i}") for i in range(2, 6)}
-    fields |= {name: Field(name, text) for name, text in lines.items() if text}
+    name = said("id1") or said("ordinate_axis_lab") or f"response {record['rsp_node']}"
+    seconds = in_seconds(times, said("abscissa_axis_units_lab"), place)
+    rasters.add(name, record["data"], said("ordinate_axis_units_lab"), seconds)
+    lines = (Field(f"ID line {i}", said(f"id{i}")) for i in range(2, 6))
+    rasters.fields = (*rasters.fields, *(line for line in lines if line.text))

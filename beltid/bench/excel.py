@@ -31,13 +31,11 @@ def read(path: Path, place: str) -> Iterator[Raw]:
     with zipfile.ZipFile(path) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
             raise InputError(f"{place}: unpacks to more than {MAX_BYTES >> 20} MB, split it")
-        if "xl/workbook.bin" in archive.namelist():
-            raise InputError(f"{place}: is a binary Excel workbook (.xlsb), save it as .xlsx")
         broken = archive.testzip()
         if broken is not None:
             raise InputError(f"{place}: damaged: {broken} in it does not match its checksum")
     tables: dict[bool, list[Raw]] = {True: [], False: []}
-    notes = []
+    left_out = []
     with path.open("rb") as stream:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
@@ -46,15 +44,15 @@ def read(path: Path, place: str) -> Iterator[Raw]:
             if table is not None:
                 tables[sheet.sheet_state == "visible"].append(table)
             elif any(rows):
-                notes.append(f"sheet {sheet.title} left out: no table of numbers found")
+                left_out.append(sheet.title)
     found = tables[True] or tables[False]
-    if tables[True] and tables[False]:
-        hidden = ", ".join(table.name for table in tables[False])
-        notes.append(f"hidden sheets left out: {hidden}")
     if not found or any(table.frame.isna().to_numpy().any() for table in found):
         _refuse_formulas(path, place)
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
+    notes = [f"sheet {title} left out: no table of numbers found" for title in left_out]
+    hidden = ", ".join(table.name for table in tables[False] if tables[True])
+    notes += [f"hidden sheets left out: {hidden}"] if hidden else []
     yield replace(found[0], notes=tuple(notes))
     yield from found[1:]
 
@@ -95,7 +93,7 @@ def _table(place: str, title: str, rows: list[list[Any]]) -> Raw | None:
         pd.DataFrame(columns),
         title,
         "Excel workbook",
-        {name: unit for name, unit in units.items() if unit},
+        units,
         head.fields,
         lines=range(head.first_row + 1, head.first_row + 1 + len(body)),
         header_line=head.row + 1,

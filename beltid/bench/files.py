@@ -6,19 +6,17 @@ import contextlib
 import glob
 import hashlib
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import Final, NamedTuple
+from typing import Final
 
-from beltid.bench.packed import MAX_FILES, format_of, members, natural, unpack
+from beltid.bench.packed import format_of, members, natural, refuse_kinds, unpack
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES, opened, sha256
 
 _NOT_RECORDINGS: Final = frozenset({".yaml", ".yml", ".md", ".json", ".html", ".pdf", ".png"})
-_COMPANIONS: Final = frozenset({".tdms_index", ".lnk"})
-_OF_WINDOWS: Final = frozenset({"thumbs.db", "desktop.ini"})
+_COMPANIONS: Final = frozenset({".tdms_index", ".lnk", ".db", ".ini"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,20 +92,6 @@ def _shown(path: PurePath) -> str:
     return str(path).encode(errors="surrogateescape").decode(errors="replace")
 
 
-def folders_left_out(path: Path, sources: Sequence[Source]) -> list[str]:
-    """Note the subfolders that hold files of the same kind but are not read."""
-    from beltid.store.artifact import may_be_artifact  # results may lie among recordings
-
-    inside = path.rglob(f"*{glob.escape(sources[0].path.suffix)}") if path.is_dir() else ()
-    found = {f.relative_to(path).parts[0] for f in inside if f.parent != path}
-    folders = [
-        name
-        for name in sorted(found)
-        if name[0] not in "._" and not all(map(may_be_artifact, (path / name).rglob("*.*")))
-    ]
-    return [f"folders with further files left out: {', '.join(folders[:12])}"] if folders else []
-
-
 @dataclass(frozen=True, slots=True)
 class Content:
     """Checksum of a file, or of names and contents of several, and whether it is one of Parquet."""
@@ -131,16 +115,8 @@ def _file_content(path: Path) -> Content:
         return Content(hashlib.file_digest(file, "sha256").hexdigest(), is_parquet)
 
 
-class FileState(NamedTuple):
-    """State of a file in the file system; changes when the file is replaced or written."""
-
-    name: str
-    modified_ns: int
-    size: int
-    number: int
-
-
-Signature = tuple[FileState, ...]
+Signature = tuple[tuple[str, int, int, int], ...]
+"""Name, time of change, size and number of files; differs when one is replaced or written."""
 
 
 def signature_of(path: Path) -> Signature:
@@ -149,7 +125,7 @@ def signature_of(path: Path) -> Signature:
     with contextlib.suppress(OSError):
         for file in _candidates(path) if is_many(path) else [path]:
             stat = file.stat()
-            states.append(FileState(str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
+            states.append((str(file), stat.st_mtime_ns, stat.st_size, stat.st_ino))
     return tuple(sorted(states))
 
 
@@ -161,7 +137,7 @@ def folder_of(path: Path) -> Path:
 
 
 def _files(path: Path, excluded: set[Path]) -> list[Path]:
-    """List the files of a folder or pattern in natural order; all must be of one kind."""
+    """List the files of a folder or pattern in natural order; those of a folder are of one kind."""
     from beltid.store.artifact import may_be_artifact  # results may lie among recordings
 
     try:
@@ -171,36 +147,20 @@ def _files(path: Path, excluded: set[Path]) -> list[Path]:
     files = [f for f in candidates if f.absolute() not in excluded and not may_be_artifact(f)]
     if path.is_dir():
         files = [f for f in files if f.suffix.lower() not in _NOT_RECORDINGS]
-        _refuse_kinds(files, path)
+        refuse_kinds(files, str(path))
     if not files:
         what = "holds no recording" if path.is_dir() else "no file matches this pattern"
         raise InputError(f"{path}: {what}")
-    if len(files) > MAX_FILES:
-        raise InputError(f"{path}: {len(files)} files, must be at most {MAX_FILES}")
     return sorted(files, key=lambda f: natural(f.as_posix()))
 
 
 def _candidates(path: Path) -> list[Path]:
     """List the files of a folder or pattern that may be recordings."""
-    found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path), recursive=True))
+    found = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
     return [
         f
-        for f in dict.fromkeys(found)
+        for f in found
         if (f.is_file() or (f.is_symlink() and not f.is_dir()))  # the reader reports a dead link
         and not f.name.startswith((".", "~$"))
         and f.suffix.lower() not in _COMPANIONS
-        and f.name.lower() not in _OF_WINDOWS
     ]
-
-
-def _refuse_kinds(files: Sequence[Path], path: Path) -> None:
-    kinds = Counter(
-        "".join(f.suffixes[-2:] if f.suffix == ".gz" else [f.suffix]).lower() for f in files
-    )
-    if len(kinds) > 1:
-        shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
-        most = kinds.most_common(1)[0][0]
-        raise InputError(
-            f"{path}: holds files of several kinds ({shown}); "
-            f"name only the runs, such as {path / f'*{most}'}"
-        )

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 from pyarrow import types
 
 from beltid.bench.numbers import word_of
 from beltid.bench.raw import Raw
 from beltid.errors import InputError
 from beltid.store.parquet import damaged, open_parquet
+
+LONGEST_TEXT: Final = 1000
+"""Bytes of a text; a file can repeat a long one in every row at no cost."""
 
 
 def read(path: Path, place: str) -> Iterator[Raw]:
@@ -39,66 +43,62 @@ def table_of(table: pa.Table, place: str) -> Raw:
         if types.is_duration(kind):
             nanoseconds = values.cast(pa.duration("ns")).cast(pa.int64()).to_numpy()
             columns[field.name], units[field.name] = nanoseconds / 1e9, "s"
-        elif (
-            types.is_null(kind)
-            or types.is_decimal(kind)
-            or (types.is_primitive(kind) and (types.is_integer(kind) or types.is_floating(kind)))
-        ):
+        elif types.is_null(kind) or types.is_decimal(kind) or _is_number(kind):
             columns[field.name] = values.cast(pa.float64(), safe=False).to_numpy()
-        elif types.is_nested(kind) or types.is_binary(kind):
+        elif (
+            types.is_nested(kind) or types.is_binary(kind) or isinstance(kind, pa.BaseExtensionType)
+        ):
             left_out.append(f"column {field.name} holds {kind}, left out")
         else:  # texts; times and true or false as texts
-            columns[field.name] = pd.array(values.cast(pa.large_string()), dtype="str")
-    return Raw(
-        place,
-        pd.DataFrame(columns, copy=False),
-        format="Parquet",
-        units={n: u for n, u in units.items() if u},
-        notes=tuple(left_out),
-    )
+            columns[field.name] = _texts(values, f"{place}: column {field.name}")
+    units = {name: unit for name, unit in units.items() if unit}
+    frame = pd.DataFrame(columns, copy=False)
+    return Raw(place, frame, format="Parquet", units=units, notes=tuple(left_out))
 
 
-def frame_of(frame: Any, place: str, needed: Collection[str]) -> Raw:
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(types.is_integer(kind) or types.is_floating(kind))
+
+
+def _texts(values: pa.ChunkedArray, place: str) -> Any:
+    """Return a column as texts, none of them long."""
+    for chunk in values.chunks:
+        words = chunk.dictionary if types.is_dictionary(chunk.type) else chunk
+        is_text = types.is_string(words.type) or types.is_large_string(words.type)
+        if is_text and (pc.max(pc.binary_length(words)).as_py() or 0) > LONGEST_TEXT:
+            raise InputError(f"{place} holds texts of more than {LONGEST_TEXT} bytes")
+    return pd.array(values.cast(pa.large_string()), dtype="str")
+
+
+def frame_of(frame: Any, place: str) -> Raw:
     """Return a table in memory as written; columns of mixed types become texts.
 
     Parameters
     ----------
     frame : DataFrame, pyarrow Table or mapping
-        The samples.
+        The samples; what is no list of values is left out.
     place : str
         Name of the frame, for messages.
-    needed : collection of str
-        Columns that must be lists of equal length; any other column that is not is left out.
 
     Raises
     ------
     InputError
-        If the frame is not a table, holds no samples, or a needed column is not such a list.
+        If the frame is not a table, holds no samples, or columns of different lengths.
     """
-    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
     if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
         raise InputError(
             f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
             "of columns"
         )
+    names = getattr(frame, "column_names", getattr(frame, "columns", frame))
     columns = {str(name): frame[name] for name in dict.fromkeys(names)}
-    axes = {name: np.ndim(values) for name, values in columns.items()}
-    problems = [
-        f"{place}: column {name} has {n} axes, must be a list"
-        for name, n in axes.items()
-        if name in needed and n != 1
-    ]
-    lists = {name: values for name, values in columns.items() if axes[name] == 1}
-    lengths = {len(values) for name, values in lists.items() if name in needed}
+    lists = {name: _arrow(values) for name, values in columns.items() if np.ndim(values) == 1}
+    lengths = sorted({len(values) for values in lists.values()})
     if len(lengths) > 1:
-        problems.append(f"{place}: the columns have different lengths {sorted(lengths)}")
-    if problems:
-        raise InputError(problems)
-    length = next(iter(lengths), len(next(iter(lists.values()), ())))
-    if not length:
+        raise InputError(f"{place}: the columns have different lengths {lengths}")
+    if lengths in ([], [0]):
         raise InputError(f"{place}: holds no samples")
-    whole = {n: _arrow(values) for n, values in lists.items() if len(values) == length}
-    return table_of(pa.table(whole), place)
+    return table_of(pa.table(lists), place)
 
 
 def _arrow(values: Any) -> Any:

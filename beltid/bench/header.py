@@ -11,7 +11,7 @@ from typing import Final
 
 from beltid.bench.clock import is_clock, is_date
 from beltid.bench.numbers import MISSING, is_number
-from beltid.bench.raw import Field
+from beltid.bench.raw import POSITION, Field
 from beltid.tables.units import canonical_unit, is_known_unit
 
 SEARCHED: Final = 400
@@ -24,8 +24,6 @@ OTHER_UNITS: Final = frozenset((*_OTHER.split(), "N/mm", "N/mm²", "l/min"))
 _CLOCK_FORM: Final = re.compile(r"h{1,2}:mm(:ss)?([.,][sf0]+)?", re.IGNORECASE)
 IN_NAME: Final = re.compile(r"[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 """Brackets at the end of a name, which may hold its unit."""
-POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
-"""Number that distinguishes channels of the same name."""
 # "Zeit / s", "Zeit/s", "Zeit in s"; not the slash within a unit, as in "v rad/s"
 _AFTER_NAME: Final = re.compile(r"(?:(?<!\s)\s+/\s*|(?<=\w{4})/|(?<!\s)\s+in\s+)(\S+)\s*$")
 
@@ -80,8 +78,6 @@ def _names_of(rows: Sequence[Sequence[str]], above: Sequence[int]) -> tuple[str,
     upper = rows[above[-2]] if len(above) > 1 and above[-2] == above[-1] - 1 else ()
     if sum(map(bool, upper)) > 1:  # a title is one cell
         names = [name or over for name, over in itertools.zip_longest(names, upper, fillvalue="")]
-    while names and not names[-1]:
-        names = names[:-1]
     return tuple(names)
 
 
@@ -174,18 +170,11 @@ def fields_of(rows: Sequence[Sequence[str]]) -> tuple[Field, ...]:
     fields = []
     for row in rows:
         cells = [cell.strip('" ') for cell in row]
-        while cells and not cells[-1]:
-            cells.pop()
-        if not cells:
-            continue
-        cells[0] = cells[0].lstrip("#%").strip()
         if len(cells) == 1:
-            name, mark, text = re.match(r"([^=:]*)([=:]?)(.*)", cells[0], re.DOTALL).groups()  # type: ignore[union-attr]
-            if mark and name.strip():
-                fields.append(read_field(name.strip(), text.strip()))
-        elif len(cells) <= 3 and cells[0]:
-            unit = cells[2] if len(cells) > 2 else ""
-            fields.append(read_field(cells[0].rstrip(":= "), cells[1], unit))
+            cells = re.split("[=:]", cells[0], maxsplit=1)
+        name = cells[0].strip("#%:= ") if cells else ""
+        if name and 2 <= len(cells) <= 3:
+            fields.append(read_field(name, *(cell.strip() for cell in cells[1:])))
     return tuple(fields)
 
 

@@ -11,39 +11,27 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench import text
-from beltid.bench.files import is_many, sources_of
-from beltid.bench.mapping import (
-    FORCES,
-    Channel,
-    Found,
-    Needs,
-    bench_of,
-    can_be,
-    channels_of,
-    lacking,
-    mapped,
-    meant,
-    rig_of,
-    sensors_of,
-)
+from beltid.bench.files import sources_of
+from beltid.bench.mapping import KINDS, Channel, Found, Needs, bench_of, channels_of, meant, rig_of
+from beltid.bench.mapping import mapped as mapped_channels
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
-from beltid.bench.packed import format_of
-from beltid.bench.raw import Raw, is_text
+from beltid.bench.raw import TIME, Raw, is_text
 from beltid.bench.recording import of_plateaus, read_recording, tables_in
 from beltid.bench.runs import settings_in_head
-from beltid.bench.vocabulary import roles_hinted
-from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
-HEAD: Final = 1 << 18
-"""Bytes of a text that show the kind of its recording."""
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
+_UNIT_WORDS: Final = {
+    "arc_deg": r"(?i:deg|grad|°)",
+    "initial_tension_N": r"[Nn]",
+    "temperature_degC": r"(?:C|degC|°C)",
+}
+"""Setting -> how its unit is written behind a number in the name of a file."""
 GAP: Final = 3.0
 """Steps of time over which samples are missing."""
 
@@ -73,7 +61,6 @@ class Inspection:
     notes: tuple[str, ...]
     problems: tuple[str, ...]  # to be stated or corrected; without, the command reads it
     rig: dict[str, str]  # keys of `rig` that the channels require and the config does not state
-    can_be: dict[str, tuple[str, ...]]  # channels that are not read -> what they can be
     pattern: str  # of the file names, for settings that are nowhere else; "" if none
 
 
@@ -99,52 +86,65 @@ def inspect_recording(
     InputError
         If its first file cannot be read at all.
     """
-    options = [ReadOptions.of(config, k) for k in ([kind] if kind else KINDS)]
-    sources = sources_of(path, [o.run_table for o in options if o.run_table is not None])
-    called = {role: name for option in options for role, name in option.names.items()}
-    needs = Needs(_any_table(), ReadOptions(called, dialect=options[0].dialect))
+    options = {k: ReadOptions.of(config, k) for k in ([kind] if kind else KINDS)}
+    sources = sources_of(path, [o.run_table for o in options.values() if o.run_table is not None])
+    names = tuple(source.inside.name for source in sources)
+    called = {role: name for option in options.values() for role, name in option.names.items()}
+    needs = Needs(_any_table(), ReadOptions(called, dialect=next(iter(options.values())).dialect))
     tables = tables_in(sources[0], needs)
     needs.problems.raise_if_any()
-    view = _View(tables, config)
-    kind = kind or view.kind()
-    rig = view.rig() if kind == "rig" else {}
+    channels = channels_of(tables)
+    if not kind:
+        plateaus = of_plateaus(tables, Needs(options["rig"].table("rig"), options["rig"]))
+        kind = "rig" if plateaus.table.kind == "points" else bench_of(channels, options)[0]
+    if not kind:
+        held = ", ".join(c.name for c in channels[:12]) or "none"
+        problem = (
+            f"{path}: the channels found are {held}: they do not tell which bench this is; "
+            f"say so with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
+        )
+        return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
+    needs = Needs(options[kind].table(kind), options[kind])
+    needs = of_plateaus(tables, needs) if kind == "rig" else needs
+    of_kind, fields = (
+        Needs(schemas.table(kind), options[kind]),
+        [f for t in tables for f in t.fields],
+    )
+    has = settings_in_head(fields, of_kind) | meant(channels, of_kind)
+    rig = {} if config.rig.model_fields_set & {"kind", "holds"} else rig_of(has, needs)
+    rig = rig if kind == "rig" else {}
     if rig:
-        view.config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
-    names = tuple(source.inside.name for source in sources)
-    pattern = _pattern(names, view.needs(kind), view.columns(kind), len(tables)) if kind else ""
+        config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
+        needs = Needs(ReadOptions.of(config, kind).table(kind), options[kind])
+    pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
-        stated = {kind: {**view.config.runs[kind], "pattern": pattern}}
-        view.config = view.config.model_copy(update={"runs": view.config.runs | stated})
-    found = view.found(kind) if kind else {}
-    notes, runs, problems = tables[0].notes, list[RunView](), tuple[str, ...]()
+        stated = {kind: {**config.runs[kind], "pattern": pattern}}
+        config = config.model_copy(update={"runs": config.runs | stated})
+    runs, problems = list[RunView](), tuple[str, ...]()
     try:
-        if not kind:
-            shown = ", ".join(c.name for c in view.channels[:12]) or "none"
-            raise InputError(
-                f"{path}: the channels found are {shown}: they do not tell which bench this is; "
-                f"say so with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
-            )
-        recording = read_recording(path, kind, view.config)
+        recording = read_recording(path, kind, config)
         found, notes = recording.found, recording.notes
         runs = runs_found(recording.columns, recording.kind)
-        problems = _not_reduced(recording.columns, view.needs(kind))
+        spans = {"tension_tight_N", "tension_slack_N", "hub_force_N"} & {*recording.found}
+        if config.rig.kind == "torque" and not spans and config.rig.holds is None:
+            ask = (
+                "state the span that carries the weight, rig: {holds: weight_tight} or weight_slack"
+            )
+            problems = (f"{path}: a weight beside a torque: {ask}",)
     except InputError as error:
-        problems = error.problems
+        found, notes, problems = {}, tables[0].notes, error.problems
+        for table in tables:
+            found = mapped_channels(channels_of([table]), needs, "") | found
     if rig:
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
-    return Inspection(
-        kind,
-        names,
-        tables,
-        view.channels,
-        found,
-        runs,
-        notes,
-        problems,
-        rig,
-        {} if runs else view.can_be([kind] if kind else KINDS, found),
-        pattern,
-    )
+    return Inspection(kind, names, tables, channels, found, runs, notes, problems, rig, pattern)
+
+
+def _any_table() -> Table:
+    """Return a table with the columns of all kinds, whose names show the header of a file."""
+    tables = [schemas.table(kind) for kind in schemas.RECORDINGS]
+    columns = {c.name: c for table in tables for c in table.columns}
+    return Table("any", "", "", tuple(columns.values()))
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:
@@ -154,11 +154,7 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
     if not required - found - {*options.values} or options.pattern or options.run_table:
         return ""
     pattern, dot, ending = names[0].rpartition(".")
-    for words, role in (
-        (r"(?i:deg|grad|°)", "arc_deg"),
-        (r"[Nn]", "initial_tension_N"),
-        (r"(?:C|degC|°C)", "temperature_degC"),
-    ):
+    for role, words in _UNIT_WORDS.items():
         if role in needs.table.names and role not in found:
             unit = rf"{_NUMBER}(?={words}(?![A-Za-z]))"
             places = rf"(?<![\w{{]){unit}|(?<=_){unit}"
@@ -176,116 +172,6 @@ def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int)
     return pattern if all(values(name) is not None for name in names) else ""
 
 
-def _not_reduced(columns: dict[str, np.ndarray], needs: Needs) -> tuple[str, ...]:
-    """Return why the command does not reduce what it reads."""
-    spans = [columns[name] for name in FORCES[:3] if name in columns]
-    is_torque = needs.table.kind == "rig" and needs.options.rig[0] == "torque"
-    if not is_torque or any(np.isfinite(tension).any() for tension in spans):
-        return ()
-    return (
-        "rig.kind: torque needs the tension of one span: column tension_tight_N, tension_slack_N "
-        "or weight_N",
-    )
-
-
-def kind_of_file(path: Path, config: Any, kind: str) -> str:
-    """Return the kind of recording whose sensors the first lines of a text name; "" if unclear."""
-    options = ReadOptions.of(config, kind)
-    if is_many(path) or options.names or format_of(path) != "text":
-        return ""
-    try:
-        tables = list(text.read(path, str(path), options.dialect, _any_table().names, HEAD))
-    except InputError:  # the stage that reads the file reports the problem
-        return ""
-    return bench_of(channels_of(tables), schemas.table(kind))
-
-
-def _any_table() -> Table:
-    """Return a table with the columns of all kinds, whose names show the header of a file."""
-    tables = [schemas.table(kind) for kind in schemas.RECORDINGS]
-    columns = {c.name: c for table in tables for c in table.columns}
-    return Table("any", "", "", tuple(columns.values()))
-
-
-class _View:
-    """Answers on the channels of a file with what a config states so far."""
-
-    def __init__(self, tables: Sequence[Raw], config: Any) -> None:
-        self.tables, self.channels, self.config = tables, channels_of(tables), config
-        self.fields = [entry for table in tables for entry in table.fields]
-
-    def needs(self, kind: str) -> Needs:
-        """Return what a kind of recording needs with the config so far."""
-        options = ReadOptions.of(self.config, kind)
-        needs = Needs(options.table(kind), options)
-        return of_plateaus(self.tables, needs) if kind == "rig" else needs
-
-    def found(self, kind: str) -> dict[str, Found]:
-        """Return how our columns are read, as far as possible, group by group."""
-        found: dict[str, Found] = {}
-        for group in dict.fromkeys(c.group for c in self.channels):
-            inside = [c for c in self.channels if c.group == group]
-            found = mapped(inside, self.needs(kind), "") | found
-        return found
-
-    def can_be(self, kinds: Sequence[str], found: dict[str, Found]) -> dict[str, tuple[str, ...]]:
-        """Return which of our columns unread channels can be, by unit or a word in the name."""
-        read = {match.channel.qualified for match in found.values()}
-        possible: dict[str, tuple[str, ...]] = {}
-        for channel in self.channels:
-            roles: list[str] = []
-            for kind in kinds if channel.qualified not in read else ():
-                columns = [
-                    c
-                    for c in self.needs(kind).table.columns
-                    if c.dtype == "float64" and c.required and c.name not in found
-                ]
-                fit = [c.name for c in columns if can_be(channel, c)]
-                hinted = [name for name in fit if name in roles_hinted(channel.name, kind)]
-                has_unit = bool(channel.unit or channel.written)
-                sensors = [name for name in fit if name not in schemas.SETTINGS]
-                roles += hinted or (sensors if has_unit else [])
-            if roles:
-                possible[channel.qualified] = tuple(dict.fromkeys(roles))
-        return possible
-
-    def kind(self) -> str:
-        """Recognise the kind of recording by its sensors; "" if none or several fit."""
-        if self.needs("rig").table.kind == "points":
-            return "rig"
-        missing = {kind: self._missing(kind) for kind in KINDS}
-        whole = [kind for kind in KINDS if not missing[kind]]
-        if whole:
-            return whole[0] if len(whole) == 1 else ""
-        # if no kind has all its sensors (units may be ambiguous), the explained channels decide
-        explained = {
-            kind: len(found := self.found(kind)) + len(self.can_be([kind], found))
-            for kind in KINDS
-            if missing[kind] < 1.0
-        }
-        best = [kind for kind, n in explained.items() if n == max(explained.values())]
-        return best[0] if len(best) == 1 else ""
-
-    def _missing(self, kind: str) -> float:
-        """Return the share of the sensors of a kind for which the file has no channel."""
-        columns = self.columns(kind)
-        if kind == "rig":
-            n_forces = min(len(columns & {*FORCES}), 2)
-            return 1.0 - (n_forces + ("pulley_speed_rad_s" in columns)) / 3
-        table = schemas.table(kind)
-        return len(lacking(table, columns)) / len(sensors_of(table))
-
-    def rig(self) -> dict[str, str]:
-        """Return the `rig` keys that the channels require and the config does not state."""
-        stated = self.config.rig.model_fields_set & {"kind", "holds"}
-        return {} if stated else rig_of(self.columns("rig"), self.needs("rig"))
-
-    def columns(self, kind: str) -> set[str]:
-        """Return the columns of a kind that channels or header fields of the file can be."""
-        needs = Needs(schemas.table(kind), ReadOptions.of(self.config, kind))
-        return {*meant(self.channels, needs), *settings_in_head(self.fields, needs)}
-
-
 def ranges(channel: Channel) -> dict[str, float]:
     """Return rate, smallest, largest and first number of a channel; nan for texts."""
     raw, values = channel.raw, channel.raw.frame[channel.name]
@@ -296,7 +182,8 @@ def ranges(channel: Channel) -> dict[str, float]:
         numbers = numbers_of(values, raw.signs, "", raw.at, Problems())
     finite = numbers[np.isfinite(numbers)]
     low, high, first = (finite.min(), finite.max(), finite[0]) if finite.size else [np.nan] * 3
-    step = _step(raw.times if raw.times is not None else finite[:0])
+    is_timed = TIME in raw.frame and not is_text(raw.frame[TIME])
+    step = _step(raw.frame[TIME].to_numpy() if is_timed else finite[:0])
     rate = 1.0 / step if step > 0 else np.nan
     return {"rate_Hz": rate, "min": float(low), "max": float(high), "first": float(first)}
 
@@ -318,24 +205,17 @@ def runs_found(columns: dict[str, np.ndarray], kind: str) -> list[RunView]:
 
 
 def _run_view(label: str, columns: dict[str, np.ndarray], kind: str) -> RunView:
-    time, settings = columns.get("time_s"), _settings(columns, kind)
-    if time is None:
-        return RunView(label, 1, np.nan, np.nan, [], settings)
-    step = _step(time)
-    gaps = time[:-1][np.diff(time) > GAP * step].tolist() if step > 0 else []
-    rate = 1.0 / step if step > 0 else np.nan
-    return RunView(label, len(time), float(time[-1] - time[0]), rate, gaps, settings)
-
-
-def _settings(columns: dict[str, np.ndarray], kind: str) -> dict[str, float]:
-    """Return the settings of a run."""
+    """Return what is seen of a run: its length, its settings, the speed or force it reached."""
     known = {name: x[np.isfinite(x)] for name, x in columns.items()}
     settings = {n: float(np.median(known[n])) for n in SETTINGS if len(known.get(n, ()))}
     speed = "driver_speed_rad_s" if kind == "speedloss" else "pulley_speed_rad_s"
     if len(turning := np.abs(known.get(speed, np.empty(0)))):
         # omit the rest phase; the highest samples alone would show sensor noise
-        turning = turning[turning >= 0.5 * np.quantile(turning, 0.9)]
-        settings[speed] = float(np.median(turning))
+        settings[speed] = float(np.median(turning[turning >= 0.5 * np.quantile(turning, 0.9)]))
     if kind == "press":
         settings["force_N"] = float(np.abs(known["force_N"]).max())
-    return settings
+    time = columns.get("time_s", np.zeros(1))
+    step = _step(time)
+    gaps = time[:-1][np.diff(time) > GAP * step].tolist() if step > 0 else []
+    rate, duration = (1.0 / step if step > 0 else np.nan), float(time[-1] - time[0])
+    return RunView(label, len(time), duration, rate, gaps, settings)

@@ -12,10 +12,9 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.clock import Clock
 from beltid.bench.numbers import NumberSigns, numbers_of
 from beltid.bench.packed import as_utf8
-from beltid.bench.raw import Field, Rasters, Raw, even_times, in_seconds
+from beltid.bench.raw import TIME, Field, Rasters, Raw, even_times, in_seconds
 from beltid.errors import SHOWN, InputError, Problems
 
 _SEPARATOR: Final = re.compile(r"^Separator(.)(?:Tab|Comma|Space)\b", re.MULTILINE | re.IGNORECASE)
@@ -35,19 +34,16 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)
-    lines = [
-        [cell.strip() for cell in line.split(found[1] if found else "\t")]
-        for line in text.split("\n")
-    ]
+    sign = found[1] if found else "\t"
+    lines = [[cell.strip() for cell in line.split(sign)] for line in text.split("\n")]
     starts = [i for i, cells in enumerate(lines) if cells[0].startswith("X_Value")]
-    problems, parts, count, end = Problems(), list[list[Raw]](), 0, 0
+    problems, parts, end = Problems(), list[list[Raw]](), 0
     head = _header(lines[: starts[0] if starts else 0])
     for at, last in itertools.pairwise([*starts, len(lines)]):
         own = head | _header(lines[end:at])
         ends = (i for i in range(at + 1, last) if not any(lines[i]) or lines[i][0] == "Channels")
         end = next(ends, last)
         rasters = _segment(lines, (at, end), own, place, problems)
-        count += bool(rasters)
         if len(rasters) == 1 and parts and _continues(parts[-1][-1], rasters[0]):
             parts[-1] += rasters
         else:
@@ -57,8 +53,6 @@ def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     problems.raise_if_any()
     if not parts:
         raise InputError(f"{place}: holds no samples, only a header")
-    if len(parts) < count:
-        notes.append(f"{count} segments without gaps between them joined into {len(parts)}")
     for number, part in enumerate(parts, start=1):
         name = f"segment {number}" if len(parts) > 1 else ""
         yield replace(_concatenated(part), name=name, encoding=encoding, notes=tuple(notes))
@@ -82,10 +76,8 @@ def _segment(
 ) -> list[Raw]:
     """Read the rows of one segment, a table per raster of times."""
     at, end = span
-    names, rows = (
-        [*itertools.takewhile(lambda name: name not in ("", "Comment"), lines[at])],
-        lines[at + 1 : end],
-    )
+    names = [*itertools.takewhile(lambda name: name not in ("", "Comment"), lines[at])]
+    rows = lines[at + 1 : end]
     if rows and len(rows[-1]) < len(names) and end >= len(lines) - 1:
         problems.add(f"{place}:{end}: the last row is cut off")
     signs = NumberSigns("," if _cell(header, "Decimal_Separator") == "," else ".")
@@ -116,10 +108,9 @@ def _segment(
             )
         filled = np.flatnonzero(~np.isnan(columns[y]))
         length = int(filled[-1]) + 1 if filled.size else 0
-        if length:
-            written = None if kind == "no" else columns[x][:length]
-            times = _time(written, header, k, length, f"{place}, line {at + 1}")
-            rasters.add(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
+        written = None if kind == "no" else columns[x][:length]
+        times = _time(written, header, k, length, f"{place}, line {at + 1}") if length else None
+        rasters.add(names[y], columns[y][:length], _cell(header, "Y_Unit_Label", k), times)
     return [
         replace(raw, lines=range(at + 2, at + 2 + len(raw.frame)), header_line=at + 1)
         for raw in rasters.tables()
@@ -141,18 +132,16 @@ def _time(
 
 def _start(header: Header) -> list[Field]:
     """Return the absolute start of a segment, in seconds from 1970-01-01."""
-    clock = Clock()
-    text = pd.Series([f"{_cell(header, 'Date')} {_cell(header, 'Time')}"])
-    seconds = clock.read(text, None, lambda i: ("", i), Problems())
-    start = float(seconds[0]) + 1e-9 * (clock.midnight_ns or 0)
-    return [Field(_START, repr(start))] if clock.dated else []
+    text = f"{_cell(header, 'Date')} {_cell(header, 'Time').replace(',', '.')}"
+    start = pd.to_datetime(re.sub(r"(\.\d{9})\d+", r"\1", text), errors="coerce")
+    return [] if pd.isna(start) else [Field(_START, repr(start.timestamp()))]
 
 
 def _continues(before: Raw, after: Raw) -> bool:
     """Return whether a segment starts one time step after the end of the previous one."""
-    a, b = before.times, after.times
-    if list(before.frame) != list(after.frame) or a is None or b is None or len(a) < 2:
+    if list(before.frame) != list(after.frame) or TIME not in after.frame or len(before.frame) < 2:
         return False
+    a, b = (raw.frame[TIME].to_numpy() for raw in (before, after))
     step = (a[-1] - a[0]) / (len(a) - 1)
     if abs(b[0] - a[-1] - step) <= 0.5 * step:
         return True
@@ -164,21 +153,16 @@ def _continues(before: Raw, after: Raw) -> bool:
 
 def _concatenated(part: Sequence[Raw]) -> Raw:
     """Join segments; where the time restarts in a segment, it is shifted behind the last one."""
-    fields = tuple(f for f in part[0].fields if f.name != _START)
-    if len(part) == 1:
-        return replace(part[0], fields=fields)
-    times: list[np.ndarray] = []
-    for raw in part:
-        time = np.asarray(raw.times)
-        if times:
-            step = (times[-1][-1] - times[-1][0]) / max(len(times[-1]) - 1, 1)
-            if abs(time[0] - times[-1][-1] - step) > 0.5 * step:
-                time = time - time[0] + times[-1][-1] + step
-        times.append(time)
+    frames = [part[0].frame]
+    for raw in part[1:]:
+        last, time = frames[-1][TIME].to_numpy(), raw.frame[TIME].to_numpy()
+        step = (last[-1] - last[0]) / max(len(last) - 1, 1)
+        gap = time[0] - last[-1] - step
+        shift = gap if abs(gap) > 0.5 * step else 0.0
+        frames.append(raw.frame.assign(**{TIME: time - shift}))
     return replace(
         part[0],
-        frame=pd.concat([raw.frame for raw in part], ignore_index=True),
-        fields=fields,
-        times=np.concatenate(times),
+        frame=pd.concat(frames, ignore_index=True),
+        fields=tuple(f for f in part[0].fields if f.name != _START),
         lines=np.concatenate([np.asarray(raw.lines) for raw in part]),
     )

@@ -16,10 +16,11 @@ import pandas as pd
 
 from beltid.bench.clock import written_as
 from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_position, without_unit
-from beltid.bench.numbers import NumberSigns, is_number
+from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import means_date, roles_meant, simplified
+from beltid.bench.vocabulary import means_date, roles_meant, simplified, span_of
+from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Column, Table
@@ -45,7 +46,7 @@ _IN_RPM: Final = re.compile(
     re.IGNORECASE,
 )
 """Names of speeds in turns per minute."""
-_TURNS: Final = ("drehzahl", "rpm", "rev", "tour")
+_PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
 
 
 def _ending(unit: str) -> str:
@@ -65,22 +66,16 @@ OTHER_UNITS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A column of a table as written; `group` is the table's name if the file has several."""
+    """A column of a table as written."""
 
     raw: Raw
     name: str
-    group: str = ""
     word: str = "column"
 
     @cached_property
-    def cells(self) -> list[str]:
-        """First texts of the column; none if it holds numbers."""
-        return first_texts(self.raw.frame[self.name])
-
-    @cached_property
     def written(self) -> str:
-        """How its cells are written: "clock", "date" or "" for anything else."""
-        return written_as(self.cells)
+        """How its first cells are written: "clock", "date" or "" for anything else."""
+        return written_as(first_texts(self.raw.frame[self.name]))
 
     @property
     def unit_cell(self) -> str:
@@ -89,13 +84,15 @@ class Channel:
 
     @property
     def base(self) -> str:
-        """Name without the position among channels of the same name."""
-        return without_position(self.name)
+        """Name without its group, and the position among channels of the same name."""
+        return without_position(self.name.removeprefix(f"{self.raw.groups.get(self.name)}/"))
 
-    @property
-    def qualified(self) -> str:
-        """Name with its group: ``group/name``."""
-        return f"{self.group}/{self.name}"
+    @cached_property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """By which it is called: as written, and ever less exactly."""
+        qualified = f"{self.raw.groups.get(self.name)}/{self.name}"
+        bare = (without_unit(self.name), without_unit(self.base))
+        return (self.name, qualified), (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
 
     @property
     def shown(self) -> str:
@@ -156,33 +153,25 @@ class Needs:
     options: ReadOptions
     problems: Problems = field(default_factory=Problems)
 
-    def line(self, section: str, role: str) -> str:
-        """Return the beginning of a line for the config."""
+    def say(self, section: str, role: str, *values: str) -> str:
+        """Return lines of the config, one of which answers a question."""
         kind = "rig" if self.table.kind == "points" else self.table.kind
-        return f"{section}: {{{kind}: {{{role}: "
+        return " or ".join(f"{section}: {{{kind}: {{{role}: {value}}}}}" for value in values)
 
 
 def channels_of(raws: Sequence[Raw]) -> list[Channel]:
     """Return the channels of the tables of a file."""
-    several = len(raws) > 1
-    group = {id(raw): raw.name if several else "" for raw in raws}
-    return [Channel(r, str(name), group[id(r)]) for r in raws for name in r.frame if name]
+    return [Channel(raw, str(name)) for raw in raws for name in raw.frame if name]
 
 
-def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, object]) -> list[Channel]:
+def channels_of_head(fields: Sequence[Field], dialect: Mapping[str, str | None]) -> list[Channel]:
     """Return the fields of a header as channels: a field is a column of one row."""
-    plain = [read_field(f.name, f.text, f.unit) for f in dict.fromkeys(fields)]
-    stated = dialect["decimal"], dialect["thousands"]
     channels = []
-    for entry in plain:
-        signs = NumberSigns.of([entry.text], *stated)  # type: ignore[arg-type]
-        if isinstance(signs.number(entry.text), str):  # others may show the decimal sign
-            signs = NumberSigns.of([f.text for f in plain], *stated)  # type: ignore[arg-type]
+    for entry in (read_field(f.name, f.text, f.unit) for f in dict.fromkeys(fields)):
+        signs = NumberSigns.of([entry.text], dialect["decimal"], dialect["thousands"])
         frame = pd.DataFrame({entry.name: pd.array([entry.text], dtype="str")})
-        units = {entry.name: entry.unit} if entry.unit else {}
-        channels.append(
-            Channel(Raw("", frame, units=units, signs=signs), entry.name, "", "header field")
-        )
+        raw = Raw("", frame, units={entry.name: entry.unit}, signs=signs)
+        channels.append(Channel(raw, entry.name, "header field"))
     return channels
 
 
@@ -219,22 +208,29 @@ def meant(
     found = {c.name: named for c in columns if (named := _named(c.name, channels, options))}
     taken = {id(named[0].channel) for named in found.values()}
     free = [c for c in channels if id(c) not in taken]
-    words = {id(c): roles_meant(c.name, table.kind) for c in free}
+    words = {id(c): roles_meant(c.base, table.kind) for c in free}
     for column in columns:
         if column.name in found or column.name in options.names:
             continue
         fit = [c for c in free if column.name in words[id(c)]]
         if column.dtype != "string" and column.name not in options.units:
-            fit = [c for c in fit if can_be(c, column)] or fit
+            fit = [c for c in fit if _can_be(c, column)] or fit
         if column.name == "time_s":  # prefer elapsed time to time of day
             fit = [c for c in fit if c.unit and not c.written] or fit
         if numbered and len(fit) == 1 and column.name in sensors_of(table):
-            bare = _without_number(fit[0])
-            others = (c for c in free if not words[id(c)] and can_be(c, column))
-            fit += [c for c in others if _without_number(c) == bare]
+            others = (c for c in free if not words[id(c)] and _can_be(c, column))
+            fit += [c for c in others if _without_number(c) == _without_number(fit[0])]
         if fit:
             found[column.name] = [Found(column.name, c, "recognised") for c in fit]
     return {column.name: found[column.name] for column in columns if column.name in found}
+
+
+def _can_be(channel: Channel, column: Column) -> bool:
+    """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
+    if channel.written:
+        return channel.written == "clock" and column.name == "time_s"
+    is_raw = canonical_unit(channel.unit) in RAW and column.name not in schemas.SETTINGS
+    return not channel.unit or is_raw or conversion(channel.unit, column.unit) is not None
 
 
 def _without_number(channel: Channel) -> str:
@@ -251,24 +247,9 @@ def _named(role: str, channels: Sequence[Channel], options: ReadOptions) -> list
 
 
 def _called(name: str, channels: Sequence[Channel]) -> list[Channel]:
-    for names_of in (
-        lambda c: (c.name, c.qualified),
-        lambda c: (c.base,),
-        lambda c: (without_unit(c.name), without_unit(c.base)),
-        lambda c: (OTHER_UNITS.get(c.base, ("",))[0],),
-    ):
-        if matches := [c for c in channels if name in names_of(c)]:
-            return matches
-    return []
-
-
-def can_be(channel: Channel, column: Column) -> bool:
-    """Return whether the unit of a channel, if stated, allows it to be a column of numbers."""
-    if channel.written:
-        return channel.written == "clock" and column.name == "time_s"
-    unit = channel.unit
-    is_raw = canonical_unit(unit) in RAW and column.name not in (*schemas.SETTINGS, "time_s")
-    return not unit or is_raw or conversion(unit, column.unit) is not None
+    """Return the channels of a name; the first way of naming that fits any decides."""
+    found = ([c for c in channels if name in c.names[way]] for way in range(4))
+    return next(filter(None, found), [])
 
 
 def is_whole(channels: Sequence[Channel], needs: Needs) -> bool:
@@ -281,25 +262,14 @@ def mapped(
 ) -> dict[str, Found]:
     """Find the channel of each of our columns; report what is ambiguous or has no clear unit."""
     found: dict[str, Found] = {}
-    fitting = meant(channels, needs, roles, numbered=True)
-    taken = {id(match.channel) for matches in fitting.values() for match in matches}
-    for role, (match, *others) in fitting.items():
+    for role, (match, *others) in meant(channels, needs, roles, numbered=True).items():
         if others:
             problem = _ambiguous([match.channel, *(m.channel for m in others)], role, needs)
             needs.problems.add(f"{place}: {problem}")
         elif match.is_clock:
-            dates = [
-                c
-                for c in channels
-                if c.written == "date" and c.raw is match.channel.raw and id(c) not in taken
-                if means_date(c.name)
-            ]
-            if len(dates) > 1:
-                names = ", ".join(c.name for c in dates)
-                needs.problems.add(
-                    f"{place}: {names} can be the date of {match.channel.name}: keep one"
-                )
-            found[role] = replace(match, stated=True, date=dates[0] if dates else None)
+            beside = (c for c in channels if c.raw is match.channel.raw and means_date(c.name))
+            dates = [c for c in beside if c.written == "date"]
+            found[role] = replace(match, stated=True, date=dates[0] if len(dates) == 1 else None)
         else:
             found[role] = with_unit(match, needs, place)
     return found
@@ -320,11 +290,9 @@ def with_unit(match: Found, needs: Needs, place: str) -> Found:
 
 def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
     """Return the message that several channels can be a column."""
-    grouped = len({c.group for c in channels}) > 1
-    names = [c.qualified if grouped else c.name for c in channels]
-    shown = names if grouped else [c.shown for c in channels]
-    text = f"{', '.join(shown[:8])} can be {role}, say which: {needs.line('columns', role)}"
-    text += f'"{names[0]}"}}}}'
+    names = [c.name for c in channels]
+    say = needs.say("columns", role, f'"{names[0]}"')
+    text = f"{', '.join(c.shown for c in channels[:8])} can be {role}, say which: {say}"
     if role == "force_N":  # two forces and a travel are not always those of a press
         text += (
             f'; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{names[0]}", '
@@ -334,77 +302,52 @@ def _ambiguous(channels: Sequence[Channel], role: str, needs: Needs) -> str:
 
 
 def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str | None:
-    """Return the conversion of a channel; a text says what is unclear; None: no unit is stated."""
-    channel, shown, unit = found.channel, found.shown, found.channel.unit
-    ours, plain, line = column.unit, canonical_unit(unit), needs.line("units", column.name)
-    stated = needs.options.units.get(column.name)
-    cell = channel.cells[0][:40] if channel.cells else "0"
+    """Return the conversion of a channel; a text asks what is unclear; None: no unit is stated."""
+    channel, unit, ours = found.channel, found.channel.unit, column.unit
+    plain, stated = canonical_unit(unit), needs.options.units.get(column.name)
     recognised = found.how == "recognised" and channel.name != column.name
-    if recognised and plain in NO_UNIT and not is_number(cell):
-        what = "a clock time such as 13:45:02.125" if column.name == "time_s" else "a number"
-        return f'{channel.name}, read as {column.name}, holds "{cell}", must be {what}'
+
+    def ask(what: str, *units: str) -> str:
+        return f"{found.shown} {what}: state {needs.say('units', column.name, *units)}"
+
     if isinstance(stated, str):
         if canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
-            return (
-                f"{shown} is in rpm by its name, not in rad/s: state {line}rpm}}}}, or {line}"
-                "{factor: 1, offset: 0}}} if its numbers are in rad/s in spite of its name"
-            )
-        setting = calibration(stated, ours) or conversion(stated, ours)
-    else:
-        setting = stated
-    if isinstance(setting, Calibration):
-        return setting.conversion(unit) or (
-            f"{shown} is in {unit}, but the calibration of the config is for {setting.per}"
-        )
-    if setting is not None:
-        return setting
+            what = "is in rpm by its name, not in rad/s"
+            return ask(what, "rpm", "{factor: 1, offset: 0}")
+        stated = calibration(stated, ours) or conversion(stated, ours)
+    if isinstance(stated, Calibration):
+        wrong = f"is in {unit}, but the calibration of the config is for {stated.per}"
+        return stated.conversion(unit) or f"{found.shown} {wrong}"
+    if stated is not None:
+        return stated
     both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
+    ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
+    is_turn = any(word in simplified(channel.name) for word in ("drehzahl", "rpm", "rev", "tour"))
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)
-        return (
-            f"{shown} is in {first} by its name and in {second} by its unit: "
-            f"say which, {line}{first}}}}} or {line}{second}}}}}"
-        )
+        return ask(f"is in {first} by its name and in {second} by its unit", first, second)
     if scaling := channel.raw.scaling.get(channel.name):
-        return (
-            f"{shown} holds whole numbers, but the file states {scaling}, which was not applied: "
-            f"state {line}{{factor: ..., offset: ...}}}}}} if they are counts, or {line}{ours}}}}} "
-            "if they are not"
-        )
-    if plain in ("", "-") and recognised:
-        or_rpm = f" or {line}rpm}}}}" if ours == "rad/s" else ""
-        return (
-            f"the unit of {channel.name}, read as {column.name}, is missing; "
-            f"state it: {line}{ours}}}}}{or_rpm}"
-        )
+        what = f"holds whole numbers, but the file states {scaling}, which was not applied"
+        return ask(what, "{factor: ..., offset: ...}", ours)
     if plain in ("", "-"):
-        base, _, ending = channel.name.rpartition("_")
-        other = conversion(ending, ours) if base and channel.name != column.name else None
-        if other in (None, Conversion(1.0)):
+        if recognised:
+            return ask("has no unit", ours, *(["rpm"] if ours == "rad/s" else []))
+        if conversion(ending, ours) in (None, Conversion(1.0)):
             return None
-        return f"{shown}: is it in {ending}? say {line}{ending}}}}} or {line}{ours}}}}}"
+        return ask(f"may be in {ending} by its name", ending, ours)
     if plain in RAW:
         per = "mV" if plain == "mV" else "V"
-        return (
-            f"{shown} is in {unit}, its calibration is missing; state it: "
-            f"{line}250 {ours}/{per}}}}}, or {{factor: 250, offset: 0}}"
+        return ask(
+            f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250, offset: 0}"
         )
-    is_per_second = unit.strip(" []()").replace(" ", "") in ("1/s", "s-1", "s^-1", "s⁻¹")
-    is_turn = any(word in simplified(channel.name) for word in _TURNS)
-    if ours == "rad/s" and is_per_second and not is_turn:
-        return f"{shown} is in {unit}: turns or radians? say {line}rev/s}}}} or {line}rad/s}}}}"
+    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND and not is_turn:
+        return ask(f"is in {unit}, turns or radians", "rev/s", "rad/s")
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
-        return (
-            f"{shown} is in {unit}; divide by the radius R of the pulley: "
-            f"{line}{{factor: 1/R, offset: 0}}}}}}, 1/R as a number in 1/m"
-        )
-    by = conversion(unit, ours)
-    if by is None and plain == "1":
-        return None
-    return by or (
-        f"{shown} is in {unit}, must be one of {', '.join(allowed_units(ours))}, or state "
-        f"{line}{{factor: ..., offset: 0}}}}}}"
-    )
+        return ask(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}")
+    if conversion(unit, ours) is None and plain != "1":
+        allowed = ", ".join(allowed_units(ours))
+        return ask(f"is in {unit}, must be one of {allowed}", "{factor: ..., offset: 0}")
+    return conversion(unit, ours)
 
 
 def refuse_missing(
@@ -420,86 +363,88 @@ def refuse_missing(
     is reported here: they may still come from outside the file.
     """
     table, names = needs.table, needs.options.names
-    has = {*found, *elsewhere}
-    used = {match.channel.name for match in found.values()}
+    has, used = {*found, *elsewhere}, {match.channel.name for match in found.values()}
     free = [c.name for c in channels if c.name not in used]
     required = [*lacking(table, has), *(c.name for c in table.columns if c.required), *names]
-    missing = [r for r in dict.fromkeys(required) if r not in has and r in table.names]
     close = {
         role: match[0]
-        for role in missing
+        for role in required
         if (match := difflib.get_close_matches(names.get(role, role), free, n=1, cutoff=0.6))
     }
-    missing = [r for r in missing if r not in schemas.NOMINAL or r in close or r in names]
+    missing = [
+        role
+        for role in dict.fromkeys(required)
+        if role not in has and role in table.names
+        if role not in schemas.NOMINAL or role in close or role in names
+    ]
     if not missing and (found or any(c.required for c in table.columns)):
         return
-    kind = bench_of(channels, table)
-    if kind and kind != table.kind:
-        needs.problems.add(
-            f"{place}: these are the columns of a recording of {schemas.table(kind).command}, "
-            f"not of {table.command}; in a config its key is data.{kind}"
-        )
-        return
-    if table.kind == "rig" and (keys := rig_of(_possible(channels, "rig"), needs)):
-        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
-        needs.problems.add(
-            f"{place}: column {missing[0]} is missing; these are the channels of rig: {{{stated}}}"
-        )
-        return
+    kind, is_whole_one = bench_of(channels)
+    own = meant(channels, Needs(schemas.table("rig"), needs.options))
     shown = [
         names.get(role, role)
         + (f" (which the config names for {role})" if names.get(role, role) != role else "")
         + (f" (is it {close[role]}?)" if role in close else "")
         for role in missing
     ] or [f"of {table.command}"]
-    first = next((r for r in missing if r in close), next(iter(missing), "mu"))
-    held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "")
     verb = "is missing" if len(shown) == 1 else "are missing"
-    needs.problems.add(
-        f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}; not yet read: "
-        f"{held or 'none'}; if it has another name, state it: {needs.line('columns', first)}"
-        f'"{close.get(first, "its name in the file")}"}}}}'
-    )
+    text = f"{place}: column{'s' * (len(shown) > 1)} {', '.join(shown)} {verb}"
+    if is_whole_one and kind != table.kind:
+        command = schemas.table(kind).command
+        text = (
+            f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
+        )
+    elif table.kind == "rig" and (keys := rig_of(own, needs)):
+        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
+        text += f"; these are the channels of rig: {{{stated}}}"
+    else:
+        first = next((r for r in missing if r in close), next(iter(missing), "mu"))
+        say = needs.say("columns", first, f'"{close.get(first, "its name in the file")}"')
+        held = ", ".join(free[:12]) + (", ..." if len(free) > 12 else "") or "none"
+        text += f"; not yet read: {held}; if it has another name, state it: {say}"
+    needs.problems.add(text)
 
 
 def how_to_state(setting: str, kind: str) -> str:
     """Return advice on how to state a setting that no column holds."""
     return (
-        f"; if it is the same for every run: runs: {{{kind}: {{values: {{{setting}: ...}}}}}}; if "
-        f"the file names contain it: runs: {{{kind}: {{pattern: "
-        f'"{{run}}_{{{setting}}}.csv"}}}}; or in a table of the files: runs: {{{kind}: '
-        "{table: runs.csv}}"
+        f"; state it in runs: {{{kind}: {{values: {{{setting}: ...}}}}}} for all runs, by pattern: "
+        f'"{{run}}_{{{setting}}}.csv" of the file names, or by table: runs.csv with a row per file'
     )
 
 
-def _possible(channels: Sequence[Channel], kind: str) -> set[str]:
-    """Return our columns of a kind that the names of the channels can mean."""
-    return {role for c in channels for role in (c.name, *roles_meant(c.name, kind))}
+def bench_of(
+    channels: Sequence[Channel], stated: Mapping[str, ReadOptions] | None = None
+) -> tuple[str, bool]:
+    """Return the kind of recording that explains most channels, and whether all sensors are there.
+
+    "" if several kinds fit alike. `stated`: what the config says of each kind.
+    """
+    ranks = {}
+    for kind in KINDS:
+        table = schemas.table(kind)
+        has = {*meant(channels, Needs(table, (stated or {}).get(kind, ReadOptions())))}
+        whole = not lacking(table, has)
+        if kind == "rig":
+            whole = len(has & {*FORCES}) > 1 and "pulley_speed_rad_s" in has
+        ranks[kind] = whole, 0 if whole else len(has)
+    best = max(ranks.values())
+    kinds = [kind for kind, rank in ranks.items() if rank == best]
+    return (kinds[0], best[0]) if len(kinds) == 1 else ("", False)
 
 
-def bench_of(channels: Sequence[Channel], table: Table) -> str:
-    """Return the only kind of recording whose sensors are all there; "" if none or several."""
-    kinds = []
-    for kind in ("press", "speedloss", "rig"):
-        has = _possible(channels, kind)
-        forces = "pulley_speed_rad_s" in has and len(has & {*FORCES}) > 1
-        if forces if kind == "rig" else not lacking(schemas.table(kind), has):
-            kinds.append(kind)
-    return kinds[0] if len(kinds) == 1 else ""
-
-
-def rig_of(has: Collection[str], needs: Needs) -> dict[str, str]:
+def rig_of(has: Mapping[str, Sequence[Found]], needs: Needs) -> dict[str, str]:
     """Return the `rig` keys of the forces that a file has, if they are not those of the config."""
     tight, slack, weight, torque, hub = (name in has for name in FORCES)
     if (tight and slack) or not lacking(needs.table, has):
         return {}
     if weight and (tight or slack):
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
-    return (
-        {"kind": "torque_hub" if hub else "torque"}
-        if torque and (tight or slack or hub or weight)
-        else {}
-    )
+    if not torque or not (tight or slack or hub or weight):
+        return {}
+    span = span_of(has["weight_N"][0].channel.name) if weight and not hub else ""
+    holds = {"holds": f"weight_{span}"} if span else {}
+    return {"kind": "torque_hub" if hub else "torque", **holds}
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:

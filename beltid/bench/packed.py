@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 import codecs
-import contextlib
 import gzip
 import re
 import zipfile
-from pathlib import Path, PurePosixPath
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path, PurePath, PurePosixPath
 from typing import IO, Final, cast
 
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES, opened
 
 MAX_FILES: Final = 5000
-CUT_OFF: Final = "the last line does not end: if the file was cut off, its last number is wrong"
 _SIGNATURES: Final = (
-    (b"PAR1", "parquet"),
-    (b"\x1f\x8b", "gzip"),
-    (b"TDSm", "tdms"),
-    (b"MDF     ", "mdf"),
-    (b"UnFinMF ", "mdf"),
-    (b"\x89HDF\r\n\x1a\n", "hdf5"),
-    (b"MATLAB 5.0 MAT-file", "mat"),
-    (b"LabVIEW Measurement", "lvm"),
-    (b"\xef\xbb\xbfLabVIEW Measurement", "lvm"),
+    (rb"PAR1", "parquet"),
+    (rb"\x1f\x8b", "gzip"),
+    (rb"TDSm", "tdms"),
+    (rb"MDF     |UnFinMF ", "mdf"),
+    (rb"(?s:.{512})?\x89HDF\r\n\x1a\n", "hdf5"),  # MATLAB 7.3 puts its own header first
+    (rb"MATLAB 5.0 MAT-file|(?s:.{124})(?:\x00\x01IM|\x01\x00MI)", "mat"),
+    (rb"(?:\xef\xbb\xbf)?LabVIEW Measurement", "lvm"),
+    (rb"PK\x03\x04|PK\x05\x06", "zip"),
+    (rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]", "uff"),  # -1, the number of a dataset
 )
-_UFF: Final = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]{0,6}\d{1,5}[bB]?[ \t\r\n]")
-"""A line with -1, then a line with the number of a dataset."""
 
 
 def format_of(path: Path, name: str = "") -> str:
@@ -37,17 +35,11 @@ def format_of(path: Path, name: str = "") -> str:
     """
     with opened(path) as file:
         head = file.read(1024)
-    found = next((form for sign, form in _SIGNATURES if head.startswith(sign)), "")
-    if found:
-        return found
-    if head[512:520] == b"\x89HDF\r\n\x1a\n":  # MATLAB 7.3 puts its own header first
-        return "hdf5"
-    if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+    form = next((form for sign, form in _SIGNATURES if re.match(sign, head)), "")
+    if form == "zip":
         data = path.read_bytes()  # also of a damaged archive
         return "excel" if b"xl/workbook" in data or b"xl/worksheets" in data else "zip"
-    if head[124:128] in (b"\x00\x01IM", b"\x01\x00MI") or name.lower().endswith(".mat"):
-        return "mat"
-    return "uff" if _UFF.match(head) else "text"
+    return form or ("mat" if name.lower().endswith(".mat") else "text")
 
 
 def members(path: Path, shown: str) -> list[str]:
@@ -57,20 +49,25 @@ def members(path: Path, shown: str) -> list[str]:
             names = [e.filename for e in archive.infolist() if not e.is_dir()]
     except Exception:  # a damaged file can raise nearly anything
         raise InputError(f"{shown}: the zip file is damaged or cut off") from None
-    names = [
-        name
-        for name in names
-        if PurePosixPath(name).name[0] != "." and not name.startswith("__MACOSX/")
-    ]
-    if not 0 < len(names) <= MAX_FILES:
-        raise InputError(f"{shown}: holds {len(names)} files, must be 1 to {MAX_FILES}")
-    endings = {PurePosixPath(name).suffix.lower() for name in names}
-    if len(endings) > 1:
+    own = [n for n in names if PurePosixPath(n).name[0] != "." and not n.startswith("__MACOSX/")]
+    if not own:
+        raise InputError(f"{shown}: the zip file is empty")
+    refuse_kinds([PurePosixPath(name) for name in own], shown)
+    return sorted(own, key=natural)
+
+
+def refuse_kinds(files: Sequence[PurePath], place: str) -> None:
+    """Refuse files that are too many, or of several kinds."""
+    kinds = Counter("".join(f.suffixes[-2:] if f.suffix == ".gz" else f.suffix) for f in files)
+    kinds = Counter({ending.lower(): kinds[ending] for ending in kinds})
+    if len(kinds) > 1:
+        shown = ", ".join(f"{n} {ending or 'without ending'}" for ending, n in kinds.items())
         raise InputError(
-            f"{shown}: holds files of several kinds ({', '.join(sorted(endings))}); "
-            "pack only the runs, all of one format"
+            f"{place}: holds files of several kinds ({shown}); "
+            f"name only the runs, such as {PurePath(place, f'*{kinds.most_common(1)[0][0]}')}"
         )
-    return sorted(names, key=natural)
+    if len(files) > MAX_FILES:
+        raise InputError(f"{place}: {len(files)} files, must be at most {MAX_FILES}")
 
 
 def natural(name: str) -> tuple[tuple[int, str], ...]:
@@ -81,12 +78,11 @@ def natural(name: str) -> tuple[tuple[int, str], ...]:
 
 def unpack(path: Path, out: Path, shown: str, member: str = "") -> None:
     """Unpack a gzip file, or a file in a zip file, in parts and up to a limit."""
+    written = 0
     try:
-        with opened(path) as file, out.open("wb") as target, contextlib.ExitStack() as stack:
-            written, stream = 0, stack.enter_context(_stream(file, member))
-            while (part := stream.read(1 << 22)) and written <= MAX_BYTES:
-                written += len(part)
-                target.write(part if written <= MAX_BYTES else b"")
+        with opened(path) as file, out.open("wb") as target, _stream(file, member) as stream:
+            while written <= MAX_BYTES and (part := stream.read(1 << 22)):
+                written += target.write(part)
     except InputError:
         raise
     except Exception:  # each compression method raises its own errors
@@ -94,8 +90,6 @@ def unpack(path: Path, out: Path, shown: str, member: str = "") -> None:
         raise InputError(f"{shown}: {what} damaged or cut off") from None
     if written > MAX_BYTES:
         raise InputError(f"{shown}: unpacks to more than {MAX_BYTES >> 20} MB, split the recording")
-    if not written:
-        raise InputError(f"{shown}: the file is empty")
 
 
 def _stream(file: IO[bytes], member: str) -> IO[bytes]:
@@ -115,8 +109,6 @@ def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, li
         encoding = "utf-16"
     elif data.startswith(codecs.BOM_UTF8):  # the mark overrides the config
         encoding, data = "utf-8", data[3:]
-    elif not stated and len(data) > 3 and b"\0" in (data[1:2], data[:1]) and b"\0" in data[2:4]:
-        encoding = "utf-16-le" if data[1] == 0 else "utf-16-be"  # of ASCII letters, without a mark
     if encoding != "utf-8" or not data.isascii():
         try:
             data = data.decode(encoding).encode()
@@ -133,11 +125,9 @@ def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, li
             notes.append("not UTF-8, read as latin-1")
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise InputError(
-            f"{place}:{line}: contains a zero byte: damaged, or no text; export it to CSV"
-        )
+        raise InputError(f"{place}:{line}: holds a zero byte: damaged, or no text")
     if data and data[-1:] not in b"\r\n":
-        notes.append(CUT_OFF)
+        notes.append("the last line does not end: if the file was cut off, its number is wrong")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data, encoding, notes

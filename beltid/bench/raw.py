@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
@@ -19,6 +20,10 @@ SCALING: Final = {
     "scale_factor": 1.0,
 }
 """Properties that scale the counts of a converter -> the value that has no effect."""
+POSITION: Final = re.compile(r" #\d{1,4}(?=\s|$)")
+"""Number that distinguishes channels of the same name."""
+TIME: Final = "time_s"
+"""Name of the times of samples, if a format has them besides its channels."""
 UNITS: Final = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units", "Units")
 """Properties that hold the unit of a channel."""
 
@@ -40,10 +45,10 @@ class Raw:
     frame: pd.DataFrame  # by written names: float64 with nan where one is missing, or texts
     name: str = ""  # of the group or sheet; "" if it is the whole file
     format: str = ""  # in words
-    units: Mapping[str, str] = field(default_factory=dict)  # written name -> unit, if stated
+    units: dict[str, str] = field(default_factory=dict)  # written name -> unit, if stated
     fields: tuple[Field, ...] = ()  # entries of the header
-    times: np.ndarray | None = None  # of every row [s], if the format has it besides the columns
-    scaling: Mapping[str, str] = field(default_factory=dict)  # stated, but not applied
+    groups: dict[str, str] = field(default_factory=dict)  # of names, if several are one table
+    scaling: dict[str, str] = field(default_factory=dict)  # stated, but not applied
     lines: Sequence[int] | np.ndarray = ()  # of the rows in the file, from 1; empty: none
     header_line: int = 0  # of the names; 0 if there is none
     units_line: int = 0  # of the units; 0 if there is none
@@ -54,7 +59,7 @@ class Raw:
 
     def bare(self) -> Raw:
         """Return the table with its first rows only."""
-        return replace(self, frame=self.frame.head(200).copy(), times=None)
+        return replace(self, frame=self.frame.head(200).copy())
 
     def at(self, row: int) -> tuple[str, int]:
         """Return the place of a row for messages, and its line to sort them."""
@@ -80,7 +85,7 @@ class Rasters:
     def __init__(self, place: str, name: str, form: str, fields: tuple[Field, ...] = ()) -> None:
         self.place, self.name, self.form, self.fields = place, name, form, fields
         self.notes: list[str] = []
-        self.parts: dict[Any, tuple[dict[str, Any], dict[str, str], dict[str, str], Any]] = {}
+        self.parts: dict[Any, Raw] = {}
 
     def add(
         self, name: str, values: Any, unit: str = "", times: Any = None, scaling: str = ""
@@ -93,26 +98,20 @@ class Rasters:
         if not values.size:
             return
         key = (values.size, None if times is None else (float(times[0]), float(times[-1])))
-        columns, units, scalings, _ = self.parts.setdefault(key, ({}, {}, {}, times))
-        number = 2
-        while name in columns:
-            name, number = f"{name.partition(' #')[0]} #{number}", number + 1
-        columns[name], units[name], scalings[name] = column_of(values), unit, scaling
+        if key not in self.parts:
+            frame = pd.DataFrame() if times is None else pd.DataFrame({TIME: times})
+            units = {} if times is None else {TIME: "s"}
+            self.parts[key] = Raw(self.place, frame, self.name, self.form, units)
+        raw = self.parts[key]
+        alike = sum(POSITION.sub("", str(known)) == name for known in raw.frame)
+        name = f"{name} #{alike + 1}" if alike else name
+        raw.frame[name] = column_of(values)
+        raw.units[name], raw.scaling[name] = unit, scaling
 
     def tables(self) -> Iterator[Raw]:
         """Yield a table per raster."""
-        for columns, units, scalings, times in self.parts.values():
-            yield Raw(
-                self.place,
-                pd.DataFrame(columns),
-                self.name,
-                self.form,
-                {n: u for n, u in units.items() if u},
-                self.fields,
-                times,
-                {n: s for n, s in scalings.items() if s},
-                notes=tuple(self.notes),
-            )
+        for raw in self.parts.values():
+            yield replace(raw, fields=self.fields, notes=tuple(self.notes))
 
 
 def column_of(values: np.ndarray) -> Any:

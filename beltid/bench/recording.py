@@ -16,13 +16,13 @@ import pandas as pd
 from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
-from beltid.bench.files import Source, folders_left_out, is_many, sources_of
+from beltid.bench.files import Source, is_many, sources_of
 from beltid.bench.mapping import Found, Needs, channels_of, meant
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
 from beltid.bench.runs import Settings, is_timed, joined, tables_of_runs
-from beltid.errors import InputError, Problems
+from beltid.errors import InputError
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -107,8 +107,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
     assert settings is not None
-    recording = recording_of(parts, path, settings)
-    return replace(recording, notes=(*recording.notes, *folders_left_out(path, sources)))
+    return recording_of(parts, path, settings)
 
 
 def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
@@ -128,29 +127,28 @@ def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
 
 def tables_in(source: Source, needs: Needs) -> list[Raw]:
     """Read the tables of one file as written; what is wrong with it is a problem of `needs`."""
-    names = needs.options.names
+    names, dialect = needs.options.names, needs.options.dialect
     known = {names.get(c.name, c.name) for c in needs.table.columns}
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(text.read(file, source.name, needs.options.dialect, known))
+                return list(text.read(file, source.name, dialect, known))
             if form == "lvm":
-                return list(lvm.read(file, source.name, needs.options.dialect))
-            try:
-                tables = list(READERS[form](file, source.name))
-            except (InputError, MemoryError):
-                raise
-            except Exception as error:  # a damaged file can raise nearly anything
-                what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-                raise InputError(f"{source.name}: {what}") from None
+                return list(lvm.read(file, source.name, dialect))
+            tables = list(READERS[form](file, source.name))
             if not any(len(table.frame) for table in tables):
                 raise InputError(f"{source.name}: is empty: it holds no channel with samples")
             return tables
     except InputError as error:
         for line in error.problems:
             needs.problems.add(line)
+    except MemoryError:
+        raise
+    except Exception as error:  # a damaged file can raise nearly anything
+        what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
+        needs.problems.add(f"{source.name}: {what}")
     return []
 
 
@@ -159,20 +157,18 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
     if not raws:
         return []
     needs, parts = settings.needs, []
-    groups, notes = tables_of_runs(raws, needs)
-    for group in groups:
-        name = group[0].name if len(groups) > 1 else ""
-        where = f"{place}, {name}" if name else place
-        tables = [replace(raw, place=where) for raw in group]
-        part = read_part(tables, needs, where, settings.elsewhere(group))
+    runs, notes = tables_of_runs(raws, needs)
+    for raw in runs:
+        name = raw.name if len(runs) > 1 else ""
+        names: tuple[str, ...] = (inside.name, inside.stem)
+        names = (f"{inside.name}/{name}", name, *names) if name else names
+        table = replace(raw, place=f"{place}, {name}" if name else place)
+        part = read_part(table, needs, settings.elsewhere(table))
         if part is not None:
-            names: tuple[str, ...] = (inside.name, inside.stem)
-            if name:
-                names = (f"{inside.name}/{name}", name, *names)
-            label = name or inside.stem
-            parts.append(replace(part, label=label, names=names, notes=[*notes, *part.notes]))
-            notes = []
-    if not parts:  # the missing columns may be among those left out
+            parts.append(replace(part, label=name or inside.stem, names=names))
+    if parts:
+        parts[0].notes.extend(notes)
+    else:  # the missing columns may be among those left out
         for note in notes:
             needs.problems.add(f"{place}: {note}")
     return parts
@@ -211,12 +207,9 @@ def _simulated(path: Path, kind: str) -> Recording | None:
     artifact = read_artifact(path, "simulated" if kind == "rig" else None)
     if kind != "rig":
         raise InputError(f"{path}: is a {artifact.kind} artifact, a {kind} recording is needed")
-    table, problems = schemas.rig_table(), Problems()
-    part = Part(str(path), Raw(str(path), pd.DataFrame(), format="Parquet"), artifact.columns, {})
-    columns = {name: artifact.columns[name] for name in table.names if name in artifact.columns}
-    notes = Checker(str(path), columns, table, part.at, problems).run(table.names)
-    problems.raise_if_any()
-    return Recording(kind, columns, path, tuple(notes), is_artifact=True)
+    names = [name for name in schemas.rig_table().names if name in artifact.columns]
+    columns = {name: artifact.columns[name] for name in names}
+    return Recording(kind, columns, path, is_artifact=True)
 
 
 def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
@@ -251,7 +244,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
         options = ReadOptions(rig=options.rig)  # names and units are ours already
         frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
-    raw = frames.frame_of(frame, "frame", {options.names.get(n, n) for n in table.names})
+    raw = frames.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
     options = replace(options, pattern=None, run_table=None, names=names)
@@ -279,17 +272,17 @@ def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
     InputError
         With every column that holds values of the wrong type.
     """
-    simple = {c.name: c.dtype == "string" for c in table.columns if c.dtype not in ("list", "bool")}
-    raw = frames.frame_of(frame, name, simple)
-    columns, problems = {}, []
-    for column, is_word in simple.items():
-        values = raw.frame.get(column)
-        if values is not None and is_word:
-            columns[column] = np.array([word_of(v) for v in values], dtype=object)
-        elif values is not None and pd.api.types.is_numeric_dtype(values):
-            columns[column] = values.to_numpy()
-        elif values is not None:
-            problems.append(f"{name}: column {column} holds texts, must hold numbers")
+    raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
+    for column in table.columns:
+        values = raw.get(column.name)
+        if values is None or column.dtype in ("list", "bool"):
+            continue
+        if column.dtype == "string":
+            columns[column.name] = np.array([word_of(v) for v in values], dtype=object)
+        elif pd.api.types.is_numeric_dtype(values):
+            columns[column.name] = values.to_numpy()
+        else:
+            problems.append(f"{name}: column {column.name} holds texts, must hold numbers")
     if problems:
         raise InputError(problems)
     return columns

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench import text
-from beltid.bench.columns import Part, read_part, values_of
+from beltid.bench.columns import Part, read_part, together, values_of
 from beltid.bench.header import side_by_side, without_position
 from beltid.bench.mapping import (
     Found,
@@ -42,31 +42,27 @@ PHASE: Final = 5
 """Fewest consecutive samples of a phase in which the pulley stands or turns."""
 
 
-def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[list[Raw]], list[str]]:
-    """Group the tables of a file: those with all sensors are runs, else they are rasters of one.
+def tables_of_runs(raws: Sequence[Raw], needs: Needs) -> tuple[list[Raw], list[str]]:
+    """Return the tables of a file that are runs: those with all sensors, else all are one.
 
     Tables with the same channels, none of which has all sensors, are runs that lack something.
     """
     raws = [part for raw in raws for part in _beside(raw, needs)]
-    if len(raws) == 1:
-        return [raws], []
     runs = [raw for raw in raws if is_whole(channels_of([raw]), needs)]
     if not runs:
-        alike = Counter(tuple(raw.frame) for raw in raws)
-        names, count = alike.most_common(1)[0]
+        names, count = Counter(tuple(raw.frame) for raw in raws).most_common(1)[0]
         runs = [raw for raw in raws if tuple(raw.frame) == names]
         if count < 2 or len(names) < 2:
-            return [raws], []
+            return [together(raws, needs)], []
     if len(runs) == 1 and all(is_timed(raw, needs.table.kind) for raw in raws):
-        return [raws], []
+        return [together(raws, needs)], []
     left_out = ", ".join([raw.name for raw in raws if raw not in runs][:12])
-    return [[raw] for raw in runs], [f"groups left out: {left_out}"] if left_out else []
+    return runs, [f"groups left out: {left_out}"] if left_out else []
 
 
 def is_timed(raw: Raw, kind: str) -> bool:
-    """Return whether a table has a time: of its format, or in a column."""
-    names = [str(name) for name in raw.frame]
-    return raw.times is not None or any("time_s" in (n, *roles_meant(n, kind)) for n in names)
+    """Return whether a table has a time."""
+    return any("time_s" in (n, *roles_meant(n, kind)) for n in map(str, raw.frame))
 
 
 def _beside(raw: Raw, needs: Needs) -> list[Raw]:
@@ -74,13 +70,12 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
     parts = []
     stem = raw.name or PurePath(raw.place).stem
     for count, names in enumerate(side_by_side([*raw.frame]), start=1):
-        frame = raw.frame[names]
-        filled = np.flatnonzero(frame.notna().any(axis=1).to_numpy())
-        frame = frame.iloc[: int(filled[-1]) + 1 if filled.size else 0]
+        frame = raw.frame[names].dropna(how="all")
         bare = {name: without_position(name) for name in names}
         units = {bare[n]: u for n, u in raw.units.items() if n in bare}
-        frame = frame.rename(columns=bare)
-        parts.append(replace(raw, frame=frame, units=units, name=f"{stem}-{count}"))
+        lines = [raw.lines[row] for row in frame.index] if len(raw.lines) else ()
+        frame = frame.rename(columns=bare).reset_index(drop=True)
+        parts.append(replace(raw, frame=frame, units=units, lines=lines, name=f"{stem}-{count}"))
     once = [c for c in channels_of([raw]) if c.name == c.base]
     are_whole = all(is_whole(channels_of([part]), needs) for part in parts)
     return parts if parts and are_whole and not is_whole(once, needs) else [raw]
@@ -89,102 +84,90 @@ def _beside(raw: Raw, needs: Needs) -> list[Raw]:
 class Settings:
     """Label and settings of runs whose columns do not hold them.
 
-    They are in the head of the file, in its name, in a table of runs, or apply to all runs. What
-    the config states takes precedence over header fields recognised by known words.
+    They are in the head of the file, in its name, in a table of runs, or apply to all runs; what
+    the config states takes precedence over the head.
     """
 
     def __init__(self, needs: Needs) -> None:
         options = self.options = needs.options
         self.needs, self.table = needs, needs.table
         self.pattern = name_pattern(options.pattern) if options.pattern else None
-        self.in_name = self.pattern.names if self.pattern else ()
         self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
         self.used: set[str] = set()
 
-    def elsewhere(self, raws: Sequence[Raw]) -> set[str]:
-        """Return our columns that the tables of a file need not contain."""
-        fields = [field for raw in raws for field in raw.fields]
-        roles = {self.table.label, *self.options.values, *self.in_name}
-        roles |= {*settings_in_head(fields, self.needs)}
+    def elsewhere(self, raw: Raw) -> set[str]:
+        """Return our columns that the table of a file need not contain."""
+        roles = {self.table.label, *self._stated, *settings_in_head(raw.fields, self.needs)}
         return roles | (set(SETTINGS) if self.options.run_table else set())
+
+    @property
+    def _stated(self) -> set[str]:
+        """Settings that the config gives for all runs, or finds in the names of files."""
+        return {*self.options.values, *(self.pattern.names if self.pattern else ())}
 
     def of(self, part: Part) -> dict[str, Any]:
         """Return label and settings of a run from outside its columns."""
-        recognised, named = self._from_head(part)
-        found = recognised | dict(self.options.values) | named | self._from_name(part)
-        if self.options.run_table is not None:
-            name = next((n for n in part.names if n in self.rows), None)
-            if name is not None:
-                self.used.add(name)
-                found |= self.rows[name][1]
-            elif not self._is_complete(part):
+        found = self._from_head(part) | dict(self.options.values)
+        needed = [c.name for c in self.table.columns if c.required and c.name in SETTINGS]
+        is_complete = part.found.keys() >= {self.table.label, *needed}
+        if self.pattern is not None:
+            values = next(filter(None, map(self.pattern.values, part.names)), None)
+            found |= self._in_name(values, part.raw.place) if values else {}
+            if not values and not is_complete:
+                self.needs.problems.add(
+                    f"{part.raw.place}: the name does not match runs.{self.table.kind}.pattern = "
+                    f'"{self.options.pattern}"'
+                )
+        if self.rows:
+            name = next((n for n in part.names if n in self.rows), "")
+            self.used.add(name)
+            found |= self.rows[name][1] if name else {}
+            if not name and not is_complete:
                 self.needs.problems.add(f"{self.options.run_table}: has no row for {part.names[0]}")
         return {role: value for role, value in found.items() if role in self.table.names}
 
     def finish(self) -> None:
         """Report rows of the table of runs that belong to no file."""
-        for name, (line, _) in self.rows.items():
-            if name not in self.used:
-                self.needs.problems.add(
-                    f"{self.options.run_table}:{line}: {name} is not among the files read"
-                )
+        for name in self.rows.keys() - self.used:
+            where = f"{self.options.run_table}:{self.rows[name][0]}"
+            self.needs.problems.add(f"{where}: {name} is not among the files read")
 
-    def _is_complete(self, part: Part) -> bool:
-        """Return whether the recording itself holds label and settings."""
-        required = [c.name for c in self.table.columns if c.required and c.name in SETTINGS]
-        return all(role in part.found for role in (self.table.label, *required))
-
-    def _from_head(self, part: Part) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Take settings from the head: from fields of known names, and from those of the config."""
-        found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
-        stated = {*self.options.values, *self.in_name}
-        for role, matches in settings_in_head(part.fields, self.needs).items():
-            if role in part.found:
+    def _from_head(self, part: Part) -> dict[str, Any]:
+        """Take settings from the head: from fields that the config names, or of known names."""
+        found: dict[str, Any] = {}
+        for role, matches in settings_in_head(part.raw.fields, self.needs).items():
+            if role in part.found or role in self._stated:
                 continue
-            silent, named = Needs(self.table, self.options), matches[0].how == "config"
-            values: dict[str, Any] = {}
-            for match in matches:
-                value = values_of(with_unit(match, silent, ""), silent)[0]
-                values[match.channel.name] = value
-            wrong = [problem for _, problem in silent.problems.found]
-            shown = ", ".join(f"{n} = {shown_value(v)}" for n, v in values.items())
+            silent, recognised = Needs(self.table, self.options), matches[0].how == "recognised"
+            values = {
+                m.channel.name: values_of(with_unit(m, silent, ""), silent)[0] for m in matches
+            }
+            name, value = next(iter(values.items()))
+            wrong = [problem.removeprefix(", sample 1: ") for _, problem in silent.problems.found]
             if len(set(values.values())) > 1:
-                wrong.append(
-                    f"header fields {shown} can be {role}, say which: "
-                    f'{self.needs.line("columns", role)}"{next(iter(values))}"}}}}'
-                )
+                say = self.needs.say("columns", role, f'"{name}"')
+                wrong.append(f"header fields {', '.join(values)} can be {role}, say which: {say}")
             if not wrong:
-                found[named][role] = next(iter(values.values()))
-                if matches[0].how == "recognised":
-                    part.notes.append(f"read header field {next(iter(values))} as {role}")
-            elif named or (self.table.column(role).required and role not in stated):
-                found[named][role] = np.nan  # the problem is reported only once
-                self.needs.problems.add(f"{part.place}: {wrong[0].removeprefix(', sample 1: ')}")
+                found[role] = value
+                part.notes.extend([f"read header field {name} as {role}"] if recognised else [])
+            elif not recognised or self.table.column(role).required:
+                found[role] = np.nan  # the problem is reported only once
+                self.needs.problems.add(f"{part.raw.place}: {wrong[0]}")
         return found
 
-    def _from_name(self, part: Part) -> dict[str, Any]:
-        """Take label and settings from the file name by the pattern of the config."""
-        if self.pattern is None:
-            return {}
-        values = next((v for n in part.names if (v := self.pattern.values(n)) is not None), None)
-        if values is None:
-            if not self._is_complete(part):
-                self.needs.problems.add(
-                    f"{part.place}: the name does not match runs.{self.table.kind}.pattern = "
-                    f'"{self.options.pattern}"'
-                )
-            return {}
+    def _in_name(self, values: Mapping[str, str], place: str) -> dict[str, Any]:
+        """Take label and settings from what the pattern of the config finds in a name."""
         found: dict[str, Any] = {}
+        assert self.pattern is not None
         for role in {*values} & {*SETTINGS, self.table.label} & {*self.table.names}:
-            column = self.table.column(role)
+            column, found[role] = self.table.column(role), values[role]
             unit = self.pattern.units.get(role, column.unit)
             by = conversion(unit, column.unit)
             try:
-                found[role] = values[role]
                 if column.dtype != "string":
                     found[role] = by.apply(number(values[role])) if by else float("unknown unit")
             except ValueError:
-                where = f'{part.place}: {role} = "{values[role]}" in the name'
+                where = f'{place}: {role} = "{values[role]}" in the name'
                 self.needs.problems.add(f"{where}, must be a number in {unit}")
         return found
 
@@ -192,12 +175,10 @@ class Settings:
 def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Found]]:
     """Return our settings -> header fields: of the name in the config, else of known names."""
     settings = [role for role in SETTINGS if role in needs.table.names]
-    found = meant(
-        channels_of_head(fields, needs.options.dialect), needs, [*settings, needs.table.label]
-    )
+    channels = channels_of_head(fields, needs.options.dialect)
     return {
         role: matches
-        for role, matches in found.items()
+        for role, matches in meant(channels, needs, [*settings, needs.table.label]).items()
         if matches[0].how == "config" or needs.table.column(role).dtype != "string"
     }
 
@@ -205,26 +186,21 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
 def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str, Any]]]:
     """Read a table of runs: name of a file or group -> its line, and the values in it."""
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
-    columns = (Column("file", "string", "", "name of the file, or of the group"), *settings)
-    optional = tuple(replace(column, required=False) for column in columns)
+    file = Column("file", "string", "", "name of the file, or of the group")
+    optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional), ReadOptions())
-    (raw,) = text.read(path, str(path), DIALECT, [c.name for c in columns])
-    part = read_part([raw], needs, str(path))
-    if part is not None and "file" not in part.found:
-        needs.problems.add(
-            f"{raw.head}: a column named file must hold the names of the files; found: "
-            + ", ".join([*raw.frame][:20])
-        )
+    (raw,) = text.read(path, str(path), DIALECT, needs.table.names)
+    part = read_part(raw, needs)
     needs.problems.raise_if_any()
     assert part is not None
     rows: dict[str, tuple[int, Mapping[str, Any]]] = {}
     for k in range(len(part)):
         line = part.at(k)[1]
         cells = {role: values[k] for role, values in part.columns.items()}
-        file = str(cells.pop("file") or "")
-        if file in rows:
-            needs.problems.add(f"{path}:{line}: {file} is already in line {rows[file][0]}")
-        rows[file] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
+        name = str(cells.pop("file") or "")
+        if name in rows:
+            needs.problems.add(f"{path}:{line}: {name} is already in line {rows[name][0]}")
+        rows[name] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
     return rows
 
@@ -239,7 +215,6 @@ def joined(
     """
     table, problems = settings.table, settings.needs.problems
     wrong, timed = problems.count, "time_s" in settings.table.names
-    required = [c.name for c in table.columns if c.required and c.name in SETTINGS]
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
     for part in parts:
@@ -250,21 +225,21 @@ def joined(
             words = part.columns.get(table.label, np.full(len(part), None))
             numbered = [str(row + 1) if w is None else w for row, w in enumerate(words)]
             part.columns[table.label] = np.array(numbered, dtype=object)
-        for role in required:
-            if role not in part.columns:
-                advice = how_to_state(role, table.kind)
-                problems.add(f"{part.raw.head}: column {role} is missing{advice}")
+        for column in table.columns:
+            if column.required and column.name in SETTINGS and column.name not in part.columns:
+                advice = how_to_state(column.name, table.kind)
+                problems.add(f"{part.raw.head}: column {column.name} is missing{advice}")
         # Parquet files with labelled rows are parts of one table
         is_part = part.raw.format == "Parquet" and table.label in part.found
         for label in () if is_part or not timed else pd.unique(part.columns[table.label]):
-            owner = owners.setdefault(label, part.place)
-            if label is not None and owner != part.place:
-                problems.add(f"{part.place}: {table.label} {label} is already used in {owner}")
+            owner = owners.setdefault(label, part.raw.place)
+            if label is not None and owner != part.raw.place:
+                problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
-            notes.setdefault(note, []).append(part.place)
+            notes.setdefault(note, []).append(part.raw.place)
     settings.finish()
     if problems.count > wrong:
-        problems.merge_repeated([part.place for part in parts])
+        problems.merge_repeated([part.raw.place for part in parts])
         problems.raise_if_any()
     starts = np.cumsum([0, *map(len, parts)])[:-1]
 
@@ -273,15 +248,12 @@ def joined(
         where, line = parts[k].at(sample - int(starts[k]))
         return where, line if len(parts) == 1 else sample + 1
 
-    columns = _together(parts, table)
+    shown = []
+    for note, places in notes.items():
+        more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+        shown.append(note if len(places) == len(parts) else f"{places[0]}{more}: {note}")
     stated_units = [{r for r, f in part.found.items() if f.stated} for part in parts]
-    shown = [
-        note
-        if len(places) == len(parts)
-        else f"{places[0]}{f' and {len(places) - 1} more' if len(places) > 1 else ''}: {note}"
-        for note, places in notes.items()
-    ]
-    return columns, place, shown, set.intersection(*stated_units)
+    return _together(parts, table), place, shown, set.intersection(*stated_units)
 
 
 def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
@@ -308,50 +280,40 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
     labels = {*part.columns.get(table.label, ())} - {None}
     if table.label in stated and len(labels) > 1 and "time_s" in table.names:
         problems.add(
-            f"{part.place}: its column {table.label} holds {len(labels)} labels, but {table.label} "
-            f"= {stated[table.label]} is stated for all of it: remove one of the two"
+            f"{part.raw.place}: {table.label} = {stated[table.label]} is stated for all of it, but "
+            f"its column {table.label} holds {len(labels)} labels"
         )
-    length = len(part)
     for role, value in stated.items():
         is_word = isinstance(value, str)
-        values = np.full(length, value, dtype=object if is_word else float)
+        values = np.full(len(part), value, dtype=object if is_word else float)
         before = part.columns.get(role, values[:0])
         before = before[~absent(before)]
         differ = before != value if is_word else ~np.isclose(before, value, rtol=1e-6)
         if np.any(differ):
-            part.notes.append(
-                f"{role} = {shown_value(value)} as stated replaces "
-                f"{shown_value(before[differ][0])} in the recording"
-            )
+            replaced = f"{shown_value(before[differ][0])} in the recording"
+            part.notes.append(f"{role} = {shown_value(value)} as stated replaces {replaced}")
         part.columns[role] = values
 
 
 def _labels(part: Part, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
-    columns, time = part.columns, part.columns["time_s"]
+    columns, time, add = part.columns, part.columns["time_s"], "add a column of labels"
     bounds = [0, *_starts(columns, time), len(time)]
-    lengths = np.diff(bounds)
     labels = np.full(len(time), part.label, dtype=object)
-    if len(lengths) > 1 and lengths.min() < MIN_SAMPLES:
-        row = bounds[int(lengths.argmin())] + 1
-        problems.add(
-            f"{part.place}: no column labels the runs; split at changes of the settings and "
-            f"restarts of the time, the run at row {row} has {int(lengths.min())} samples, must be "
-            f"at least {MIN_SAMPLES}: add a column of labels"
-        )
-        return labels
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
-        labels[first:end] = part.label if len(lengths) == 1 else f"{part.label}-{k}"
+        if len(bounds) > 2:
+            labels[first:end] = f"{part.label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if _rotations(speed[np.isfinite(speed)]) > 1:
-            problems.add(
-                f"{part.place}: the pulley turns several times with stops between, and no column "
-                f"labels the runs (here {labels[first]}): add one"
-            )
-    if len(lengths) > 1:
+        if len(bounds) > 2 and end - first < MIN_SAMPLES:
+            few = f"run {labels[first]} has {end - first} samples, must be at least {MIN_SAMPLES}"
+            problems.add(f"{part.raw.place}: {few}: {add}")
+        elif _rotations(speed[np.isfinite(speed)]) > 1:
+            stops = f"in run {labels[first]} the pulley turns several times with stops between"
+            problems.add(f"{part.raw.place}: {stops}: {add}")
+    if len(bounds) > 2:
         part.notes.append(
-            f"{part.place}: no column labels the runs, {len(lengths)} separated by changes of the "
-            "settings and restarts of the time"
+            f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "
+            "and by restarts of the time"
         )
     return labels
 
@@ -359,11 +321,8 @@ def _labels(part: Part, problems: Problems) -> np.ndarray:
 def _starts(columns: Mapping[str, np.ndarray], time: np.ndarray) -> list[int]:
     """Return the samples with which a new run begins."""
     changed = np.zeros(len(time), dtype=bool)
-    for name in NOMINAL:
-        values = columns.get(name)
-        if values is not None:
-            with np.errstate(invalid="ignore"):
-                changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
+    for values in (columns[name] for name in NOMINAL if name in columns):
+        changed[1:] |= np.abs(np.diff(values)) > 1e-6 * np.abs(values[1:])
     begin, starts = 0, []
     for i in np.flatnonzero(changed | (np.diff(time, prepend=time[:1]) < 0)):
         length = time[i - 1] - time[begin]

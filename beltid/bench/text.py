@@ -25,50 +25,42 @@ from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
 from beltid.errors import InputError, Problems
 
-csv.field_size_limit(100_000_000)  # a long cell is refused by what it holds
-
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
+TOP: Final = 1 << 20
+"""Bytes in which the header is searched."""
 MAX_COLUMNS: Final = 2000
 LONGEST_LINE: Final = 1 << 24
+csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 BLOCK: Final = 4 << 20
 """Bytes that Arrow reads at a time."""
-_SHOWN: Final = {",": "','", ";": "';'", "\t": "tab", "|": "'|'", " ": "blank"}
 _BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 
 
 def read(
-    path: Path,
-    place: str,
-    dialect: Mapping[str, Any],
-    known: Collection[str],
-    most: int | None = None,
+    path: Path, place: str, dialect: Mapping[str, Any], known: Collection[str]
 ) -> Iterator[Raw]:
     """Read the table in a text file; what is None in `dialect` is detected.
 
-    A first line with two of the `known` names is the header. With `most`, only the whole lines in
-    this number of bytes are read.
+    A first line with two of the `known` names is the header.
     """
-    with path.open("rb") as file:
-        data = file.read(most)
-    if most is not None and len(data) == most:
-        data = data[: data.rfind(b"\n") + 1]
-    data, encoding, notes = as_utf8(data, place, dialect["encoding"])
-    top, starts = _top(data, place, dialect["skip_lines"])
-    head, separator = _head(top, place, dialect, known)
+    data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
+    top = _top(data, place)
+    kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
+    head, separator = _head(kept, place, dialect, known)
     if separator != "," and not dialect["separator"]:
-        notes.append(f"separator {_SHOWN.get(separator, repr(separator))} found in the header")
-    body = data[starts[head.first_row] :] if head.first_row < len(starts) else b""
+        notes.append(f"separator {separator!r} found in the header")
+    body = data[sum(len(line.encode()) + 1 for line in top[: head.first_row]) :]
     del data
-    if not re.search(rb"\S", body):
-        line = f" in line {head.row + 1}" if head.row >= 0 else ""
-        raise InputError(f"{place}: holds no samples, only a header{line}")
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
-    body = _without_asides(body, top[max(head.row, 0) : head.first_row], separator, names, notes)
+    body = _without_asides(body, top[max(head.row, 0) : head.first_row], separator, len(names))
+    if not re.search(rb"\S", body):
+        line = f" in line {head.row + 1}" if head.row >= 0 else ""
+        raise InputError(f"{place}: holds no samples, only a header{line}")
     if separator == " " or b'"' in body:
         body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
     cells = _first_cells(body, separator)
@@ -77,9 +69,18 @@ def read(
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
-    parse = pa_csv.ParseOptions(delimiter=separator, newlines_in_values=b'"' in body)
-    frame, lines = _rows(
-        body, names, plain, parse, signs.decimal, (place, head.first_row + 1), problems
+    lines, misfits = _lines(body, head.first_row + 1), list[Any]()
+    for numeric in (plain, ()):
+        frame = _by_arrow(body, names, numeric, (separator, signs.decimal), len(lines), misfits)
+        if frame is not None:
+            break
+    else:
+        raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
+    rows = [row.number - 1 for row in misfits]
+    problems.add_alike(
+        range(len(rows)),
+        lambda i: f"{misfits[i].actual_columns} cells, must be {len(names)}",
+        lambda i: (f"{place}:{lines[rows[i]]}", int(lines[rows[i]])),
     )
     yield Raw(
         place,
@@ -87,7 +88,7 @@ def read(
         format=_program(top),
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
-        lines=lines,
+        lines=np.delete(lines, rows) if rows else lines,
         header_line=head.row + 1,
         units_line=head.units_row + 1,
         signs=signs,
@@ -103,60 +104,36 @@ def _program(top: Sequence[str]) -> str:
     return "Zwick testXpert text" if words else "CSV"
 
 
-def _top(data: bytes, place: str, skip: int) -> tuple[list[str], list[int]]:
-    """Return the first lines and where they start; skipped ones are blank.
-
-    A cell in quotation marks over several lines is one line.
-    """
-    lines, starts, filled, at = list[str](), list[int](), 0, 0
-    while at < len(data) and filled <= SEARCHED and len(lines) < 100_000:
-        end = data.find(b"\n", at, at + LONGEST_LINE) + 1 or len(data)
-        line = data[at:end]
-        if len(line) > LONGEST_LINE:
-            raise InputError(f"{place}:{len(lines) + 1}: longer than {LONGEST_LINE:,} characters")
+def _top(data: bytes, place: str) -> list[str]:
+    """Return the first lines; a line that no table has is refused."""
+    end = data.find(b"\n", TOP) + 1 or len(data)
+    top = data[:end].removesuffix(b"\n").split(b"\n")
+    for number, line in enumerate(top, start=1):
         cells = max(line.count(sign.encode()) for sign in SEPARATORS[:4]) + 1
-        if cells > MAX_COLUMNS:
-            raise InputError(
-                f"{place}:{len(lines) + 1}: {cells} columns, must be at most {MAX_COLUMNS}"
-            )
-        lines.append("" if len(lines) < skip else line.decode(errors="replace").rstrip("\n"))
-        starts.append(at)
-        at, filled = end, filled + bool(line.strip())
-    for at, text in enumerate(lines):
-        if text.count('"') % 2 and re.search(r'(?:^|[,;\t|])\s*"[^"]*$', text):
-            ends = (i for i in range(at + 1, min(at + 10, len(lines))) if lines[i].count('"') % 2)
-            for end in [*ends][:1]:
-                lines[at] = " ".join(part.strip() for part in lines[at : end + 1])
-                lines[at + 1 : end + 1] = [""] * (end - at)
-    return lines, starts
+        if cells > MAX_COLUMNS or len(line) > LONGEST_LINE:
+            raise InputError(f"{place}:{number}: {cells} columns, must be at most {MAX_COLUMNS}")
+    return [line.decode() for line in top]
 
 
 def _head(
     top: Sequence[str], place: str, dialect: Mapping[str, Any], known: Collection[str]
 ) -> tuple[Head, str]:
     """Find header and separator."""
-    filled = [
-        i
-        for i, line in enumerate(top)
-        if line.strip() and line[0] != "#" and not re.fullmatch(r"sep=.?", line.strip())
-    ]
+    remark = re.compile(r"\s*$|#|sep=.?\s*$")
+    filled = [i for i, line in enumerate(top) if not remark.match(line)]
     if not filled:
         raise InputError(f"{place}: is empty: it holds no header in {len(top)} lines")
     first, second = filled[0], filled[min(1, len(filled) - 1)]
     separators = (dialect["separator"],) if dialect["separator"] else SEPARATORS
-    rows = {sign: [cells_of(line, sign) for line in top] for sign in separators}
+    rows = {sign: [cells_of(line, sign) for line in top[: first + SEARCHED]] for sign in separators}
     if names := dialect["names"]:
-        counts = {sign: len(split[first]) for sign, split in rows.items()}
-        fitting = next((sign for sign, n in counts.items() if n == len(names)), None)
-        if fitting is None:
-            raise InputError(
-                f"{place}:{first + 1}: {max(counts.values())} cells, but dialect.names states "
-                f"{len(names)} names"
-            )
-        head = head_at([list(names), *rows[fitting][first:]], 0)
-        units_row = head.units_row + first - 1 if head.units else -1
-        shifted = replace(head, row=-1, units_row=units_row, first_row=head.first_row + first - 1)
-        return shifted, fitting
+        sign = max(rows, key=lambda sign: (len(rows[sign][first]) == len(names), sign != " "))
+        if (count := len(rows[sign][first])) != len(names):
+            stated = f"dialect.names states {len(names)} names"
+            raise InputError(f"{place}:{first + 1}: {count} cells, but {stated}")
+        head = head_at([*rows[sign][:first], list(names), *rows[sign][first:]], first)
+        units_row = head.units_row - 1 if head.units else -1
+        return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     plain = [sign for sign in rows if sign != " "] or [" "]
     own = max(
         plain, key=lambda sign: (len({*rows[sign][first]} & {*known}), len(rows[sign][first]))
@@ -190,27 +167,18 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _without_asides(
-    body: bytes, head: Sequence[str], separator: str, names: Sequence[str], notes: list[str]
-) -> bytes:
+def _without_asides(body: bytes, head: Sequence[str], separator: str, width: int) -> bytes:
     """Blank comments, repeated headers and lines of blanks among the rows.
 
     A comment begins with # and has fewer cells than a row, since a label may begin with #, too.
     """
     lines = {line.encode() for line in head if line.strip()}
-    if b"#" in body:
-        comments = re.findall(rb"^#[^\n]*", body, re.MULTILINE)
-        fewer = max(len(names), 2)
-        lines |= {line for line in comments if line.count(separator.encode()) + 1 < fewer}
-    count = 0
+    for line in re.findall(rb"^#[^\n]*", body, re.MULTILINE) if b"#" in body else ():
+        if line.count(separator.encode()) + 1 < max(width, 2):
+            lines.add(line)
     for line in lines:
         if body.startswith(line) or b"\n" + line in body:
-            body, n = re.subn(rb"(?m)^%s$" % re.escape(line), b"", body)
-            count += n
-    if count:
-        notes.append(
-            f"{count} lines of comments (#) and repeated headers left out between the rows"
-        )
+            body = re.sub(rb"(?m)^%s$" % re.escape(line), b"", body)
     if body[:1] in b" \t" or b"\n " in body or b"\n\t" in body:
         body = re.sub(rb"(?m)^[ \t]+$", b"", body)
     return body
@@ -220,13 +188,10 @@ def _first_cells(body: bytes, separator: str) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
-    if not lines:
-        return []
     rows = [cells_of(line, separator) for line in lines]
-    width = len(
-        lines[0].split() if separator == " " else next(csv.reader([lines[0]], delimiter=separator))
-    )
     columns = [*itertools.zip_longest(*rows, fillvalue="")]
+    row = [lines[0].split()] if separator == " " else csv.reader(lines[:1], delimiter=separator)
+    width = len(next(iter(row)))
     return columns + [("",)] * (width - len(columns))
 
 
@@ -250,77 +215,45 @@ def _signs(
     return signs
 
 
-def _rows(
-    body: bytes,
-    names: Sequence[str],
-    plain: Collection[str],
-    parse: pa_csv.ParseOptions,
-    decimal: str,
-    start: tuple[str, int],
-    problems: Problems,
-) -> tuple[pd.DataFrame, Sequence[int] | np.ndarray]:
-    """Return the columns and the line of every row; `start` is the place of the first one.
-
-    Columns that are not `plain` numbers are texts, and all columns if one of them is not.
-    """
-    place, first_line = start
-    for quoted, numeric in itertools.product((True, False), (plain, ())):
-        parse.quote_char = '"' if quoted else False
-        lines, misfits = _lines(body, first_line, quoted=quoted), list[Any]()
-        columns = _by_arrow(body, names, numeric, parse, decimal, len(lines), misfits)
-        if columns is not None:
-            break
-    else:
-        raise InputError(f'{place}:{first_line}: quotation marks (") do not match')
-    counts: dict[int, list[int]] = {}
-    for row in misfits:
-        counts.setdefault(row.actual_columns, []).append(int(lines[row.number - 1]))
-    for count, at in counts.items():
-        misfit = f"{count} cells, must be {len(names)}".format
-        problems.add_alike(at, misfit, lambda line: (f"{place}:{line}", line))
-    if misfits:
-        lines = np.delete(lines, [row.number - 1 for row in misfits])
-    return pd.DataFrame(columns, copy=False), lines
-
-
-def _lines(body: bytes, first_line: int, *, quoted: bool) -> Sequence[int] | np.ndarray:
-    """Return the line in which every row begins; a row in quotation marks may have several."""
-    quoted = quoted and b'"' in body
-    if b"\n\n" not in body and not quoted:
+def _lines(body: bytes, first_line: int) -> Sequence[int] | np.ndarray:
+    """Return the line of every row that is not blank."""
+    if b"\n\n" not in body and body[:1] != b"\n":
         return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
-    text = np.frombuffer(body, np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
+    ends = np.flatnonzero(np.frombuffer(body, np.uint8) == ord("\n"))
     if not body.endswith(b"\n"):
         ends = np.append(ends, len(body))
-    begins = np.diff(ends, prepend=-1) > 1  # not a blank line
-    if quoted:
-        marks = np.add.reduceat(text == ord('"'), np.append(0, ends[:-1] + 1), dtype=np.int64)
-        begins[1:] &= np.cumsum(marks)[:-1] % 2 == 0
-    return np.flatnonzero(begins) + first_line
+    return np.flatnonzero(np.diff(ends, prepend=-1) > 1) + first_line
 
 
 def _by_arrow(
     body: bytes,
     names: Sequence[str],
     numeric: Collection[str],
-    parse: pa_csv.ParseOptions,
-    decimal: str,
+    signs: tuple[str, str],
     n_rows: int,
     misfits: list[Any],
-) -> dict[str, Any] | None:
-    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
+) -> pd.DataFrame | None:
+    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
+
+    `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
+    """
+    misfits.clear()
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
     texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}
     columns: dict[str, Any] = {name: np.empty(n_rows) for name in names if name in numeric}
-    parse.invalid_row_handler = lambda row: misfits.append(row) or "skip"  # type: ignore[func-returns-value]
+    parse = pa_csv.ParseOptions(
+        delimiter=signs[0],
+        quote_char='"' if b'"' in body else False,
+        invalid_row_handler=lambda row: misfits.append(row) or "skip",  # type: ignore[func-returns-value]
+    )
     read = pa_csv.ReadOptions(column_names=list(keys), block_size=BLOCK, use_threads=False)
     convert = pa_csv.ConvertOptions(
         column_types=types,
         include_columns=list(types),
         null_values=sorted(MISSING),
         strings_can_be_null=True,
-        decimal_point=decimal,
+        decimal_point=signs[1],
     )
     at = 0
     try:  # block by block, so that memory holds the numbers once
@@ -336,7 +269,6 @@ def _by_arrow(
         return None
     if at + len(misfits) != n_rows:
         return None
-    columns |= {
-        keys[k]: pd.array(pa.chunked_array(v, pa.string()), dtype="str") for k, v in texts.items()
-    }
-    return {name: columns[name][:at] for name in names if name}
+    for key, cells in texts.items():
+        columns[keys[key]] = pd.array(pa.chunked_array(cells, pa.string()), dtype="str")
+    return pd.DataFrame({name: columns[name][:at] for name in names if name}, copy=False)

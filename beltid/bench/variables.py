@@ -1,22 +1,31 @@
 """Files of variables: MATLAB 4, 5 and 7.3, HDF5.
 
-A vector is a column, a number or text a header field, a struct or group of vectors a table; a
-struct of samples (``data``) with a ``unit`` is a column.
+A vector is a column, a number or text a header field, a struct or group of vectors a table.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from beltid.bench.raw import SCALING, UNITS, Field, Rasters, Raw, unapplied_scaling
+from beltid.bench.raw import UNITS, Field, Rasters, Raw, unapplied_scaling
 from beltid.errors import InputError
 
-SAMPLES: Final = ("data", "values", "value", "y")
-TIMES: Final = ("time", "t", "x", "Time")
+LINK: Final = "is a link, which is not followed"
+
+
+class Variable(NamedTuple):
+    """A variable, and what its attributes say of it."""
+
+    value: Any
+    unit: str = ""
+    scaling: str = ""  # of whole numbers, not applied
+
+
+Variables = Mapping[str, "Variable | Variables"]
 
 
 def read_matlab(path: Path, place: str) -> Iterator[Raw]:
@@ -26,11 +35,21 @@ def read_matlab(path: Path, place: str) -> Iterator[Raw]:
     with path.open("rb") as stream:
         content = loadmat(stream, squeeze_me=True, simplify_cells=True)
     members = {k: v for k, v in content.items() if not k.startswith("__")}
-    yield from _tables(members, place, "MATLAB, version 5")
+    yield from _tables(_struct(members), place, "MATLAB, version 5")
+
+
+def _struct(members: Mapping[str, Any]) -> Variables:
+    """Return the members of a struct; one named units may hold those of the others."""
+    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), dict)), {})
+    own = {name: value for name, value in members.items() if value is not units}
+    return {
+        name: _struct(value) if isinstance(value, dict) else Variable(value, units.get(name, ""))
+        for name, value in own.items()
+    }
 
 
 def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
-    """Read HDF5 or a MATLAB file of version 7.3; what lies in another file is refused."""
+    """Read HDF5 or a MATLAB file of version 7.3; links, which may leave the file, are refused."""
     import h5py
 
     with path.open("rb") as stream:
@@ -39,52 +58,36 @@ def read_hdf5(path: Path, place: str) -> Iterator[Raw]:
         yield from _tables(_group(file, place), place, form)
 
 
-def _group(group: Any, place: str) -> dict[str, Any]:
-    """Convert the members of a group of HDF5, and its attributes, to nested dicts."""
+def _group(group: Any, place: str) -> Variables:
+    """Return the members of a group of HDF5, and its attributes."""
     import h5py
 
-    members: dict[str, Any] = {}
-    for name in group:
-        if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-            raise InputError(f"{place}: {name} lies in another file, which is not followed")
-        item = None if name.startswith("#") else group.get(name)
-        if isinstance(item, h5py.Group):
-            members[name] = _group(item, place)
-        elif item is not None:
-            members[name] = _dataset(item, place)
-    for name, value in group.attrs.items():  # plain HDF5 stores settings as attributes
-        if not name.startswith("MATLAB") and np.size(value) == 1:
-            members.setdefault(name, _plain(value))
+    # plain HDF5 stores settings as attributes
+    about = {n: v for n, v in group.attrs.items() if not n.startswith("MATLAB") and np.size(v) == 1}
+    members: dict[str, Any] = {name: Variable(_plain(value)) for name, value in about.items()}
+    for name in (name for name in group if not name.startswith("#")):
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise InputError(f"{place}: {name} {LINK}")
+        item = group[name]
+        members[name] = _group(item, place) if isinstance(item, h5py.Group) else _dataset(item)
     return members
 
 
-def _dataset(item: Any, place: str) -> Any:
-    """Convert a dataset: an array, a text, a table of records, or a struct with a unit."""
+def _dataset(item: Any) -> Variable:
+    """Return a dataset: numbers or texts; None for one in another file, and for any other."""
     import h5py
 
-    attributes = dict(item.attrs)
-    if item.is_virtual or item.external:
-        raise InputError(f"{place}: {item.name} lies in another file, which is not followed")
-    if item.dtype == h5py.ref_dtype or attributes.get("MATLAB_empty", 0):
-        return None  # a cell array, an array of structs
-    values = np.asarray(item[()])
-    if attributes.get("MATLAB_class", b"") == b"char":
-        return "".join(chr(code) for code in np.ravel(values, order="F"))
-    if values.dtype.names:
-        return {n: np.array([_plain(v) for v in np.ravel(values[n])]) for n in values.dtype.names}
-    values = np.squeeze(values)
+    about = dict(item.attrs)
+    is_elsewhere = item.is_virtual or bool(item.external)
+    if is_elsewhere or item.dtype == h5py.ref_dtype or about.get("MATLAB_empty", 0):
+        return Variable(None)
+    values = np.squeeze(np.asarray(item[()]))
+    if about.get("MATLAB_class", b"") == b"char":
+        return Variable("".join(chr(code) for code in np.ravel(values)))
     if values.dtype.kind in "OS":
-        return np.array([_plain(v) for v in np.ravel(values)], dtype=object)
-    for mark in ("_FillValue", "missing_value"):
-        if np.isin(attributes.get(mark, np.nan), values).any():
-            raise InputError(
-                f"{place}: {item.name} marks missing samples by a {mark}: export to CSV"
-            )
-    scaling = {n: v for n, v in attributes.items() if n.lower() in SCALING}
-    unit = next((_plain(v) for n, v in attributes.items() if n in UNITS), None)
-    if values.ndim == 1 and (unit is not None or unapplied_scaling(values, scaling)):
-        return {**scaling, "unit": unit or "", "data": values}
-    return values
+        values = np.array([_plain(v) for v in np.ravel(values)], dtype=object)
+    unit = next((str(_plain(v)) for n, v in about.items() if n in UNITS), "")
+    return Variable(values, unit, unapplied_scaling(values, about))
 
 
 def _plain(value: Any) -> Any:
@@ -93,10 +96,10 @@ def _plain(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _tables(members: Mapping[str, Any], place: str, form: str) -> Iterator[Raw]:
+def _tables(members: Variables, place: str, form: str) -> Iterator[Raw]:
     """Yield the tables in variables; InputError if there is none."""
     left_out: list[str] = []
-    tables = list(_struct("", members, place, form, left_out, ()))
+    tables = list(_rasters("", members, Rasters(place, "", form), left_out))
     if not tables:
         held = ", ".join(left_out) or ", ".join(members) or "nothing"
         raise InputError(
@@ -106,47 +109,23 @@ def _tables(members: Mapping[str, Any], place: str, form: str) -> Iterator[Raw]:
     yield from tables
 
 
-def _struct(
-    name: str,
-    members: Mapping[str, Any],
-    place: str,
-    form: str,
-    left_out: list[str],
-    above: tuple[Field, ...],
-) -> Iterator[Raw]:
+def _rasters(name: str, members: Variables, above: Rasters, left_out: list[str]) -> Iterator[Raw]:
     """Yield the table of a struct, then those of the structs in it."""
-    units: Any = next((members[n] for n in UNITS if isinstance(members.get(n), Mapping)), {})
-    rasters, fields, inner = Rasters(place, name, form), [*above], dict[str, Mapping[str, Any]]()
-    for key, value in members.items():
-        array, unit = np.asarray(value), str(units.get(key, ""))
+    rasters = Rasters(above.place, name, above.form, above.fields)
+    for key, member in members.items():
+        if not isinstance(member, Variable):
+            continue
+        array = np.asarray(member.value)
         is_text = array.dtype.kind in "SU" or all(isinstance(v, str) for v in array.flat)
-        if isinstance(value, Mapping):
-            if _channel(key, value, rasters) or value is units:
-                continue
-            if any(isinstance(v, Mapping) or np.size(v) > 1 for v in value.values()):
-                inner[f"{name}.{key}" if name else key] = value
-            else:  # a struct of settings only
-                fields += [Field(k, str(_plain(v))) for k, v in value.items()]
-        elif array.size == 1 and array.dtype.kind in "biufOSU" and value is not None:
-            fields.append(Field(key, str(_plain(array)), unit))
+        if array.size == 1 and array.dtype.kind in "biufOSU" and member.value is not None:
+            field = Field(key, str(_plain(array)), member.unit)
+            rasters.fields = (*rasters.fields, field)
         elif array.ndim == 1 and array.size and (array.dtype.kind in "biuf" or is_text):
-            rasters.add(key, array, unit)
+            rasters.add(key, array, member.unit, scaling=member.scaling)
         elif array.size:
             left_out.append(f"{key} left out: no list of numbers or texts")
-    rasters.fields, rasters.notes = tuple(fields), [*left_out]
+    rasters.notes = [*left_out]
     yield from rasters.tables()
-    for inner_name, struct in inner.items():
-        yield from _struct(inner_name, struct, place, form, left_out, tuple(fields))
-
-
-def _channel(key: str, members: Mapping[str, Any], rasters: Rasters) -> bool:
-    """Add a struct of samples with a unit as a channel; return whether it is one."""
-    samples = next((members[n] for n in SAMPLES if n in members), None)
-    unit = next((members[n] for n in UNITS if n in members), None)
-    values = np.squeeze(np.asarray(samples))
-    if unit is None or values.dtype.kind not in "biuf" or values.ndim != 1 or values.size < 2:
-        return False
-    time = np.squeeze(np.asarray(next((members[n] for n in TIMES if n in members), np.nan)))
-    clock = time.astype(float) if time.shape == values.shape and time.dtype.kind in "iuf" else None
-    rasters.add(key, values, str(unit), clock, unapplied_scaling(values, members))
-    return True
+    for key, member in members.items():
+        if not isinstance(member, Variable):
+            yield from _rasters(f"{name}.{key}" if name else key, member, rasters, left_out)

@@ -8,7 +8,8 @@ import unicodedata
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from beltid.bench.header import IN_NAME, POSITION, without_unit
+from beltid.bench.header import IN_NAME, without_unit
+from beltid.bench.raw import POSITION
 from beltid.tables import schemas
 
 _CHANNEL: Final = re.compile(r"^(?:channel|kanal|voie|ch|ai|c) ?\d+ (?=.)")
@@ -59,14 +60,12 @@ def roles_meant(name: str, kind: str) -> tuple[str, ...]:
     return tuple(role for role, words in _words_of(kind) if plain and words.mean(plain))
 
 
-def roles_hinted(name: str, kind: str) -> tuple[str, ...]:
-    """Return our columns that a channel's name hints at: one of their words is part of it."""
-    plain = simplified(name)
-    return tuple(
-        role
-        for role, words in _words_of(kind)
-        if any(len(key.pattern) >= 8 and key.search(plain) for key in words.keys)  # 4 letters
-    )
+def span_of(name: str) -> str:
+    """Return the span that a channel's name tells: "tight", "slack" or ""."""
+    plain, words = simplified(name), _vocabulary()
+    spans = ("tight", "slack")
+    told = [s for s in spans if any(key.search(plain) for key in words[f"tension_{s}_N"].keys)]
+    return told[0] if len(told) == 1 else ""
 
 
 def means_date(name: str) -> bool:

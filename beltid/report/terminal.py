@@ -29,7 +29,6 @@ _WORDS_LEFT = (
     "group",
     "verdict",
     "channel",
-    "can_be",
 )
 
 

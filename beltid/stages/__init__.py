@@ -6,39 +6,31 @@ Module                 Responsibility                                          E
 ``steps``              the steps: what each reads, uses and makes
 ``stiffness``          press recording to normal contact law                   (1) to (4)
 ``slip``               speed loss to sliding speeds in service                 (7)
-``friction``           rig recording to a coefficient per run                  (5) to (8)
+``friction``           rig recording, measured or simulated, to mu per run     (5) to (8)
+``plausible``          channels of a rig that contradict each other
 ``surface``            coefficients to mu(f_N, v), as published                section 2.2
-``refine``             the surface that gives the measured tensions            beyond
+``planned_runs``       which runs are simulated
 ``rig``                the runs of the rig, simulated                          (9) to (12)
+``simulated_runs``     one run or a campaign from Python
+``refine``             the surface that gives the measured tensions            beyond
 ``compare``            measured against simulated                              section 4
 ``cross_validate``     runs left out, predicted from the others                beyond
+``drive_of_config``    the drive of a config and its operating points
 ``drive``              a belt drive from the identified laws                   section 2.2
 ``compare_drive``      predicted against measured losses
 ``plan``               the next runs of the rig
----------------------- ------------------------------------------------------- --------------
-``reduction``          the same reduction for measured and simulated runs      (5) to (8)
-``plausible``          channels of a rig that contradict each other
-``planned_runs``       which runs are simulated
-``campaign``           results and recording of simulated runs                 (9) to (12)
-``simulated_runs``     one run or a campaign from Python
-``refinement``         the runs that a surface is refined from
-``drive_of_config``    the drive of a config and its operating points
-``plan_inputs``        what is known before the next runs
-``plan_tables``        the tables of a plan
 ``curves``             parts of the recordings that the report shows
 ---------------------- ------------------------------------------------------- --------------
-``inspect_file``       how a file is read; ``file_sections`` writes the config
+``inspect_file``       how a file is read, and the config that says so
 ``new_config``         a config for a new belt
 ``named_recordings``   the recordings that a config names
 ``about``              versions, values of a config
 ``show``               any artifact as a table or a figure
-``report_belt``        the page of a belt; ``belt_results`` gathers them
-``page_mark``          whether a page is in date
-``export_law``         the law for other programs; ``law_of_belt`` assembles it
+``report_belt``        the page of a belt; ``page_mark``: whether it is in date
+``export_law``         the law for other programs
 ---------------------- ------------------------------------------------------- --------------
-``inputs``             laws, surfaces and tables from files or memory
+``inputs``             laws, surfaces, runs, uncertainties from files or memory
 ``columns``            columns and rows of tables
-``uncertainties``      standard uncertainties of a config
 ``workers``            where heavy calls run
 ====================== ======================================================= ==============
 """

@@ -8,19 +8,14 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from beltid.config import ConfigSource, load_config
 from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
 from beltid.config.source import format_path
 from beltid.errors import ConfigError
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import (
-    WITHOUT,
-    lacking,
-    unread_recordings,
-    wrong_recordings,
-)
+from beltid.stages.named_recordings import WITHOUT, lacking, unread_recordings, wrong_recordings
 from beltid.store.artifact import plain
 from beltid.store.disk import source_sha256
 
@@ -35,7 +30,6 @@ VARIABLES: Final = (
 
 def program() -> Summary:
     """Summarise the installation, for a bug report: program, Python, libraries, environment."""
-    rows = [{"library": name, "version": _version(name)} for name in LIBRARIES]
     return Summary(
         stage="version",
         title="",
@@ -46,7 +40,7 @@ def program() -> Summary:
             "platform": platform.platform(),
             "processors": os.cpu_count(),
         },
-        table=rows,
+        table=[{"library": name, "version": _version(name)} for name in LIBRARIES],
         extra_tables={
             "environment": [
                 {"variable": name, "value": os.environ.get(name, "not set")} for name in VARIABLES
@@ -85,9 +79,7 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
 
 def check_configs(paths: Sequence[Path]) -> Summary:
     """Check configs, and whether the recordings they name exist and can be read."""
-    problems: list[str] = []
-    warnings: list[str] = []
-    rows: list[dict[str, Any]] = []
+    problems, warnings, rows = list[str](), list[str](), []
     for path in paths:
         try:
             config = load_config(path)
@@ -99,13 +91,8 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         unread = () if wrong else unread_recordings(config)
         warnings += [f"{path}: cannot be read with these settings: {line}" for line in unread]
         warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
-        rows.append(
-            {
-                "config": str(path),
-                "belt": config.belt.name,
-                "recordings": ", ".join(config.data.files),
-            }
-        )
+        recordings = ", ".join(config.data.files)
+        rows.append({"config": str(path), "belt": config.belt.name, "recordings": recordings})
     if problems:
         raise ConfigError(problems)
     return Summary(

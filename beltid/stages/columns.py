@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from beltid.errors import InputError
 from beltid.tables import schemas
-from beltid.tables.values import outside
+from beltid.tables.values import is_missing, outside
 
 
 @contextlib.contextmanager
@@ -24,20 +24,24 @@ def at(item: Any) -> Iterator[None]:
         raise InputError(error.at(str(getattr(item, "path", "table")))) from None
 
 
-def columns_from(
-    kind: str, values_of: Callable[[str], Sequence[Any] | None]
-) -> dict[str, np.ndarray]:
-    """Build the columns of a table; a number that its schema does not allow becomes nan."""
+def columns_from(kind: str, rows: Sequence[Any], **more: Sequence[Any]) -> dict[str, np.ndarray]:
+    """Return the columns of a kind from attributes of these names, and from `more`.
+
+    A number that the schema does not allow becomes nan.
+    """
     columns: dict[str, np.ndarray] = {}
     for column in schemas.table(kind).columns:
-        values = values_of(column.name)
-        if values is None:
+        name = column.name
+        if name not in more and not hasattr(rows[0], name):
+            continue
+        values = more[name] if name in more else [getattr(row, name) for row in rows]
+        if name in schemas.WHERE_KNOWN and all(is_missing(value) for value in values):
             continue
         array = np.empty(len(values), dtype=object if column.dtype == "string" else column.dtype)
         array[:] = values
         if column.dtype == "float64":
             array = np.where(np.isfinite(array) & ~outside(array, column), array, np.nan)
-        columns[column.name] = array
+        columns[name] = array
     return columns
 
 
@@ -47,22 +51,11 @@ def ok_rows(friction: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.ones(len(friction["arc_deg"]), dtype=bool) if status is None else status == "ok"
 
 
-def flat(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the columns of a table that hold a single value in each cell."""
-    return {name: values for name, values in columns.items() if values.ndim == 1}
-
-
 def span(values: Any) -> tuple[float, float] | None:
     """Return the lowest and highest finite value, or None if there is none."""
     values = np.asarray(values, dtype=float)
     finite = values[np.isfinite(values)]
     return (float(finite.min()), float(finite.max())) if finite.size else None
-
-
-def largest(values: Any) -> float | None:
-    """Return the highest finite value, or None if there is none."""
-    limits = span(values)
-    return None if limits is None else limits[1]
 
 
 def finite_or_none(value: float) -> float | None:

@@ -19,14 +19,9 @@ from beltid.identify.agreement.compare import AgreementResult, compare_points
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.columns import span
+from beltid.stages.friction import reduce_rig, reduction_columns, rig_kind, simulated_recording
 from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import with_tensions
-from beltid.stages.reduction import (
-    recording_in_memory,
-    reduce_rig,
-    reduction_columns,
-    rig_kind,
-)
 from beltid.store.artifact import Artifact
 from beltid.uncertainty.agreement import dominant, validated, within_words
 from beltid.uncertainty.simulated import RunsUncertainty, runs_uncertainty_of
@@ -70,14 +65,10 @@ def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
     named = getattr(frame, "column_names", getattr(frame, "columns", frame))
     names = {str(name) for name in named} if isinstance(named, Iterable) else set()
     if "time_s" in names:
-        recording = recording_in_memory(frame, None, simulated=True)
-        return reduction_columns(reduce_rig(recording, config))
+        return reduction_columns(reduce_rig(simulated_recording(frame), config))
     if "mu" in names and "mu_sliding" not in names:  # the table of a simulated campaign
-        frame = {
-            **{name: np.asarray(frame[name]) for name in names},
-            "mu_sliding": np.asarray(frame["mu"]),
-            "nominal_tension_N": np.asarray(frame["initial_tension_N"]),
-        }
+        frame = {name: np.asarray(frame[name]) for name in names}
+        frame |= {"mu_sliding": frame["mu"], "nominal_tension_N": frame["initial_tension_N"]}
     return friction_columns(frame, NEEDED, "simulated")
 
 
@@ -89,19 +80,13 @@ def agreement(
     notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
-    section = config.compare
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
-    tolerances = {
-        "max_rms_relative_error": section.max_rms_relative_error,
-        "max_mean_relative_error": section.max_mean_relative_error,
-        "max_relative_error": section.max_relative_error,
-        "min_share_compared": MIN_SHARE_COMPARED,
-    }
-    proven = validated(
+    tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
+    result, parts = validated(
         compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
     )
-    result, extra = proven.result, proven.extra()
-    columns = {**result.to_columns(), **proven.columns()}
+    found, budget = parts.facts(result), parts.budget()
+    columns = {**result.to_columns(), **parts.columns(result)}
     n = len(columns["run"])
     columns["status"] = np.full(n, "ok", dtype=object)
     warnings = [
@@ -110,7 +95,6 @@ def agreement(
     if result.share_compared < ENOUGH:
         few = f"only {n} of {result.n_usable} measured runs were compared: the verdict holds for "
         warnings.insert(0, f"{few}these only")
-    judged = result.verdict_table()
     return Outcome(
         columns,
         result,
@@ -118,20 +102,20 @@ def agreement(
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": within_words(extra["validation"]),
-            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(extra["budget"]),
-            "validation": extra["validation"],
+            "within_two_u_validation": within_words(found),
+            "rms_over_u_validation": found["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(budget),
+            "validation": found,
         },
         tables={
             "groups": [group.as_row() for group in result.groups],
-            "judged": judged,
+            "judged": result.verdict_table(),
             "averaged": rows_of(result.averaged, *result.averaged),
-            "budget": extra["budget"],
+            "budget": budget,
         },
         validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=tuple(filter(None, (*notes, *proven.notes(), result.against_uncertainty))),
+        notes=tuple(filter(None, (*notes, *parts.notes(), result.against_uncertainty))),
         warnings=tuple(warnings),
         verdict=result.verdict,
         passed=bool(result.passed),

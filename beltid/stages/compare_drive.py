@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,6 @@ from beltid.identify.slip.points import GROSS_SLIP, OK
 from beltid.stage import Outcome
 from beltid.stages.columns import finite_or_none, span
 
-NOT_PREDICTED: Final = "no steady state"
 OF_PREDICTION: Final = {
     "loss_predicted_rad_s": "speed_loss_rad_s",
     "u_input_rad_s": "speed_loss_u_rad_s",
@@ -27,10 +26,11 @@ OF_PREDICTION: Final = {
 
 def compared(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
     """Compare every measured run with its prediction, and judge those of enough torque."""
-    measured, rows = slip.columns, _predicted_rows(slip, drive)
-    has_prediction, ratio = rows >= 0, _ratio_at_idle(drive.columns)
+    measured, table = slip.columns, drive.columns
+    rows = _predicted_rows(slip, drive)
+    there, ratio = rows >= 0, _ratio_at_idle(table)
     predicted = {
-        name: np.where(has_prediction, (drive.columns[source] * ratio)[rows], np.nan)
+        name: np.where(there, (table[source] * ratio)[rows], np.nan)
         for name, source in OF_PREDICTION.items()
     }
     points = LossPoints(
@@ -42,23 +42,28 @@ def compared(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
         seating=predicted["loss_seating_rad_s"],
         slip=predicted["loss_slip_rad_s"],
         torque=measured["torque_N_m"],
-        arc_share=_arc_shares(drive.columns, measured["run"]),
+        arc_share=_arc_shares(table, measured["run"]),
         usable=measured["status"] == OK,
     )
     section = config.compare_drive
     result = compare_losses(points, section.max_rms_relative_error, section.min_torque_share)
-    predicted_status = np.where(has_prediction, drive.columns["status"][rows], NOT_PREDICTED)
-    status = np.array(
-        [_status(*statuses) for statuses in zip(measured["status"], predicted_status, strict=True)]
-    )
-    status = np.where((status == OK) & ~result.judged, "torque too small to be judged", status)
+    of_prediction = np.where(there, table["status"][rows], "no steady state")
+    status = np.array(list(map(_status, measured["status"], of_prediction)), dtype=object)
+    status[(status == OK) & ~result.judged] = "torque too small to be judged"
     settings = ("run", "driver_speed_rad_s", "initial_tension_N", "torque_N_m")
     return Outcome(
         {
             **{name: measured[name] for name in settings},
             **predicted,
-            **_differences(result),
-            "status": status.astype(object),
+            "loss_measured_rad_s": points.measured,
+            "difference_rad_s": result.difference,
+            "relative_difference": _over(result.difference, points.measured),
+            "u_measured_rad_s": points.measured_u,
+            "u_validation_rad_s": result.u_validation,
+            "e_over_u": _over(result.difference, result.u_validation),
+            "arc_share": points.arc_share,
+            "judged": result.judged,
+            "status": status,
         },
         result,
         facts={
@@ -75,45 +80,27 @@ def compared(slip: Any, drive: Any, config: Config) -> Outcome[LossAgreement]:
             for run, why in zip(measured["run"], status, strict=True)
             if why != OK
         ],
-        notes=_statements(result),
+        notes=tuple(_statements(result)),
         verdict=_verdict(result, 100.0 * section.max_rms_relative_error),
         passed=bool(result.passed),
     )
 
 
-def _differences(result: LossAgreement) -> dict[str, np.ndarray]:
-    """Return the columns of the compared losses and their differences."""
-
-    def over(values: np.ndarray) -> np.ndarray:
-        unknown = np.full(values.size, np.nan)
-        return np.divide(result.difference, values, out=unknown, where=values != 0.0)
-
-    points = result.points
-    return {
-        "loss_measured_rad_s": points.measured,
-        "difference_rad_s": result.difference,
-        "relative_difference": over(points.measured),
-        "u_measured_rad_s": points.measured_u,
-        "u_validation_rad_s": result.u_validation,
-        "e_over_u": over(result.u_validation),
-        "arc_share": points.arc_share,
-        "judged": result.judged,
-    }
+def _over(values: np.ndarray, by: np.ndarray) -> np.ndarray:
+    """Divide; nan where the divisor is zero."""
+    return np.divide(values, by, out=np.full(by.size, np.nan), where=by != 0.0)
 
 
 def _predicted_rows(slip: Any, drive: Any) -> np.ndarray:
     """Return the row of the loaded pulley for each measured run; -1 if not predicted."""
-    loaded = drive.facts.get("loaded_pulley")
-    name = getattr(drive, "path", "drive")
+    loaded, name = drive.facts.get("loaded_pulley"), getattr(drive, "path", "drive")
     if loaded is None:
         raise InputError(
             f"{name}: its points do not come from a recording; predict those of the "
             "recording with beltid simulate-drive --from"
         )
-    loaded_rows = np.flatnonzero(drive.columns["pulley"] == loaded)
-    row_of = dict(
-        zip(drive.columns["run"][loaded_rows].tolist(), loaded_rows.tolist(), strict=True)
-    )
+    of_loaded = np.flatnonzero(drive.columns["pulley"] == loaded).tolist()
+    row_of = {drive.columns["run"][row]: row for row in of_loaded}
     rows = np.array([row_of.get(run, -1) for run in slip.columns["run"].tolist()])
     if (rows < 0).all():
         raise InputError(f"{name}: has none of the runs of {getattr(slip, 'path', 'slip')}")
@@ -126,14 +113,12 @@ def _ratio_at_idle(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     It refers the loss of a pulley to the driver, as the bench measures it.
     """
     at_idle = np.abs(columns["speed_rad_s"]) + columns["speed_loss_rad_s"]
-    unknown = np.full(at_idle.size, np.nan)
-    return np.divide(np.abs(columns["driver_speed_rad_s"]), at_idle, out=unknown, where=at_idle > 0)
+    return _over(np.abs(columns["driver_speed_rad_s"]), np.where(at_idle > 0.0, at_idle, 0.0))
 
 
 def _standard_error(measured: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the standard error of the measured loss: that of the speed in Eq. (7), over R."""
-    loss, slip = measured["speed_loss_rad_s"], measured["slip_speed_m_s"]
-    radius = np.nanmedian(np.divide(slip, loss, out=np.full(loss.size, np.nan), where=loss != 0.0))
+    radius = np.nanmedian(_over(measured["slip_speed_m_s"], measured["speed_loss_rad_s"]))
     return np.asarray(measured["slip_speed_se_m_s"] / radius)
 
 
@@ -155,44 +140,44 @@ def _status(measured: str, predicted: str) -> str:
     return OK if predicted in (ADHESION, FULL_SLIP) else f"predicted: {predicted}"
 
 
-def _statements(result: LossAgreement) -> tuple[str, ...]:
+def _statements(result: LossAgreement) -> Iterator[str]:
     """State what the recording tests and what it does not test."""
-    share = 100.0 * result.largest_arc_share
-    sizes = result.prominence
-    labels = {name: f"{name} ({size:.1f} standard uncertainties)" for name, size in sizes.items()}
-    resolved = [labels[name] for name, size in sizes.items() if size > RESOLVED]
-    unresolved = [labels[name] for name, size in sizes.items() if size <= RESOLVED]
-    lines = [
-        f"resolved by this recording: {', '.join(resolved) or 'nothing'}"
-        + (f"; not resolved: {', '.join(unresolved)}" if unresolved else "")
-    ]
+    share, sizes = f"{100.0 * result.largest_arc_share:.0f} % of an arc slides", result.prominence
+    resolved, unresolved = (
+        ", ".join(
+            f"{name} ({size:.1f} standard uncertainties)"
+            for name, size in sizes.items()
+            if (size > RESOLVED) == is_resolved
+        )
+        for is_resolved in (True, False)
+    )
+    more = f"; not resolved: {unresolved}" if unresolved else ""
+    yield f"resolved by this recording: {resolved or 'nothing'}{more}"
     if result.largest_arc_share <= MOST_OF_ARC:
-        lines.append(
-            f"friction is not tested: at most {share:.0f} % of an arc slides, and short of full "
-            "slip the loss hardly depends on it"
+        yield (
+            f"friction is not tested: at most {share}, and short of full slip the loss hardly "
+            "depends on it"
         )
     elif sizes["slip"] <= RESOLVED:
-        lines.append(
-            f"up to {share:.0f} % of an arc slides: friction is large enough to carry the torques, "
-            "but this recording does not determine how large it is"
+        yield (
+            f"up to {share}: friction is large enough to carry the torques, but this recording "
+            "does not determine how large it is"
         )
     else:
-        lines.append(
-            f"up to {share:.0f} % of an arc slides: friction is tested by the points in full slip"
-        )
-    lines.append(
+        yield f"up to {share}: friction is tested by the points in full slip"
+    yield (
         "the axial stiffness must come from another source, such as a tensile test: if it were "
         "fitted to this recording, the agreement would be a calibration, not a test"
     )
-    return tuple(lines)
 
 
 def _verdict(result: LossAgreement, allowed_percent: float) -> str:
     word, rms = "PASS" if result.passed else "FAIL", 100.0 * result.rms_relative
     if not np.isfinite(rms):
         return f"{word}: no point could be judged"
-    sign = "<=" if rms <= allowed_percent else ">"
-    text = f"{word}: RMS {rms:.2f} % {sign} {allowed_percent:g} %"
+    text = (
+        f"{word}: RMS {rms:.2f} % {'<=' if rms <= allowed_percent else '>'} {allowed_percent:g} %"
+    )
     if np.isfinite(result.rms_over_u):
         text += f", {result.rms_over_u:.2f} standard uncertainties"
     missing = result.asked - int(result.judged.sum())

@@ -15,11 +15,12 @@ from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError
 from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.friction.run import RunRecord
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.laws.capstan import friction_coefficient
 from beltid.stage import Outcome
-from beltid.stages.reduction import records_of
+from beltid.stages.friction import records_of
 from beltid.store.artifact import Artifact
 
 MOST_ARCS: Final = 4
@@ -37,22 +38,44 @@ MOST_SAMPLES: Final = 1200
 def press_branches(press: Recording, config: Config) -> Outcome[StiffnessResult]:
     """Return the branches of the press cycles that the stiffness was fitted to."""
     result = fit_stiffness(press.columns, StiffnessSettings(**config.press.si()))
-    return Outcome(branch_columns(result), result)
+    parts: list[dict[str, np.ndarray]] = []
+    for curve in result.recording.curves:
+        for branch in curve.branches:
+            n = branch.position_m.size  # thinned to means of neighbours
+            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)[:-1]
+            sizes = np.diff(np.append(starts, n))
+            position, force = (
+                np.add.reduceat(v, starts) / sizes for v in (branch.position_m, branch.force_N_m)
+            )
+            labels = {
+                "test": np.array(curve.test, dtype=object),
+                "temperature_degC": np.array(curve.recorded.temperature_degC),
+                "cycle": np.array(curve.cycle, dtype=np.int64),
+                "branch": np.array(branch.name, dtype=object),
+            }
+            parts.append(
+                {name: np.full(starts.size, label) for name, label in labels.items()}
+                | {"penetration_m": position - result.contact_m[curve.test]}
+                | {"line_force_N_m": force}
+            )
+    return Outcome(_joined(parts), result)
 
 
 def rig_runs(rig: Recording, friction: Artifact, config: Config) -> Outcome[tuple[str, ...]]:
     """Return runs over time: typical runs and runs set aside in detail, all others thinned."""
     samples = samples_of_runs(friction.columns)
-    parts = _thinned_runs(rig, samples, config)
-    missing = sorted(set(samples) - set(parts))
-    if missing:
+    records = {record.run: record for record in records_of(rig, config)}
+    if missing := sorted(set(samples) - set(records)):
         raise InputError(
             f"{rig.path}: has no run {', '.join(missing[:MOST_NAMED])}; {friction.path} was made "
             "from another recording"
         )
-    runs = [parts[run] for run in samples]
-    columns = {name: np.concatenate([part[name] for part in runs]) for name in runs[0]}
-    return Outcome(columns, tuple(samples))
+    parts = [_thinned_run(records[run], most) for run, most in samples.items()]
+    return Outcome(_joined(parts), tuple(samples))
+
+
+def _joined(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
@@ -61,36 +84,29 @@ def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
     The typical run of every arc comes first, then runs that were set aside: these are shown one by
     one. All others keep as many samples as a gallery of small pictures shows.
     """
-    labels, good = friction["run"], friction["status"] == "ok"
-    aside = np.flatnonzero(~good)[:MOST_SET_ASIDE].tolist()
+    labels = friction["run"]
+    aside = np.flatnonzero(friction["status"] != "ok")[:MOST_SET_ASIDE].tolist()
     detailed = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
-    others = {str(label): SMALL_SAMPLES for label in labels[:MOST_RUNS]}
-    return dict.fromkeys(detailed, MOST_SAMPLES) | {
-        label: most for label, most in others.items() if label not in detailed
+    kept = dict.fromkeys(detailed, MOST_SAMPLES)
+    for label in labels[:MOST_RUNS]:
+        kept.setdefault(str(label), SMALL_SAMPLES)
+    return kept
+
+
+def _thinned_run(record: RunRecord, most: int) -> dict[str, np.ndarray]:
+    """Return the thinned tensions of a run, as measured or derived on this rig."""
+    tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
+    if not kind.is_derived:  # otherwise already corrected
+        tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
+    kept = _thinned(tight, most)
+    return {
+        "run": np.full(kept.size, record.run, dtype=object),
+        "time_s": record.time_s[kept],
+        "tension_tight_N": tight[kept],
+        "tension_slack_N": slack[kept],
+        "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
+        "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
     }
-
-
-def _thinned_runs(
-    recording: Recording, samples: Mapping[str, int], config: Config
-) -> dict[str, dict[str, np.ndarray]]:
-    """Return the thinned tensions of the runs to keep, as measured or derived on this rig."""
-    curves = {}
-    for record in records_of(recording, config):
-        if record.run not in samples:
-            continue
-        tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
-        if not kind.is_derived:  # otherwise already corrected
-            tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
-        kept = thinned(np.arange(tight.size), tight, samples[record.run])
-        curves[record.run] = {
-            "run": np.full(kept.size, record.run, dtype=object),
-            "time_s": record.time_s[kept],
-            "tension_tight_N": tight[kept],
-            "tension_slack_N": slack[kept],
-            "mu": friction_coefficient(tight[kept], slack[kept], np.radians(record.arc_deg)),
-            "pulley_speed_rad_s": record.pulley_speed_rad_s[kept],
-        }
-    return curves
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
@@ -118,39 +134,14 @@ def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def branch_columns(result: StiffnessResult) -> dict[str, np.ndarray]:
-    """Return the branches over the penetration, each thinned to at most 120 means of neighbours."""
-    parts: list[dict[str, np.ndarray]] = []
-    for curve in result.recording.curves:
-        for branch in curve.branches:
-            n = branch.position_m.size
-            starts = np.linspace(0, n, min(MOST_BRANCH_POINTS, n) + 1).astype(int)[:-1]
-            sizes = np.diff(np.append(starts, n))
-            position, force = (
-                np.add.reduceat(v, starts) / sizes for v in (branch.position_m, branch.force_N_m)
-            )
-            labels = {
-                "test": np.array(curve.test, dtype=object),
-                "temperature_degC": np.array(curve.recorded.temperature_degC),
-                "cycle": np.array(curve.cycle, dtype=np.int64),
-                "branch": np.array(branch.name, dtype=object),
-            }
-            parts.append(
-                {name: np.full(starts.size, label) for name, label in labels.items()}
-                | {"penetration_m": position - result.contact_m[curve.test]}
-                | {"line_force_N_m": force}
-            )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def thinned(rows: np.ndarray, values: np.ndarray, most: int = MOST_SAMPLES) -> np.ndarray:
+def _thinned(values: np.ndarray, most: int) -> np.ndarray:
     """Return the rows of a run; of a long run, those with the extremes of neighbouring samples."""
+    rows = np.arange(values.size)
     if rows.size <= most:
         return rows
     kept = []
     for group in np.array_split(rows, most // 2):
-        v = values[group]
-        finite = group[np.isfinite(v)]
+        finite = group[np.isfinite(values[group])]
         if finite.size:
             kept += [finite[np.argmin(values[finite])], finite[np.argmax(values[finite])]]
     return np.unique(np.array(kept, dtype=rows.dtype))

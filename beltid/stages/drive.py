@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
@@ -16,7 +16,7 @@ from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.profile import arc_profiles
-from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Method, Simulator
+from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
 from beltid.drive.rods import short_spans
 from beltid.drive.tolerance import installed_belts
 from beltid.errors import ConvergenceError, InputError, NumericsError
@@ -24,7 +24,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.notes import log
 from beltid.report.conditions import series_of
 from beltid.stage import Outcome
-from beltid.stages.columns import largest, span
+from beltid.stages.columns import span
 from beltid.stages.drive_of_config import (
     LabelledPoint,
     drive_of,
@@ -33,8 +33,7 @@ from beltid.stages.drive_of_config import (
     points_of_config,
     points_of_slip,
 )
-from beltid.stages.inputs import press_law, surface_from
-from beltid.stages.uncertainties import standard_uncertainties
+from beltid.stages.inputs import press_law, standard_uncertainties, surface_from
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.drive import (
     DriveUncertainty,
@@ -49,85 +48,85 @@ SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 TENSIONS: Final = (0.5, 1.0, 1.5)
 """Tensions over the tension at rest for which the report shows the slip limit."""
-NOT_STATED: Final = (
-    "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, are "
-    "assumed"
-)
-RIGID_RIBS: Final = (
-    "belt.shear_stiffness_N_m2: in a drive the ribs are rigid along the belt, so the loss is too "
-    "small"
-)
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside the measured range above which a warning is given."""
 
-
 Solved = tuple[LabelledPoint, DriveResult]
 """An operating point with its steady state."""
+Rows = list[dict[str, Any]]
 
 
 def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tuple[Solved, ...]]:
     """Predict the operating points of a speed-loss recording, else those of the config."""
-    friction, press = surface_from(surface), press_law(law, config)
+    friction, press, section = surface_from(surface), press_law(law, config), config.drive
     points = points_of_config(config) if slip is None else points_of_slip(config, slip.columns)
-    loaded = None if slip is None else load_pulley(config.drive)
-    log.info("%d operating points, %s", len(points), config.drive.method)
-    drive, method = drive_of(config, friction, press.law), config.drive.method
+    log.info("%d operating points, %s", len(points), section.method)
+    drive = drive_of(config, friction, press.law)
     at_rest = Simulator(drive).at_rest
-    stated_shear = config.belt.shear_stiffness_N_m2 is not None
-    drive_notes = drive_warnings(config, drive, [at_rest(p.point).T_0 for p in points])
-    good, failed = _solve_points(Simulator(drive, method), points)
+    stated = _of_config(config, drive, [at_rest(p.point).T_0 for p in points])
+    good, failed = _solve_points(Simulator(drive, section.method), points)
+    heaviest = _most_loaded(good)
     uncertainty, sources = _uncertainty(config, drive, good, press)
-    by_string = [
-        labelled.run
-        for (labelled, _), is_flagged in zip(good, uncertainty.by_string, strict=True)
-        if is_flagged
-    ]
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
     statuses, counts = np.unique(columns["status"].astype(str), return_counts=True)
+    of_string = [p.run for (p, _), is_so in zip(good, uncertainty.by_string, strict=True) if is_so]
     return Outcome(
         columns,
         tuple(good),
         facts={
-            "method": method,
+            "method": section.method,
             "points": len(good),
             "points_failed": len(failed),
-            "largest_speed_loss_rad_s": largest(columns["speed_loss_rad_s"]),
-            "largest_hub_force_N": largest(columns["hub_force_N"]),
+            "largest_speed_loss_rad_s": (span(columns["speed_loss_rad_s"]) or (None, None))[1],
+            "largest_hub_force_N": (span(columns["hub_force_N"]) or (None, None))[1],
             "pulleys_by_status": ", ".join(
                 f"{n} {name}" for name, n in zip(statuses, counts, strict=True)
             ),
-            "loaded_pulley": loaded,
+            "loaded_pulley": None if slip is None else load_pulley(section),
         },
         tables={
-            "slip_limits": _limits(drive, method, good),
-            "limits_over_tension": _limits_over_tension(drive, method, good),
-            "laid": _layout_rows(drive, good),
-            "arcs": _arcs(good),
-            "installed": _installed(config.drive, drive, good),
-            "budget": _budget(columns, sources, uncertainty),
+            "slip_limits": _limits(Simulator(drive, section.method), good),
+            "limits_over_tension": _limits_over_tension(Simulator(drive, section.method), heaviest),
+            "laid": _layout_rows(drive, good[0][1]),
+            "arcs": _arcs(heaviest),
+            "installed": _installed(section, drive, heaviest[0].point),
+            "budget": _budget(columns["speed_loss_rad_s"], sources, uncertainty),
         },
         validity={name: span(columns[name]) for name in ("driver_speed_rad_s", "torque_N_m")},
-        set_aside=[{"run": labelled.run, "why": "; ".join(e.problems)} for labelled, e in failed],
-        notes=_notes(columns, drive, friction.factor is not None, method, by_string),
+        set_aside=[{"run": point.run, "why": "; ".join(e.problems)} for point, e in failed],
+        notes=tuple(_notes(columns, drive, section.method, of_string)),
         warnings=(
-            *([] if "drive" in config.model_fields_set else [NOT_STATED]),
-            *([RIGID_RIBS] if stated_shear else []),
-            *drive_notes,
-            *(f"point {labelled.run}: {error}" for labelled, error in failed),
+            *stated,
+            *(f"point {point.run}: {error}" for point, error in failed),
             *_outside(columns, friction),
-            *([] if slip is None else _other_radii(config.drive, slip)),
+            *([] if slip is None else _other_radii(section, slip)),
         ),
     )
+
+
+def _of_config(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
+    """Return warnings about what the config states of a drive."""
+    warnings = []
+    if "drive" not in config.model_fields_set:
+        warnings.append(
+            "the config states no drive: two equal pulleys with a radius of 0.05 m, 0.25 m apart, "
+            "are assumed"
+        )
+    if config.belt.shear_stiffness_N_m2 is not None:
+        warnings.append(
+            "belt.shear_stiffness_N_m2: in a drive the ribs are rigid along the belt, so the loss "
+            "is too small"
+        )
+    return warnings + drive_warnings(config, drive, tensions)
 
 
 def _other_radii(section: DriveSection, slip: Any) -> list[str]:
     """Warn if the pulleys of the recording idle at another speed ratio than the stated radii."""
     radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
     loaded, name = load_pulley(section), getattr(slip, "path", "slip")
-    stated = radius[loaded] / radius[section.driving]
-    ratio = slip.facts.get("pulley_ratio")
+    stated, ratio = radius[loaded] / radius[section.driving], slip.facts.get("pulley_ratio")
     if not ratio or not slip.facts.get("pulley_ratio_se"):
         return []
     if abs(ratio / stated - 1.0) < ALIKE_RATIOS:
@@ -163,11 +162,14 @@ def _solve_points(
     return good, failed
 
 
+def _most_loaded(good: Sequence[Solved]) -> Solved:
+    """Return the most loaded steady point, or the most loaded point if none is steady."""
+    steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
+    return max(steady or good, key=lambda solved: solved[1].load)
+
+
 def _uncertainty(
-    config: Config,
-    drive: Drive,
-    good: Sequence[Solved],
-    press: PressLaw,
+    config: Config, drive: Drive, good: Sequence[Solved], press: PressLaw
 ) -> tuple[DriveUncertainty, tuple[Source, ...]]:
     """Return the uncertainty of the speed losses and its sources."""
     points, results = [labelled.point for labelled, _ in good], [result for _, result in good]
@@ -183,36 +185,25 @@ def _uncertainty(
     return uncertainty, sources
 
 
-def _limits(drive: Drive, method: Method, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _limits(simulator: Simulator, good: Sequence[Solved]) -> Rows:
     """Return the torque limits at each speed and tension, from the most loaded point there."""
     speeds = np.array([result.point.omega for _, result in good])
     series = series_of(speeds, np.array([result.rest.T_0 for _, result in good]))
-    heaviest = {
-        setting: max((good[i] for i in rows), key=lambda solved: solved[1].load)
-        for setting, rows in series.items()
-    }
-    simulator = Simulator(drive, method)
-    return [
-        {
-            "driver_speed_rad_s": speed,
-            "initial_tension_N": tension,
-            "largest_torque_N_m": result.load,
-            **_limit(simulator, labelled.point, result.load),
-        }
-        for (speed, tension), (labelled, result) in heaviest.items()
-        if result.load != 0.0
-    ]
+    rows = []
+    for (speed, tension), of in series.items():
+        labelled, result = max((good[i] for i in of), key=lambda solved: solved[1].load)
+        if result.load != 0.0:
+            row = {"driver_speed_rad_s": speed, "initial_tension_N": tension}
+            row["largest_torque_N_m"] = result.load
+            rows.append(row | _limit(simulator, labelled.point, result.load))
+    return rows
 
 
-def _limits_over_tension(
-    drive: Drive, method: Method, good: Sequence[Solved]
-) -> list[dict[str, Any]]:
+def _limits_over_tension(simulator: Simulator, heaviest: Solved) -> Rows:
     """Return the torque limits over the belt tension, for the most loaded point."""
-    labelled, result = _most_loaded(good)
-    if result.load == 0.0:
-        return []
-    simulator, rows = Simulator(drive, method), []
-    for share in TENSIONS:
+    labelled, result = heaviest
+    rows = []
+    for share in TENSIONS if result.load != 0.0 else ():
         point = replace(labelled.point, T_0=share * result.rest.T_0)
         with suppress(InputError):  # the arm of a tensioner cannot produce every tension
             limit = _limit(simulator, point, result.load)
@@ -230,13 +221,10 @@ def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, An
     }
 
 
-def _installed(section: DriveSection, drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:
     """Return the drive with the shortest, the mean and the longest belt, a row per pulley."""
-    tolerance, (labelled, _) = section.belt_length_tolerance_m, _most_loaded(good)
-    if tolerance == 0.0:
-        return []
-    rows = []
-    for belt in installed_belts(drive, section.method, labelled.point, tolerance):
+    tolerance, rows = section.belt_length_tolerance_m, []
+    for belt in installed_belts(drive, section.method, point, tolerance) if tolerance else ():
         result, angle = belt.result, belt.result.rest.arm_angle
         hub = result.in_order(np.hypot(*result.hub_force.T))
         for i, pulley in enumerate(drive.pulleys):
@@ -256,15 +244,9 @@ def _installed(section: DriveSection, drive: Drive, good: Sequence[Solved]) -> l
     return rows
 
 
-def _most_loaded(good: Sequence[Solved]) -> Solved:
-    """Return the most loaded steady point, or the most loaded point if none is steady."""
-    steady = [solved for solved in good if set(solved[1].status) <= {ADHESION, FULL_SLIP}]
-    return max(steady or good, key=lambda solved: solved[1].load)
-
-
-def _layout_rows(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _layout_rows(drive: Drive, result: DriveResult) -> Rows:
     """Return the layout of pulleys and spans at rest, in the order of the drive."""
-    laid = layout(drive, good[0][1].rest.arm_angle)
+    laid = layout(drive, result.rest.arm_angle)
     return [
         {
             "pulley": pulley.name,
@@ -278,9 +260,9 @@ def _layout_rows(drive: Drive, good: Sequence[Solved]) -> list[dict[str, Any]]:
     ]
 
 
-def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
+def _arcs(heaviest: Solved) -> Rows:
     """Return line force and sliding speed along every arc at the most loaded point."""
-    labelled, result = _most_loaded(good)
+    labelled, result = heaviest
     return [
         {
             "pulley": pulley.name,
@@ -296,8 +278,7 @@ def _arcs(good: Sequence[Solved]) -> list[dict[str, Any]]:
 
 def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
     """Return the columns of the drive table, with a row per point and pulley."""
-    n = len(drive.pulleys)
-    blocks = [_block(result) for _, result in good]
+    n, blocks = len(drive.pulleys), [_block(result) for _, result in good]
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     for name, values in columns.items():
         if values.dtype == float:
@@ -312,14 +293,11 @@ def _columns(drive: Drive, good: Sequence[Solved]) -> dict[str, np.ndarray]:
 
 def _block(result: DriveResult) -> dict[str, np.ndarray]:
     """Return the rows of one operating point, one per pulley in the order of the drive."""
-    state, loss = result.state, result.loss
-    shares = result.shares
-    before, behind = result.tensions
-    x, y = result.hub_force.T
-    n = state.P.size
+    state, loss, shares = result.state, result.loss, result.shares
+    (before, behind), (x, y) = result.tensions, result.hub_force.T
     rows = {
-        "driver_speed_rad_s": np.full(n, result.point.omega),
-        "initial_tension_N": np.full(n, result.rest.T_0),
+        "driver_speed_rad_s": np.full(x.size, result.point.omega),
+        "initial_tension_N": np.full(x.size, result.rest.T_0),
         "torque_N_m": result.torque,
         "speed_rad_s": result.speed,
         "speed_loss_rad_s": loss.total,
@@ -346,11 +324,8 @@ def _block(result: DriveResult) -> dict[str, np.ndarray]:
     return {name: result.in_order(values) for name, values in rows.items()}
 
 
-def _budget(
-    columns: Mapping[str, np.ndarray], sources: Sequence[Source], uncertainty: DriveUncertainty
-) -> list[dict[str, Any]]:
+def _budget(loss: np.ndarray, sources: Sequence[Source], uncertainty: DriveUncertainty) -> Rows:
     """Return the relative budget of the speed losses, over the pulleys with a significant loss."""
-    loss = columns["speed_loss_rad_s"]
     changes, scatter = uncertainty.shared.reshape(loss.size, -1), uncertainty.surface.ravel()
     significant = np.isfinite(changes).all(axis=1) & np.isfinite(scatter)
     significant &= np.abs(loss) > SIGNIFICANT_LOSS * np.nanmax(np.abs(loss), initial=0.0)
@@ -362,55 +337,44 @@ def _budget(
 
 
 def _notes(
-    columns: Mapping[str, np.ndarray],
-    drive: Drive,
-    has_covariance: bool,
-    method: Method,
-    by_string: Sequence[str],
-) -> tuple[str, ...]:
-    notes = [
+    columns: Mapping[str, np.ndarray], drive: Drive, method: str, of_string: Sequence[str]
+) -> Iterator[str]:
+    yield (
         "the friction power is that of the contact alone: the hysteresis of the belt in bending "
         "and seating costs about as much again"
-    ]
+    )
     if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
-        notes.append(_slower_than_measured(drive))
+        slowest, _ = drive.surface.validity["slip_speed_m_s"]
+        below = f"friction below {slowest:.3g} m/s, the slowest measured sliding speed,"
+        if drive.friction is drive.surface.tables():
+            yield f"{below} is taken at that speed"
+        else:
+            yield (
+                f"{below} is continued with half of the trend there: the mean of no trend and the "
+                "full trend, which bound its uncertainty"
+            )
     if method == "rod":
-        notes.append(
+        yield (
             "speeds, torques, reserves and slip limits are those of the rod, limits to about 1 %; "
             "shares and, short of full slip, uncertainties those of the string"
         )
-    if by_string:
-        notes.append(
+    if of_string:
+        yield (
             "the rod has no steady state for some changed inputs; these points have the "
-            f"uncertainties of the string: {', '.join(by_string)}"
+            f"uncertainties of the string: {', '.join(of_string)}"
         )
-    if not has_covariance:
-        notes.append("the friction surface has no covariance: it is assumed to be exact")
+    if drive.surface.factor is None:
+        yield "the friction surface has no covariance: it is assumed to be exact"
     for status, words in (
         ("gross slip", "cannot be transmitted with the friction that is known"),
         ("slack", "leave a span without tension"),
     ):
-        runs = dict.fromkeys(columns["run"][columns["status"] == status].tolist())
-        if runs:
-            notes.append(f"{len(runs)} points {words}: {', '.join(runs)}")
-    return tuple(notes)
+        if runs := dict.fromkeys(columns["run"][columns["status"] == status].tolist()):
+            yield f"{len(runs)} points {words}: {', '.join(runs)}"
 
 
-def _slower_than_measured(drive: Drive) -> str:
-    """Describe how friction is continued below the slowest measured sliding speed."""
-    slowest, _ = drive.surface.validity["slip_speed_m_s"]
-    subject = f"friction below {slowest:.3g} m/s, the slowest measured sliding speed,"
-    if drive.friction is drive.surface.tables():
-        return f"{subject} is taken at that speed"
-    return (
-        f"{subject} is continued with half of the trend there: the mean of no trend and the full "
-        "trend, which bound its uncertainty"
-    )
-
-
-def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> list[str]:
-    """Return warnings about friction outside the measured range of the laws."""
-    warnings = []
+def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> Iterator[str]:
+    """Yield warnings about friction outside the measured range of the laws."""
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
     for name, words in (
@@ -422,18 +386,13 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> lis
         ),
     ):
         shares = columns[name]
-        beyond = shares > MOST_OUTSIDE
-        if beyond.any():
-            runs = len(set(columns["run"][beyond].tolist()))
-            warnings.append(
-                f"{runs} points: up to {100.0 * np.nanmax(shares):.0f} % of the sliding friction "
-                f"acts {words}"
+        if (beyond := shares > MOST_OUTSIDE).any():
+            yield (
+                f"{len(set(columns['run'][beyond].tolist()))} points: up to "
+                f"{100.0 * np.nanmax(shares):.0f} % of the sliding friction acts {words}"
             )
-    states = columns["steady_states"] > 1
-    if states.any():
-        runs_with = dict.fromkeys(columns["run"][states].tolist())
-        warnings.append(
+    if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
+        yield (
             "friction falls with the speed: a second steady state with more slip exists for "
-            f"{', '.join(runs_with)}; the state with less slip was chosen"
+            f"{', '.join(runs)}; the state with less slip was chosen"
         )
-    return warnings

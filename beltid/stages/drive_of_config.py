@@ -31,17 +31,11 @@ class LabelledPoint:
 
 
 def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
-    """Build the drive of a config with identified laws.
-
-    Raises
-    ------
-    InputError
-        If two pulleys have the same name, or a name is not that of a pulley.
-    """
+    """Build the drive of a config with identified laws; refuse names that are not of a pulley."""
     section = config.drive
     names = [pulley.name for pulley in section.pulleys]
     _check_names(section, names)
-    loaded = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
+    driven = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
     pulleys = tuple(
         Pulley(
             pulley.name,
@@ -49,7 +43,7 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
             pulley.y_m,
             pulley.radius_m,
             pulley.side == "rib",
-            0.0 if pulley.name in {*loaded, section.driving} else section.idler_torque_N_m,
+            0.0 if pulley.name in {*driven, section.driving} else section.idler_torque_N_m,
         )
         for pulley in section.pulleys
     )
@@ -67,15 +61,9 @@ def drive_of(config: Config, surface: FrictionSurface, law: NormalLaw) -> Drive:
 
 
 def points_of_config(config: Config) -> list[LabelledPoint]:
-    """Return the operating points of a config: every initial tension with every listed point.
-
-    Raises
-    ------
-    InputError
-        If the lists differ in length, or a required tension is not stated.
-    """
+    """Return the operating points of a config: every initial tension with every listed point."""
     section = config.drive
-    points = section.operating_points
+    points, names = section.operating_points, [pulley.name for pulley in section.pulleys]
     lists = {"driver_speed_rad_s": points.driver_speed_rad_s}
     for key in ("torque_N_m", "power_W"):
         lists |= {f"{key}.{name}": values for name, values in getattr(points, key).items()}
@@ -85,31 +73,26 @@ def points_of_config(config: Config) -> list[LabelledPoint]:
         for key, values in lists.items()
         if len(values) not in (1, n)
     ]
-    length, tension = section.belt_length_m, section.initial_tension_N
-    if length is not None and (tension is not None or section.installation == "slack_force"):
+    length, tensions = section.belt_length_m, section.initial_tension_N
+    if length is not None and (tensions is not None or section.installation == "slack_force"):
         problems.append("drive.belt_length_m: must not be stated with initial_tension_N")
-    if section.installation != "tensioner" and tension is None and length is None:
+    if section.installation != "tensioner" and tensions is None and length is None:
         problems.append(f"drive.initial_tension_N: must be stated with {section.installation}")
     if problems:
         raise InputError(problems)
     full = {key: values * n if len(values) == 1 else values for key, values in lists.items()}
+    nothing = (0.0,) * n
 
-    def loads(key: str, i: int) -> tuple[float, ...]:
-        listed = (full.get(f"{key}.{pulley.name}") for pulley in section.pulleys)
-        return tuple(0.0 if values is None else values[i] for values in listed)
-
-    tensions = tension or (math.nan,)
-    return [
-        LabelledPoint(
-            str(t * n + i + 1),
-            DrivePoint(
-                full["driver_speed_rad_s"][i],
-                tension,
-                loads("torque_N_m", i),
-                loads("power_W", i),
-            ),
+    def point(i: int, tension: float) -> DrivePoint:
+        loads = (
+            tuple(full.get(f"{key}.{name}", nothing)[i] for name in names)
+            for key in ("torque_N_m", "power_W")
         )
-        for t, tension in enumerate(tensions)
+        return DrivePoint(full["driver_speed_rad_s"][i], tension, *loads)
+
+    return [
+        LabelledPoint(str(t * n + i + 1), point(i, tension))
+        for t, tension in enumerate(tensions or (math.nan,))
         for i in range(n)
     ]
 
@@ -119,14 +102,8 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
 
     A braking torque is positive. If the pulley falls behind under torques that drive, on balance,
     the recording uses the other sign, and all signs are reversed.
-
-    Raises
-    ------
-    InputError
-        If the load pulley is ambiguous, or no run has a speed, a tension and a torque.
     """
-    section = config.drive
-    loaded = load_pulley(section)
+    section, loaded = config.drive, load_pulley(config.drive)
     speed, tension, torque, loss = (
         np.asarray(columns[name], dtype=float)
         for name in ("driver_speed_rad_s", "initial_tension_N", "torque_N_m", "speed_loss_rad_s")
@@ -151,13 +128,7 @@ def points_of_slip(config: Config, columns: Mapping[str, np.ndarray]) -> list[La
 
 
 def load_pulley(section: DriveSection) -> str:
-    """Return the pulley whose torque a speed-loss recording contains.
-
-    Raises
-    ------
-    InputError
-        If there is not exactly one pulley that takes torque or power from the belt.
-    """
+    """Return the only pulley that takes torque, which a speed-loss recording contains."""
     others = [pulley.name for pulley in section.pulleys if pulley.name != section.driving]
     stated = {*section.operating_points.torque_N_m, *section.operating_points.power_W}
     candidates = [name for name in others if name in stated] or others
@@ -170,13 +141,7 @@ def load_pulley(section: DriveSection) -> str:
 
 
 def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[str]:
-    """Warn where a drive is outside the range of its laws; refuse what the model cannot solve.
-
-    Raises
-    ------
-    InputError
-        If a span is too short for rods, or the layout of the pulleys is impossible.
-    """
+    """Warn where a drive is outside the range of its laws; refuse spans too short for rods."""
     spans = layout(drive).spans
     problems = short_spans(drive, spans, np.full(spans.size, min(tensions)))
     if problems and config.drive.method == "rod":
@@ -192,23 +157,20 @@ def drive_warnings(config: Config, drive: Drive, tensions: list[float]) -> list[
 
 def _check_names(section: DriveSection, names: list[str]) -> None:
     points = section.operating_points
-    allowed = ", ".join(names)
-    stated = {"drive.driver": [section.driving]}
-    stated["drive.operating_points.torque_N_m"] = list(points.torque_N_m)
-    stated["drive.operating_points.power_W"] = list(points.power_W)
-    if section.tensioner is not None:
-        stated["drive.tensioner.pulley"] = [section.tensioner.pulley]
+    stated = {
+        "drive.driver": [section.driving],
+        "drive.operating_points.torque_N_m": points.torque_N_m,
+        "drive.operating_points.power_W": points.power_W,
+        "drive.tensioner.pulley": [] if section.tensioner is None else [section.tensioner.pulley],
+    }
     problems = [
-        f"{key}: {name} is not the name of a pulley, must be one of {allowed}"
+        f"{key}: {name} is not the name of a pulley, must be one of {', '.join(names)}"
         for key, references in stated.items()
         for name in references
         if name not in names
     ]
-    problems += [
-        f"drive.pulleys: {name} is named twice"
-        for name in dict.fromkeys(names)
-        if names.count(name) > 1
-    ]
+    twice = dict.fromkeys(name for name in names if names.count(name) > 1)
+    problems += [f"drive.pulleys: {name} is named twice" for name in twice]
     if (section.tensioner is not None) != (section.installation == "tensioner"):
         problems.append(
             "drive.tensioner: must be stated with installation: tensioner, and only then"
@@ -223,11 +185,8 @@ def _tensioner(section: DriveSection, names: list[str]) -> Tensioner | None:
     arm = section.tensioner.si()
     free, stops = arm["free_angle_rad"], (-math.inf, math.inf)
     if section.tensioner.stops_deg is not None:
-        turned = (
-            math.remainder(math.radians(stop) - free, 2.0 * math.pi)
-            for stop in section.tensioner.stops_deg
-        )
-        low, high = sorted(free + turn for turn in turned)
+        angles = (math.radians(stop) - free for stop in section.tensioner.stops_deg)
+        low, high = sorted(free + math.remainder(angle, 2.0 * math.pi) for angle in angles)
         stops = low, high
     return Tensioner(
         names.index(arm["pulley"]),

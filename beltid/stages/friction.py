@@ -1,30 +1,38 @@
-"""From the recording of the friction rig to a coefficient per run, Eqs. (5) to (8)."""
+"""From the recording of the friction rig to a coefficient per run, Eqs. (5) to (8).
+
+Measured and simulated recordings pass the same reduction.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import Final
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import Recording
+from beltid.bench.recording import Recording, columns_of
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.kinds import TOUCH_DEG, RigKind
-from beltid.identify.friction.reduction import RunReduction
-from beltid.stage import Outcome
-from beltid.stages.columns import at, listed, span
-from beltid.stages.plausible import refuse_implausible
-from beltid.stages.reduction import (
-    TOUCHING,
-    reduce_points,
-    reduce_rig,
-    reduction_columns,
-    rig_kind,
-    taken_off,
-    with_conditions,
+from beltid.identify.friction.kinds import (
+    CELL_RANGES,
+    SPANS,
+    TOUCH_DEG,
+    KnownCell,
+    KnownCells,
+    RigKind,
+    Treatment,
 )
-from beltid.stages.uncertainties import standard_uncertainties
+from beltid.identify.friction.plateaus import reduce_plateaus
+from beltid.identify.friction.reduction import RunReduction, reduce_records
+from beltid.identify.friction.run import Conditions, RunRecord, run_records
+from beltid.laws.capstan import STRAIGHT, Spans
+from beltid.stage import Outcome
+from beltid.stages.columns import at, columns_from, listed, span
+from beltid.stages.inputs import standard_uncertainties
+from beltid.stages.plausible import refuse_implausible
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
@@ -33,28 +41,30 @@ HELD: Final = 0.005
 FAINT: Final = 0.1  # standard error over mu above which a run carries little weight
 CONSTANT: Final = 0.03
 """Relative change of the sum of tensions up to which a hub force counts as constant [-]."""
+TOUCHING: Final = (
+    "the belt is wrapped by a whole turn or more: where its turns touch each other, the friction "
+    "is not that of the pulley alone"
+)
 
 
 def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction, ...]]:
     """Reduce every run of a recording, or every row of a table of plateaus."""
-    kind = rig_kind(config)
+    kind, radius = rig_kind(config), config.rig.pulley_radius_m
     with at(recording):
-        if recording.kind == "points":
-            runs = reduce_points(recording.columns, config)
-        else:
-            runs = reduce_rig(recording, config)
+        runs = reduce_rig(recording, config)
         refuse_implausible(runs, config, kind)
-        runs = with_conditions(runs, config)
+        default = Conditions(config.conditions.surface, config.conditions.side)
+        runs = tuple(replace(r, conditions=r.conditions.completed(default)) for r in runs)
         if not any(run.ok for run in runs):
             raise InputError([f"run {run.run} cannot be used: {run.status}" for run in runs])
     direct = not any(np.isfinite(run.tension_tight_N) for run in runs if run.ok)
     # coefficients stated in a table do not depend on the calibration of a rig
     stated = StandardUncertainties() if direct else standard_uncertainties(config)
     columns = reduction_columns(runs)
-    combined, budget = friction_uncertainty(columns, stated, config.rig.pulley_radius_m, kind)
+    combined, budget = friction_uncertainty(columns, stated, radius, kind)
     columns |= combined
     good = columns["status"] == "ok"
-    aside = [(run.run, run.status) for run in runs if not run.ok]
+    aside = [{"run": run.run, "why": run.status} for run in runs if not run.ok]
     names = ("mu_sliding", "normal_force_N_m", "slip_speed_m_s", "arc_deg")
     ranges = {name: span(columns[name][good]) for name in names}
     return Outcome(
@@ -69,13 +79,105 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
         },
         tables={"budget": budget},
         validity=ranges,
-        set_aside=[{"run": run, "why": why} for run, why in aside],
-        notes=_notes(runs),
+        set_aside=aside,
+        notes=tuple(_notes(runs)),
         warnings=(
             *_warnings(runs, kind, held=config.rig.holds == "stretch"),
-            *(f"run {run} set aside: {why}" for run, why in aside),
+            *(f"run {row['run']} set aside: {row['why']}" for row in aside),
         ),
     )
+
+
+def rig_kind(config: Config) -> RigKind:
+    """Return the kind of a config's friction rig: what it measures, and its load cells."""
+    rig = config.rig
+    # a running belt between two pulleys turns alike at both ends; the line of force does not turn
+    bent = rig.kind == "torque_hub"
+    spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
+    cells = (
+        KnownCell(*(getattr(config.friction, f"tension_{side}_{of}") for of in CELL_RANGES))
+        for side in SPANS
+    )
+    return RigKind(
+        measures=rig.measures,
+        weight_on=rig.weight_on,
+        weight_stated=rig.states_weight,
+        running=rig.kind == "running",
+        belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
+        mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
+        cells=KnownCells(*cells),
+        spans=spans if bent else STRAIGHT,
+    )
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
+    """Reduce the runs of a recording of the friction rig, or the rows of a table of plateaus."""
+    radius = config.rig.pulley_radius_m
+    if rig.kind == "points":
+        resolution = _or_nan(config.rig.force_resolution_N)
+        return reduce_plateaus(rig.columns, radius, rig_kind(config), resolution)
+    records = records_of(rig, config)
+    if rig.is_artifact:  # from perfect cells
+        return reduce_records(records, radius)
+    return reduce_records(
+        records, radius, config.uncertainty.cell_gain_rel, config.friction.free_at_rest
+    )
+
+
+def simulated_recording(frame: Any) -> Recording:
+    """Return a frame with the columns of rig.csv as a recording of the simulated rig."""
+    return Recording("rig", columns_of(frame, "rig", None), Path("frame"), is_artifact=True)
+
+
+def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
+    """Return the records of the runs of a recording.
+
+    The recording of the simulated rig holds the tensions of both spans from perfect load cells, for
+    every kind of bench. Only the span of a dead weight has no cell: its tension is the initial
+    tension. The belt of a running rig runs here as well.
+    """
+    kind, columns = rig_kind(config), rig.columns
+    if rig.is_artifact:
+        kind = replace(kind, cells=KnownCells())
+        if config.rig.kind == "dead_weight":
+            columns = {**columns, "weight_N": columns["initial_tension_N"]}
+        else:
+            kind = replace(kind, measures="two_cells")
+    return run_records(columns, config.rig.pulley_radius_m, kind)
+
+
+def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
+    """Return the columns of the friction table; a run set aside keeps the values found for it."""
+    return columns_from(
+        "friction",
+        runs,
+        notes=[_notes_of(run) for run in runs],
+        condition=[run.conditions.condition for run in runs],
+        side=[run.conditions.side for run in runs],
+    )
+
+
+def _taken_off(treatment: Treatment) -> Iterator[str]:
+    """Yield the corrections of the readings of a run."""
+    if treatment.cells.note:
+        yield treatment.cells.note
+    if treatment.drag_N_m is not None:
+        low, high = treatment.drag_N_m
+        size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+        yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
+
+
+def _notes_of(run: RunReduction) -> str | None:
+    """Return the notes of a run for the user, as one text."""
+    notes = [*_taken_off(run.treatment), *([TOUCHING] if run.arc_deg >= TOUCH_DEG else [])]
+    notes += run.notes
+    if run.mu_sticking_reason:
+        notes.append(f"no mu_sticking: {run.mu_sticking_reason}")
+    return "; ".join(notes) or None
 
 
 def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
@@ -98,8 +200,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
                 "constant; if the slide of the pulley is held by the load cell of the hub force, "
                 "state rig.holds: stretch"
             )
-    shares = [abs(run.held) for run in good if abs(run.held) > HELD]
-    if shares:
+    if shares := [abs(run.held) for run in good if abs(run.held) > HELD]:
         yield (
             f"at rest the spans differ by {percent(100 * float(np.median(shares)))} of the initial "
             f"tension (median of {counted(len(shares), 'run')} of {len(good)}): "
@@ -108,8 +209,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
             "friction.free_at_rest: true, or add a few runs in the other direction; state what the "
             "gains may be off as uncertainty.cell_gain_rel"
         )
-    touching = [run.run for run in good if run.arc_deg >= TOUCH_DEG]
-    if touching:
+    if touching := [run.run for run in good if run.arc_deg >= TOUCH_DEG]:
         yield f"{TOUCHING} ({listed(touching)})"
     if any(run.conditions.side == "back" for run in good):
         yield (
@@ -123,37 +223,23 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
         )
 
 
-def _notes(reduced: Sequence[RunReduction]) -> tuple[str, ...]:
-    """Return notes on events in several runs, with the number of runs."""
-    spikes = [r for r in reduced if r.n_spikes]
-    missing = [r for r in reduced if r.n_missing]
-    swapped = [r.run for r in reduced if r.swapped]
-    unresolved = [r for r in reduced if r.ok and r.mu_sticking_reason]
-    lines = list(dict.fromkeys(line for r in reduced for line in taken_off(r.treatment)))
-    if spikes:
-        lines.append(
-            f"{sum(r.n_spikes for r in spikes)} spikes left out, in {counted(len(spikes), 'run')}"
-        )
-    if marked := [r for r in reduced if r.treatment.n_marks]:
-        lines.append(
-            f"{sum(r.treatment.n_marks for r in marked)} samples of the pulley's speed left out, "
-            f"far off all others, in {counted(len(marked), 'run')}"
-        )
-    if missing:
-        lines.append(
-            f"{sum(r.n_missing for r in missing)} samples missing in {counted(len(missing), 'run')}"
-        )
-    if swapped:
-        lines.append(f"tight and slack cell were swapped in {listed(swapped)}; corrected")
-    if unresolved:
-        lines.append(
-            f"no mu_sticking for {counted(len(unresolved), 'run')}: the records do not resolve the "
-            "peak"
-        )
-    faint = [r.run for r in reduced if r.ok and r.mu_sliding_se > FAINT * r.mu_sliding]
-    if faint:
-        lines.append(
+def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
+    """Yield notes on events in several runs, with the number of runs."""
+    yield from dict.fromkeys(line for run in runs for line in _taken_off(run.treatment))
+    for text, counts in (
+        ("spikes left out", [run.n_spikes for run in runs]),
+        ("samples of the pulley's speed, far off, left out", [r.treatment.n_marks for r in runs]),
+        ("samples missing", [run.n_missing for run in runs]),
+    ):
+        if hit := sum(count > 0 for count in counts):
+            yield f"{sum(counts)} {text}, in {counted(hit, 'run')}"
+    if swapped := [run.run for run in runs if run.swapped]:
+        yield f"tight and slack cell were swapped in {listed(swapped)}; corrected"
+    if unresolved := sum(run.ok and bool(run.mu_sticking_reason) for run in runs):
+        why = "the records do not resolve the peak"
+        yield f"no mu_sticking for {counted(unresolved, 'run')}: {why}"
+    if faint := [run.run for run in runs if run.ok and run.mu_sliding_se > FAINT * run.mu_sliding]:
+        yield (
             f"standard error of mu above {percent(100 * FAINT)} in {listed(faint)}: readings near "
             "their resolution or noise, which carry little weight"
         )
-    return tuple(lines)

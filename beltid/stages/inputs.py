@@ -1,11 +1,12 @@
-"""Laws, surfaces and tables as the Python functions take them: files, results, numbers."""
+"""What the science rooms take: laws, surfaces, reduced runs, uncertainties, as files or results."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,11 +19,18 @@ from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stage import Outcome
+from beltid.stages.columns import at
 from beltid.store.artifact import Artifact, read_artifact, stated_kind
 from beltid.store.disk import read_bytes
 from beltid.store.together import refuse_misfits
 from beltid.tables import schemas
 from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.sources import StandardUncertainties
+
+UNIT: Final = re.compile("_(rel|rad|deg|mm_N|m_N|N_m|N|m)$")
+"""Unit of a key, which the fields of `StandardUncertainties` do without."""
+NEAR_DEGC: Final = 5.0
+"""Distance of a temperature from that of a law up to which the law holds [K]."""
 
 
 def load_law(path: str | Path) -> ContactLaw:
@@ -43,16 +51,13 @@ def load_law(path: str | Path) -> ContactLaw:
     ArtifactError
         If the file is missing, damaged, changed by hand, or no contact law.
     """
-    data = read_bytes(Path(path), ArtifactError)
     try:
-        return law_from_text(data.decode("utf-8"), str(path))
+        return law_from_text(read_bytes(Path(path), ArtifactError).decode("utf-8"), str(path))
     except UnicodeDecodeError:
         kind = stated_kind(Path(path))
+    what = f"a {kind} artifact, part of a contact law" if kind else "not a contact law"
     raise ArtifactError(
-        f"{path}: is a {kind} artifact, part of a contact law; name the folder of a belt's "
-        "results, such as runs/5pk, or a law file"
-        if kind
-        else f"{path}: not a contact law: no UTF-8 text"
+        f"{path}: is {what}; name the folder of a belt's results, such as runs/5pk, or a law file"
     )
 
 
@@ -77,7 +82,7 @@ def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
         return surface_from(source)
     if Path(source).suffix == ".json":
         return load_law(source).surface
-    return surface_of(read_artifact(source, "surface"))
+    return surface_from(read_artifact(source, "surface"))
 
 
 def load_stiffness(
@@ -101,22 +106,35 @@ def load_stiffness(
         If there is no law at that temperature.
     """
     if not isinstance(source, (str, Path)):
-        checked_law(source)
-        return law_of(source, temperature_degC) if temperature_degC else checked_law(source)
+        return law_from(source, temperature_degC)
     if Path(source).suffix == ".json":
         if temperature_degC is not None:
             raise InputError(f"{source}: a law file holds the pooled law only, no temperature")
         return load_law(source).normal_law
-    return law_of(read_artifact(source, "stiffness"), temperature_degC)
+    return law_from(read_artifact(source, "stiffness"), temperature_degC)
 
 
-def surface_of(item: Artifact | Outcome[Any]) -> FrictionSurface:
+def surface_from(surface: Any) -> FrictionSurface:
+    """Return a friction surface given as such, as a result, or as a constant coefficient."""
+    if isinstance(surface, (Outcome, Artifact)) and surface.kind == "surface":
+        return _surface_of(surface)
+    if isinstance(surface, FrictionSurface):
+        return surface
+    if not is_number(surface):
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
+            "the result of build_surface or refine_surface, or a number (constant mu)"
+        )
+    if not 0.0 < surface < math.inf:
+        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
+    return FrictionSurface.constant(float(surface))
+
+
+def _surface_of(item: Artifact | Outcome[Any]) -> FrictionSurface:
     """Return the averaged friction surface of a surface table, with its covariance."""
     columns = item.columns
-    try:
+    with at(item):
         surface = surface_from_columns(columns)
-    except InputError as error:
-        raise InputError(error.at(str(getattr(item, "path", "surface")))) from None
     rows = np.flatnonzero(np.isnan(columns["arc_deg"]))
     rows = rows[np.lexsort((columns["slip_speed_m_s"][rows], columns["normal_force_N_m"][rows]))]
     factor = columns.get("mu_factor")
@@ -127,46 +145,46 @@ def surface_of(item: Artifact | Outcome[Any]) -> FrictionSurface:
     return surface.with_covariance(factor, [source["name"] for source in sources])
 
 
-def friction_in(folder: Path) -> Artifact | None:
-    """Return the friction artifact in a folder; None if there is none that can be read."""
-    try:
-        return read_artifact(folder / "friction.parquet", "friction")
-    except ArtifactError:
-        return None
-
-
-def friction_of(surface: Artifact, folder: Path) -> Artifact | None:
-    """Return the friction artifact that the surface was made from, if it is still in the folder."""
-    friction = friction_in(folder)
-    if friction is None:
-        return None
-    refuse_misfits([surface], [friction])
-    return friction if friction.sha256 == surface.record.inputs.get("friction") else None
-
-
-def law_of(item: Artifact | Outcome[Any], temperature_degC: float | None = None) -> NormalLaw:
-    """Return the normal contact law of a stiffness table; see `load_stiffness`."""
-    temperatures = item.columns["temperature_degC"]
-    if temperature_degC is None:
-        rows = np.flatnonzero(np.isnan(temperatures))
-    else:
-        rows = np.flatnonzero(np.abs(temperatures - temperature_degC) <= 5.0)
-        rows = rows[np.argsort(np.abs(temperatures[rows] - temperature_degC), kind="stable")]
-    if rows.size == 0:
-        known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
-        wanted = "pooled law" if temperature_degC is None else f"law at {temperature_degC:g} °C"
-        name = getattr(item, "path", "stiffness")
-        raise InputError(f"{name}: no {wanted}; temperatures with a law: {known}")
+def law_from(law: Any, temperature_degC: float | None = None) -> NormalLaw:
+    """Return a normal contact law given as such, or as a result; see `load_stiffness`."""
+    if isinstance(law, NormalLaw):
+        return law
+    if not isinstance(law, (Outcome, Artifact)) or law.kind != "stiffness":
+        raise ArgumentTypeError(
+            f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result "
+            "of fit_stiffness(FRAME)"
+        )
+    row = pooled_row(law) if temperature_degC is None else _row_at(law, temperature_degC)
     names = ("k_linear_N_m2", "k_quadratic_N_m3")
-    return NormalLaw(*(float(item.columns[name][rows[0]]) for name in names))
+    return NormalLaw(*(float(law.columns[name][row]) for name in names))
+
+
+def pooled_row(law: Artifact | Outcome[Any]) -> int:
+    """Return the row of the law over all temperatures."""
+    rows = np.flatnonzero(np.isnan(law.columns["temperature_degC"]))
+    if not rows.size:
+        raise InputError(f"{getattr(law, 'path', 'stiffness')}: no pooled law")
+    return int(rows[0])
+
+
+def _row_at(law: Artifact | Outcome[Any], temperature_degC: float) -> int:
+    """Return the row of the law at the nearest measured temperature."""
+    temperatures = law.columns["temperature_degC"]
+    distance = np.abs(temperatures - temperature_degC)
+    if not np.any(distance <= NEAR_DEGC):
+        known = ", ".join(f"{t:g}" for t in temperatures[~np.isnan(temperatures)]) or "none"
+        name = getattr(law, "path", "stiffness")
+        raise InputError(
+            f"{name}: no law at {temperature_degC:g} °C; temperatures with a law: {known}"
+        )
+    return int(np.nanargmin(distance))
 
 
 def press_law(law: Any, config: Config) -> PressLaw:
     """Return a contact law with the scatter of its fit, which only a fitted table contains."""
-    covariance, depth = np.zeros((2, 2)), 1.0e-4
-    normal = checked_law(law)
+    covariance, depth, normal = np.zeros((2, 2)), 1.0e-4, law_from(law)
     if isinstance(law, (Artifact, Outcome)):
-        pooled = int(np.flatnonzero(np.isnan(law.columns["temperature_degC"]))[0])
+        pooled = pooled_row(law)
         stored = law.columns["covariance"][pooled].reshape(2, 2)
         covariance = np.where(np.isfinite(stored), stored, 0.0)
         depth = float(law.columns["max_penetration_m"][pooled])
@@ -188,31 +206,43 @@ def friction_columns(
     return columns
 
 
-def surface_from(surface: Any) -> FrictionSurface:
-    """Return a friction surface given as such, as a result, or as a constant coefficient."""
-    if isinstance(surface, (Outcome, Artifact)) and surface.kind == "surface":
-        return surface_of(surface)
-    if isinstance(surface, FrictionSurface):
-        return surface
-    if not is_number(surface):
-        raise ArgumentTypeError(
-            f"surface = {shown(surface)}, must be a FrictionSurface such as load_surface(PATH), "
-            "the result of build_surface or refine_surface, or a number (constant mu)"
-        )
-    if not 0.0 < surface < math.inf:
-        raise InputError(f"surface = {float(surface):g}, must be > 0 and finite (constant mu)")
-    return FrictionSurface.constant(float(surface))
+def friction_in(folder: Path) -> Artifact | None:
+    """Return the friction artifact in a folder; None if there is none that can be read."""
+    try:
+        return read_artifact(folder / "friction.parquet", "friction")
+    except ArtifactError:
+        return None
 
 
-def checked_law(law: Any) -> NormalLaw:
-    """Return a normal law given as such or as a result; otherwise raise an error."""
-    if isinstance(law, (Outcome, Artifact)) and law.kind == "stiffness":
-        return law_of(law)
-    if isinstance(law, NormalLaw):
-        return law
-    raise ArgumentTypeError(
-        f"law = {shown(law)}, must be a NormalLaw such as load_stiffness(PATH), or the result of "
-        "fit_stiffness(FRAME)"
+def friction_of(surface: Artifact) -> Artifact | None:
+    """Return the friction artifact beside a surface that was made from it; None if there is none.
+
+    Raises
+    ------
+    ArtifactError
+        If that of the same recording is another one.
+    """
+    friction = friction_in(surface.path.parent)
+    if friction is None:
+        return None
+    refuse_misfits([surface], [friction])
+    return friction if friction.sha256 == surface.record.inputs.get("friction") else None
+
+
+def standard_uncertainties(config: Config) -> StandardUncertainties:
+    """Return the standard uncertainties of a config in SI, and which of them were stated.
+
+    Those of the torque are zero on a rig without a torque cell; that of the belt's mass is zero on
+    a rig whose belt does not run.
+    """
+    section = config.uncertainty
+    values = {UNIT.sub("", key): value for key, value in section.si().items()}
+    if config.rig.kind != "running":
+        values["mass_per_length"] = 0.0
+    if config.rig.measures not in ("torque", "torque_hub"):
+        values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
+    return StandardUncertainties(
+        values, frozenset(UNIT.sub("", key) for key in section.model_fields_set)
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -30,20 +30,16 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
 
     Folders, patterns and zip files are opened in the same way as by the stage that reads them.
     """
-    path = source.path
-    assert path is not None
-    places = read_source(path)
     data, tables = source.config.data.files, source.config.run_tables
     problems: list[str] = []
     if not data:
         text = "data names no recording, must be at least one of press, rig and speedloss"
-        problems.append(f"{places.at(places.place(('data',)))}{text}")
+        problems.append(f"{_place(source, ('data',))}{text}")
     named: dict[KeyPath, Path] = {("data", kind): file for kind, file in data.items()}
     named |= {("runs", kind, "table"): file for kind, file in tables.items()}
     for keys, file in named.items():
-        place = f"{places.at(places.place(keys))}{format_path(keys)}"
-        for problem in _file_problems(file, list(tables.values())):
-            problems.append(f"{place} = {problem}")
+        place = f"{_place(source, keys)}{format_path(keys)}"
+        problems += [f"{place} = {line}" for line in _file_problems(file, tables.values())]
     return problems
 
 
@@ -60,37 +56,18 @@ def unread_recordings(config: Config) -> list[str]:
     return problems
 
 
-def mismatched_kinds(source: ConfigSource) -> list[str]:
-    """Return problems of text files whose columns are those of another kind of recording."""
-    from beltid.bench.inspection import kind_of_file
-
-    config, path = source.config, source.path
-    assert path is not None
-    places, data = read_source(path), config.data.files
-    found_kinds = {kind: kind_of_file(file, config, kind) for kind, file in data.items()}
-    mismatched = {kind: found for kind, found in found_kinds.items() if found not in ("", kind)}
-    problems: list[str] = []
-    for kind, found in mismatched.items():
-        if mismatched.get(found) != kind:
-            text = f"data.{kind} = {data[kind]}, holds the columns of a {found} recording"
-        elif list(mismatched).index(kind) < list(mismatched).index(found):
-            text = (
-                f"data.{kind} and data.{found} are swapped: {data[kind]} holds the columns of "
-                f"a {found} recording, {data[found]} those of a {kind} recording"
-            )
-        else:
-            continue
-        where = places.at(places.place(("data", kind)))
-        problems.append(f"{where}{text}")
-    return problems
+def _place(source: ConfigSource, keys: KeyPath) -> str:
+    assert source.path is not None
+    places = read_source(source.path)
+    return places.at(places.place(keys))
 
 
-def _file_problems(file: Path, tables: list[Path]) -> Iterator[str]:
-    """Yield the problems of the files of a path, as the text after its key."""
+def _file_problems(file: Path, tables: Iterable[Path]) -> tuple[str, ...]:
+    """Return the problems of the files of a path, as the text after its key."""
     if not exists(file):
-        yield f"{file}, there is no such file"
-        return
+        return (f"{file}, there is no such file",)
     try:
-        sources_of(file, tables)
+        sources_of(file, list(tables))
     except InputError as error:
-        yield from error.problems
+        return error.problems
+    return ()

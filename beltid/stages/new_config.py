@@ -20,7 +20,7 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.file_sections import file_sections, section_lines
+from beltid.stages.inspect_file import file_sections, section_lines
 from beltid.stages.planned_runs import nominal_settings
 from beltid.store.artifact import plain
 from beltid.store.disk import write_text
@@ -41,41 +41,49 @@ MOST_SETTINGS: Final = 30
 
 def run(name: str, files: Sequence[Path], out: Path | None, *, force: bool = False) -> Summary:
     """Write the config of a new belt."""
-    path = out or Path(f"{name}.yaml")
-    values, sources = _of_name(name)
-    load_config(_sections(values))  # checks the name
+    path, values = out or Path(f"{name}.yaml"), _of_name(name)
+    sources = dict.fromkeys(values, "from the name")
+    _config(values)  # checks the name
     recordings = {f"recording {file}": file for file in files}
     check_place(path, (".yaml", ".yml"), anyone_s, inputs=recordings, force=force)
-    problems: list[str] = []
-    sections: dict[str, Any] = {}
+    problems, sections = list[str](), []
     for file in files:
         try:
             inspection = _inspected(file)
         except InputError as error:
             problems += error.problems
             continue
-        found = _stated_by(inspection, file, path.parent)
-        sections[inspection.kind] = file_sections(inspection, Config())
-        key = next(iter(found))
+        key, found = f"data.{inspection.kind}", _stated_by(inspection)
         if key in values:
             problems.append(f"{file}: a second recording for {key}, beside {values[key]}")
-        values |= found
-        sources |= dict.fromkeys(found, f"from {file}") | {key: "recognised by its channels"}
+        values |= {key: Path(os.path.relpath(file, path.parent)).as_posix(), **found}
+        sources |= {key: "recognised by its channels", **dict.fromkeys(found, f"from {file}")}
+        sections.append(file_sections(inspection, Config()))
     if problems:
         raise InputError(problems)
-    config = load_config(_sections(values))
-    text = "\n".join([template_text(config, sources), *section_lines(sections), ""])
-    write_text(path, text)
-    return _summary(path, config, sources)
+    config = _config(values)
+    write_text(path, "\n".join([template_text(config, sources), *section_lines(sections), ""]))
+    rows = [
+        {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
+        for place, value, _ in effective_values(config)
+        if place[0] in SECTIONS and (key := format_path(place))
+    ]
+    return Summary(
+        stage="init",
+        title=f"config of the belt {config.belt.name}",
+        out=path,
+        facts={"stated": len(sources), "defaults": len(rows) - len(sources)},
+        table=rows,
+        overview=[row for row in rows if row["key"] in sources],
+        origin=config.data.origin,
+    )
 
 
-def _of_name(name: str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the values that follow from a name, and from where: 6pk is a 6PK with six ribs."""
-    values: dict[str, Any] = {"belt.name": name}
+def _of_name(name: str) -> dict[str, Any]:
+    """Return the values that follow from a name: 6pk is a 6PK with six ribs."""
     match = re.fullmatch(r"(\d{1,2})p[hjklm]", name, re.IGNORECASE)
-    if match:
-        values |= {"belt.type": name.upper(), "belt.ribs": int(match[1])}
-    return values, dict.fromkeys(values, "from the name")
+    more = {"belt.type": name.upper(), "belt.ribs": int(match[1])} if match else {}
+    return {"belt.name": name, **more}
 
 
 def _inspected(file: Path) -> Inspection:
@@ -87,22 +95,18 @@ def _inspected(file: Path) -> Inspection:
             f"`beltid inspect {file}` shows its channels"
         )
     for line in inspection.problems[:1]:
-        log.warning(
-            "%s",
-            f"data.{inspection.kind}: {line}; `beltid inspect {file}` lists everything that must "
-            "be stated",
-        )
+        more = f"`beltid inspect {file}` lists everything that must be stated"
+        log.warning("data.%s: %s; %s", inspection.kind, line, more)
     return inspection
 
 
-def _stated_by(inspection: Inspection, file: Path, folder: Path) -> dict[str, Any]:
-    """Return what a recording states, by config key: its path, and for the rig its settings."""
-    place = Path(os.path.relpath(file, folder)).as_posix()
-    values: dict[str, Any] = {f"data.{inspection.kind}": place}
-    if inspection.kind == "rig":
-        values |= {f"rig.{name}": word for name, word in inspection.rig.items()}
-        values |= _settings(inspection.runs)
-    return values
+def _stated_by(inspection: Inspection) -> dict[str, Any]:
+    """Return what a recording of the rig states by config key: its kind and its settings."""
+    if inspection.kind != "rig":
+        return {}
+    return {f"rig.{name}": word for name, word in inspection.rig.items()} | _settings(
+        inspection.runs
+    )
 
 
 def _settings(runs: Sequence[RunView]) -> dict[str, list[float]]:
@@ -113,38 +117,16 @@ def _settings(runs: Sequence[RunView]) -> dict[str, list[float]]:
         snapped = nominal_settings(np.array(recorded), gap)
         settings = sorted({float(f"{value:.4g}") for value in snapped})
         if len(settings) > MOST_SETTINGS:
-            log.info(
-                "%s is left open: the recording has %d values, which are used unless the config "
-                "states others",
-                key,
-                len(settings),
-            )
+            text = "%s is left open: the recording has %d values, which are used"
+            log.info(text, key, len(settings))
         elif settings:
             values[key] = settings
     return values
 
 
-def _sections(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _config(values: Mapping[str, Any]) -> Config:
     sections: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
         section, _, name = key.partition(".")
         sections.setdefault(section, {})[name] = value
-    return sections
-
-
-def _summary(path: Path, config: Config, sources: Mapping[str, str]) -> Summary:
-    """Summarise every key with its value and origin; the overview omits defaults."""
-    rows = [
-        {"key": key, "value": plain(value), "origin": sources.get(key, "default")}
-        for path, value, _ in effective_values(config)
-        if path[0] in SECTIONS and (key := format_path(path))
-    ]
-    return Summary(
-        stage="init",
-        title=f"config of the belt {config.belt.name}",
-        out=path,
-        facts={"stated": len(sources), "defaults": len(rows) - len(sources)},
-        table=rows,
-        overview=[row for row in rows if row["key"] in sources],
-        origin=config.data.origin,
-    )
+    return load_config(sections)

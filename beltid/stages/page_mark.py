@@ -13,10 +13,10 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from beltid._version import __version__
-from beltid.config import Config, ConfigSource, find_config, load_config
+from beltid.config import Config, ConfigSource, find_config
 from beltid.errors import ArtifactError, BeltidError, ConfigError
 from beltid.notes import log
-from beltid.store.artifact import Record, read_artifact
+from beltid.store.artifact import read_artifact
 from beltid.store.disk import page_source_sha256, read_bytes, sha256
 from beltid.store.place import FOREIGN, OURS, check_place
 
@@ -30,22 +30,15 @@ MARK: Final = re.compile(
 )
 SEAL: Final = "<!-- SHA-256 of all above: {} -->\n"
 """Last line of a page."""
-EMPTY_SEAL: Final = SEAL.format("0" * 64)
 ARTIFACTS: Final = {
-    "stiffness": "stiffness",
-    "slip": "slip",
-    "friction": "friction",
-    "surface": "surface",
+    **{kind: kind for kind in ("stiffness", "slip", "friction", "surface")},
     "surface_refined": "surface",
     "simulated": "simulated",
     "compare": "compare",
     "simulated_refined": "simulated",
     "compare_refined": "compare",
-    "crossvalidation": "crossvalidation",
-    "drive": "drive",
-    "compare_drive": "compare_drive",
-    "press_curves": "press_curves",
-    "rig_curves": "rig_curves",
+    **{kind: kind for kind in ("crossvalidation", "drive", "compare_drive")},
+    **{kind: kind for kind in ("press_curves", "rig_curves")},
 }
 """Artifacts that a report shows: file name -> kind."""
 CURVES: Final = ("press_curves", "rig_curves")
@@ -54,47 +47,37 @@ CURVES: Final = ("press_curves", "rig_curves")
 
 @dataclass(frozen=True, slots=True)
 class OnPage:
-    """A belt on a page, by the results in its folder.
-
-    Attributes
-    ----------
-    folder : Path
-        The folder.
-    config : Config or None
-        Its config, if known; results of recordings that it does not name are not shown.
-    made : collection of str, optional
-        Names of the results that `run` has made or found up to date; others are not shown.
-    failures : tuple of str
-        Stages that failed, each with its exit status and its message.
-    """
+    """A belt on a page, by the results in its folder."""
 
     folder: Path
     config: Config | None
+    """Its config, if known; results of recordings that it does not name are not shown."""
     made: Collection[str] | None = None
+    """Names of the results that `run` has made or found up to date; others are not shown."""
     failures: tuple[str, ...] = ()
+    """Stages that failed, each with its exit status and its message."""
 
     @property
-    def facts(self) -> tuple[str, ...]:
-        """Type and number of ribs of the belt."""
-        if self.config is None:
-            return ()
-        return self.config.belt.type, f"{self.config.belt.ribs} ribs"
+    def recordings(self) -> list[str]:
+        """Kinds of the recordings that the config names; empty if it is not known."""
+        return [] if self.config is None else sorted(self.config.data.files)
+
+    def is_left(self, name: str) -> bool:
+        """Return whether an artifact is left from an earlier run."""
+        return self.made is not None and name not in (*self.made, *CURVES)
 
     def content(self) -> list[Any]:
         """Return everything that a page is made from, as plain values."""
-        shown, left_out = {}, []
-        for name in ARTIFACTS:
-            path = self.folder / f"{name}.parquet"
+        paths = {name: self.folder / f"{name}.parquet" for name in ARTIFACTS}
+        shown = {}
+        for name, path in paths.items():
             if path.exists():
                 try:
                     shown[name] = sha256(read_bytes(path, ArtifactError))
                 except ArtifactError as error:
                     shown[name] = str(error)
-                if self.made is not None and name not in (*self.made, *CURVES):
-                    left_out.append(name)
-        named = [] if self.config is None else sorted(self.config.data.files)
-        name = self.folder.resolve().name
-        return [name, shown, left_out, named, self.facts, self.failures]
+        left = [name for name in shown if self.is_left(name)]
+        return [self.folder.resolve().name, shown, left, self.recordings, self.failures]
 
 
 def made_from(*belts: OnPage, words: Collection[str] = ()) -> str:
@@ -121,13 +104,6 @@ def sealed(text: str) -> str:
     return text + SEAL.format(sha256(text.encode()))
 
 
-def is_intact(page: Path) -> bool:
-    """Return whether a report page is as it was written."""
-    data = read_bytes(page, ArtifactError)
-    seal = SEAL.format(sha256(data[: -len(EMPTY_SEAL)]))
-    return data.endswith(seal.encode())
-
-
 def up_to_date(out: Path, mark: str, *, force: bool) -> bool:
     """Return whether the page at `out` is up to date; refuse to replace any other file."""
 
@@ -135,7 +111,11 @@ def up_to_date(out: Path, mark: str, *, force: bool) -> bool:
         return OURS if mark_of(page) else FOREIGN
 
     check_place(out, SUFFIXES, whose, force=force)
-    return not force and out.exists() and mark_of(out) == mark and is_intact(out)
+    if force or not out.exists() or mark_of(out) != mark:
+        return False
+    text = read_bytes(out, ArtifactError)  # a page that was edited is written again
+    body = text[: -len(SEAL.format("0" * 64))]
+    return text == body + SEAL.format(sha256(body)).encode()
 
 
 def reported_in(folder: Path) -> list[Path]:
@@ -143,44 +123,18 @@ def reported_in(folder: Path) -> list[Path]:
 
     The page that compares belts thus keeps those of earlier calls.
     """
-    return [
-        page.parent
-        for page in sorted(folder.glob(f"*/{NAME}"))
-        if not page.parent.is_symlink() and mark_of(page)
-    ]
+    return [page.parent for page in sorted(folder.glob(f"*/{NAME}")) if mark_of(page)]
 
 
 def config_of(folder: Path) -> Config | None:
-    """Return the config that the results in a folder were made with, or None if not found."""
-    for name in ("friction", "stiffness", "slip"):
-        try:
-            record = read_artifact(folder / f"{name}.parquet", name).record
-        except ArtifactError:
-            continue
-        source = config_of_results(folder, record)
-        if source is not None:
-            return source.config
-    return None
-
-
-def config_of_results(folder: Path, made_with: Record) -> ConfigSource | None:
-    """Find the config that results were made with, by its hash; None if it is not found.
-
-    The search covers the folder of the results, the current folder, the folders above them, and
-    their subfolders ``configs``.
-    """
-    candidates = []
+    """Return the config found for a folder if its results were made with it, else None."""
     with contextlib.suppress(ConfigError):
-        candidates.append(find_config(folder / "stiffness.parquet"))
-    name = made_with.config or ""
-    folders = dict.fromkeys([Path(), *(Path(p) for p in folder.resolve().parents)])
-    for parent in folders if name else ():
-        for path in (parent / name, parent / "configs" / name):
-            with contextlib.suppress(ConfigError):
-                if path.is_file():
-                    candidates.append(ConfigSource(load_config(path), f"{path}", path))
-    sha256 = made_with.config_sha256
-    return next((c for c in candidates if c.config.sha256 == sha256), None)
+        config = find_config(folder / "stiffness.parquet").config
+        for name in ("friction", "stiffness", "slip"):
+            with contextlib.suppress(ArtifactError):
+                made_with = read_artifact(folder / f"{name}.parquet", name).record.config_sha256
+                return config if made_with == config.sha256 else None
+    return None
 
 
 def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> None:
@@ -189,12 +143,13 @@ def keep_curves(source: ConfigSource, folder: Path, *, force: bool = False) -> N
     from beltid.stages import steps  # noqa: F401  (registers the stages)
 
     data, friction = source.config.data, folder / "friction.parquet"
-    wanted: list[tuple[Any, dict[str, Path]]] = []
+    wanted: dict[str, dict[str, Path]] = {}
     if data.press is not None and (folder / "stiffness.parquet").exists():
-        wanted.append((STAGES["press-curves"], {"frame": data.press}))
+        wanted["press-curves"] = {"frame": data.press}
     if data.rig is not None and friction.exists():
-        wanted.append((STAGES["rig-curves"], {"frame": data.rig, "friction": friction}))
-    for stage, files in wanted:
+        wanted["rig-curves"] = {"frame": data.rig, "friction": friction}
+    for name, files in wanted.items():
+        stage = STAGES[name]
         try:
             stage.run(source, files, folder / f"{stage.makes}.parquet", force=force)
         except BeltidError as error:

@@ -2,102 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import ConvergenceError, InputError
+from beltid.errors import ArgumentTypeError, ConvergenceError, InputError, counted
+from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
 from beltid.plan.advice import Plan, choose_plan
-from beltid.plan.candidates import Candidates, Settings, simulate_candidates
-from beltid.plan.knowledge import knowledge_at
+from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
+from beltid.plan.knowledge import KnownSurface, knowledge_at, sources_of_plan
 from beltid.plan.session import schedule
 from beltid.plan.target import Target, surface_target
 from beltid.stage import Outcome
-from beltid.stages.campaign import bench_of
-from beltid.stages.inputs import friction_columns, friction_of, press_law
-from beltid.stages.plan_inputs import Present, known_surface, present_knowledge, rig_settings
-from beltid.stages.plan_tables import (
-    COLUMNS,
-    csv_bytes,
-    is_plan,
-    region_rows,
-    session_rows,
-    statement_rows,
-    verdict,
+from beltid.stages.columns import ok_rows
+from beltid.stages.friction import rig_kind
+from beltid.stages.inputs import (
+    friction_columns,
+    friction_of,
+    press_law,
+    shown,
+    standard_uncertainties,
+    surface_from,
 )
-from beltid.stages.reduction import rig_kind
-from beltid.stages.refinement import NEEDED
+from beltid.stages.planned_runs import KEYS, measured_settings, setting_lists
+from beltid.stages.refine import NEEDED
+from beltid.stages.rig import bench_of
 from beltid.store.artifact import Artifact, combined_origin
-from beltid.store.place import anyone_s
+from beltid.uncertainty.measured import measured_runs, valid_rows
+from beltid.uncertainty.sources import EFFECT_SOURCES, FITTED, Source, sources_of
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-REVERSED: Final = (
-    "a negative speed turns the pulley the other way: runs in both directions tell the gain of the "
-    "load cells from friction"
+USUAL_LAW: Final = NormalLaw(6.5e7, 3.0256e11)
+"""Contact law of the paper's 5PK belt, Eq. (3), for a plan before any measurement."""
+MOST_SETTINGS: Final = 12  # arcs, tensions or speeds of the candidates of a plan
+MOST_STATEMENTS: Final = 6
+COLUMNS: Final = (
+    *("order", "arc_deg", "initial_tension_N", "pulley_speed_rad_s", "repeat", "repeats"),
+    *("start_minutes", "gain_percent", "slip_speed_m_s", "normal_force_N_m", "based_on"),
+    "needed_for",
 )
-CANDIDATES: Final = "%d candidates, simulated with the present surface"
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """Goal of a plan.
-
-    Attributes
-    ----------
-    runs : int
-        Maximum number of runs to plan.
-    goal_u : float
-        Sufficient relative standard uncertainty of mu [-].
-    """
-
-    runs: int
-    goal_u: float
-
-    def __post_init__(self) -> None:
-        problems = []
-        if self.runs < 1:
-            problems.append(f"--runs = {self.runs}, must be >= 1")
-        if not 0.0 <= self.goal_u < 1.0:
-            problems.append(f"--goal-u = {self.goal_u:g}, must be in [0, 1)")
-        if problems:
-            raise InputError(problems)
+Columns = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedRuns:
-    """The next runs of a rig, in the order of the session.
-
-    Attributes
-    ----------
-    plan : Plan
-        Gain of the runs, remaining uncertainty, and whether to stop.
-    target : Target
-        Where the surface has to be known.
-    candidates : Candidates
-        The settings that the runs were chosen from.
-    rows : list of dict
-        A row per run: settings, repetition, minutes, gain.
-    notes : tuple of str
-        Assumptions.
-    """
+    """The next runs of a rig."""
 
     plan: Plan
+    """Gain of the runs, remaining uncertainty, and whether to stop."""
     target: Target
-    candidates: Candidates
-    rows: list[dict[str, Any]]
-    notes: tuple[str, ...]
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return the runs as a table with the columns of plan.csv, a row per run."""
-        import pandas as pd
-
-        return pd.DataFrame(self.rows, columns=list(COLUMNS))
+    """Where the surface has to be known."""
 
 
 def planned(
@@ -107,95 +64,248 @@ def planned(
 
     The settings of the rig are those of these runs, else of those that the surface was made from.
     """
-    wanted = Wanted(runs, goal_u)
-    noise = None if friction is None else friction_columns(friction, NEEDED)
-    set_by = noise
+    _check(runs, goal_u)
+    noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact):
-        beside = friction_of(surface, surface.path.parent)
+        beside = friction_of(surface)
         set_by = None if beside is None else beside.columns
-    settings, notes = rig_settings(config, set_by)
-    known = None if surface is None else known_surface(surface)
-    press = None if law is None else press_law(law, config)
-    present = present_knowledge(known, press, noise, settings, config)
-    log.info(CANDIDATES, len(settings.points()))
-    origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
-    based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
-    found = _planned(present, settings, config, wanted, based_on)
-    found = replace(found, notes=(*notes, *found.notes))
-    return Outcome(
-        {name: np.array([row[name] for row in found.rows]) for name in COLUMNS},
-        found,
-        facts=_facts(found, wanted, config),
-        tables={"regions": region_rows(found.plan), "statements": statement_rows(found.plan)},
-        notes=found.notes,
-        verdict=verdict(found.plan, goal_u),
-    )
-
-
-def written(outcome: Outcome[PlannedRuns]) -> bytes:
-    """Return the table for the operator of the bench as CSV."""
-    return csv_bytes(outcome.result.rows)
-
-
-def whose(path: Path) -> str:
-    """Say what an existing file is; a table that is no plan may be a recording and must stay."""
-    if is_plan(path):
-        return anyone_s(path)
-    raise InputError(f"{path}: is a file that `beltid plan` did not write, never replaced; name "
-                     "another --out")  # fmt: skip
-
-
-def _facts(planned: PlannedRuns, wanted: Wanted, config: Config) -> dict[str, Any]:
-    """Return the key figures of a plan; the session ends with its last run."""
-    plan, rows = planned.plan, planned.rows
-    minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
-    return {
-        "candidates": planned.candidates.measured.mu.size,
-        "runs": len(rows),
-        "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
-        "session_minutes": minutes,
-        "uncertainty_before_percent": 100.0 * plan.before,
-        "uncertainty_after_percent": 100.0 * plan.after,
-        "goal_percent": 100.0 * wanted.goal_u,
-        "shared_by_all_runs_percent": 100.0 * plan.shared,
-        "stop": plan.stop,
-    }
-
-
-def _planned(
-    present: Present, settings: Settings, config: Config, wanted: Wanted, based_on: str
-) -> PlannedRuns:
-    """Make the plan from the present knowledge and its assumptions."""
+    settings, notes = _rig_settings(config, set_by)
+    known = None if surface is None else _known_surface(surface)
+    if law is None:
+        notes.append("no data: contact law of the paper's 5PK belt")
+    press = press_law(USUAL_LAW if law is None else law, config)
+    stated = standard_uncertainties(config)
+    sources = sources_of_plan(known, stated, settings.arcs_deg, press.has_scatter)
+    if known is None:
+        notes.append("no data: mu from 0.7 to 1.5 with usual slopes over force and speed")
+    elif other := known.stated_otherwise(stated, press.has_scatter):
+        notes.append(
+            f"stated differently when the surface was made: {', '.join(other)}; the earlier values "
+            "are used"
+        )
+    noise, columns = _noise(noise_of, 1.0 if known is None else known.noise_scale, config)
+    if noise_of is None:
+        notes.append(
+            f"noise of a run: {100.0 * noise.friction:g} % of mu and {noise.tension:g} N of the "
+            "tensions; --from friction.parquet uses that of its runs"
+        )
+    log.info("%d candidates, simulated with the present surface", len(settings.points()))
     try:
         candidates = simulate_candidates(
-            bench_of(config, 1.0, present.press.law),
-            present.press,
+            bench_of(config, 1.0, press.law),
+            press,
             settings,
-            present.arcs_deg,
-            None if present.surface is None else present.surface.surface,
+            () if known is None else tuple(known.arcs_deg),
+            None if known is None else known.surface,
             rig_kind(config),
         )
     except ConvergenceError as error:
         where = "a setting of plan: (without it of rig:) cannot be simulated, must be left out"
         raise ConvergenceError(error.at(where)) from error
-    ranges = [
-        (float(x.min()), float(x.max()))
-        for x in (candidates.measured.normal_force, candidates.measured.slip_speed)
-    ]
-    target = surface_target(candidates.curves, ranges[0], ranges[1])
-    lines = candidates.rows(present.sources, present.noise, present.columns)
-    before = knowledge_at(candidates.curves, present.surface, len(present.sources))
-    sources, reverse = present.sources, candidates.can_reverse
-    plan = choose_plan(before, lines, target, sources, wanted.runs, wanted.goal_u, reverse)
-    ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
-    session = schedule(
-        plan.chosen,
-        ways,
-        config.plan.minutes_per_run,
-        config.plan.minutes_per_arc_change,
+    force, speed = candidates.measured.normal_force, candidates.measured.slip_speed
+    ranges = ((float(x.min()), float(x.max())) for x in (force, speed))
+    target = surface_target(candidates.curves, *ranges)
+    plan = choose_plan(
+        knowledge_at(candidates.curves, known, len(sources)),
+        candidates.rows(sources, noise, columns),
+        target,
+        sources,
+        runs,
+        goal_u,
+        candidates.can_reverse,
     )
-    rows = session_rows(session, plan, ways, candidates.measured, based_on)
-    notes = present.notes
+    origins = [item.origin for item in (surface, law, friction) if hasattr(item, "origin")]
+    based_on = (combined_origin(origins) or "unknown") if origins else "usual values"
+    rows = _session_rows(plan, settings, candidates, config, based_on)
     if any(row["pulley_speed_rad_s"] < 0.0 for row in rows):
-        notes = (*notes, REVERSED)
-    return PlannedRuns(plan, target, candidates, rows, notes)
+        notes.append(
+            "a negative speed turns the pulley the other way: runs in both directions tell the "
+            "gain of the load cells from friction"
+        )
+    minutes = rows[-1]["start_minutes"] + config.plan.minutes_per_run if rows else 0.0
+    return Outcome(
+        {name: np.array([row[name] for row in rows]) for name in COLUMNS},
+        PlannedRuns(plan, target),
+        facts={
+            "candidates": candidates.measured.mu.size,
+            "runs": len(rows),
+            "arc_changes": max(len({row["arc_deg"] for row in rows}) - 1, 0),
+            "session_minutes": minutes,
+            "uncertainty_before_percent": 100.0 * plan.before,
+            "uncertainty_after_percent": 100.0 * plan.after,
+            "goal_percent": 100.0 * goal_u,
+            "shared_by_all_runs_percent": 100.0 * plan.shared,
+            "stop": plan.stop,
+        },
+        tables={
+            "regions": [
+                {
+                    "force_range_N_m": region.force,
+                    "speed_range_m_s": region.speed,
+                    "before_percent": 100.0 * region.before,
+                    "after_percent": 100.0 * region.after,
+                }
+                for region in plan.regions
+            ],
+            "statements": [
+                {
+                    "source": statement.source.name,
+                    "known": statement.source.basis,
+                    "uncertainty": _size(statement.source),
+                    "contribution_percent": 100.0 * statement.contribution,
+                    "surface_then_percent": 100.0 * statement.halved,
+                }
+                for statement in plan.statements[:MOST_STATEMENTS]
+            ],
+        },
+        notes=tuple(notes),
+        verdict=_verdict(plan, goal_u),
+    )
+
+
+def written(outcome: Outcome[PlannedRuns]) -> bytes:
+    """Return the table for the operator of the bench as CSV."""
+    rows = zip(*(values.tolist() for values in outcome.columns.values()), strict=True)
+    lines = [",".join(outcome.columns)]
+    for row in rows:
+        lines.append(",".join(f"{v:.6g}" if isinstance(v, float) else str(v) for v in row))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _check(runs: int, goal_u: float) -> None:
+    problems = [] if runs >= 1 else [f"--runs = {runs}, must be >= 1"]
+    if not 0.0 <= goal_u < 1.0:
+        problems.append(f"--goal-u = {goal_u:g}, must be in [0, 1)")
+    if problems:
+        raise InputError(problems)
+
+
+def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, list[str]]:
+    """Return the possible settings of the rig, and a note on those that are assumed.
+
+    Each list is that of the section plan, else that stated under rig, else that of the runs, else
+    the built-in one.
+    """
+    measured = None
+    if friction is not None and all(name in friction for name in KEYS):
+        measured = measured_settings(friction, config)
+    if measured is not None and not measured.size:
+        measured = None
+    stated = config.plan.arcs_deg, config.plan.tension_N, config.plan.speed_rad_s
+    fallbacks = [_thinned(values) for values in setting_lists(config, measured)]
+    assumed = [
+        f"{key}: {', '.join(f'{value:g}' for value in values)}"
+        for (key, _), of_plan, values in zip(KEYS.values(), stated, fallbacks, strict=True)
+        if not of_plan and measured is None and key not in config.rig.model_fields_set
+    ]
+    notes = [f"the possible settings of the rig are not stated, assumed: {'; '.join(assumed)}"]
+    lists = (tuple(of or values) for of, values in zip(stated, fallbacks, strict=True))
+    return Settings(*lists), notes if assumed else []
+
+
+def _thinned(values: Sequence[float]) -> list[float]:
+    """Thin a long list of settings, as when each run has its own value; keep both ends."""
+    ordered = sorted(values)
+    indices = np.linspace(0, len(ordered) - 1, min(len(ordered), MOST_SETTINGS)).round().astype(int)
+    return [ordered[k] for k in indices]
+
+
+def _known_surface(surface: Any) -> KnownSurface:
+    """Return the known surface of an artifact or a result."""
+    if not isinstance(surface, (Artifact, Outcome)) or surface.kind != "surface":
+        raise ArgumentTypeError(
+            f"surface = {shown(surface)}, must be the result of refine_surface or build_surface: "
+            "the plan needs its covariance by source"
+        )
+    found, stored = surface_from(surface), surface.facts.get("uncertainty")
+    if found.factor is None or stored is None:
+        raise InputError(f"{getattr(surface, 'path', 'surface')}: has no covariance")
+    sources = sources_of(stored["sources"])
+    return KnownSurface(
+        surface=found,
+        sources=sources,
+        changes=found.factor[..., : len(sources)],
+        scatter=found.factor[..., len(sources) :],
+        arcs_deg=np.asarray(stored["arcs_deg"], dtype=float),
+        noise_scale=surface.facts.get("noise_over_stated_errors") or 1.0,
+    )
+
+
+def _noise(
+    friction: Columns | None, scale: float, config: Config
+) -> tuple[NoiseLaw, dict[str, float]]:
+    """Return the noise of a run, and the change of ln mu of a run by errors of the reduction."""
+    if friction is None:
+        return NoiseLaw(scale=scale), {}
+    ok, rig = valid_rows(friction, np.flatnonzero(ok_rows(friction))), config.rig_params()
+    runs = measured_runs(friction, ok, rig.R, rig_kind(config), rig.given_force)
+    columns = {key: float(np.mean(change)) for key, change in runs.columns.items()}
+    return noise_law(runs, scale), columns
+
+
+def _session_rows(
+    plan: Plan, settings: Settings, candidates: Candidates, config: Config, based_on: str
+) -> list[dict[str, Any]]:
+    """Return a row per run in the order of the session.
+
+    A run that the plan requires, for its arc or as a repetition, may have no gain of its own.
+    """
+    ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
+    section, measured = config.plan, candidates.measured
+    session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
+    gains = dict(zip(plan.chosen, plan.gains, strict=True))
+    rows = []
+    for order, scheduled in enumerate(session, start=1):
+        run, like = scheduled.run, scheduled.run % measured.mu.size
+        rows.append(
+            {
+                "order": order,
+                "arc_deg": round(float(np.degrees(ways[run][0])), 9),
+                "initial_tension_N": ways[run][1],
+                "pulley_speed_rad_s": ways[run][2],
+                "repeat": scheduled.repeat,
+                "repeats": scheduled.repeats,
+                "start_minutes": scheduled.start_minutes,
+                "slip_speed_m_s": float(measured.slip_speed[like]),
+                "normal_force_N_m": float(measured.normal_force[like]),
+                "gain_percent": 100.0 * max(gains[run], 0.0),
+                "based_on": based_on,
+                "needed_for": plan.needed.get(run, ""),
+            }
+        )
+    return rows
+
+
+def _size(source: Source) -> str:
+    """Format the standard uncertainty of a source; one known only from the data has no figure.
+
+    The scatter of the press and the shared errors of the reduction are known by their contribution
+    only: they are directions of a covariance, not errors of a quantity with a unit.
+    """
+    if source.basis == FITTED and source.error not in EFFECT_SOURCES:
+        return "by the data"
+    return f"{source.shown:.3g} {source.unit}"
+
+
+def _verdict(plan: Plan, goal_u: float) -> str:
+    """State whether to continue or to stop, and why."""
+    before, after, goal = 100.0 * plan.before, 100.0 * plan.after, 100.0 * goal_u
+    if plan.stop is None:
+        return (
+            f"{counted(len(plan.chosen), 'run')}: uncertainty of mu {before:.3g} % -> {after:.2g} %"
+            f", goal {goal:g} % {'reached' if after <= goal else 'not reached'}"
+        )
+    if plan.stop == "goal reached":
+        return f"stop: goal reached: uncertainty of mu {before:.2g} % <= {goal:g} %"
+    if plan.stop == "runs do not help":
+        return f"stop: further runs hardly lower the uncertainty of mu, {before:.2g} %"
+    text = (
+        f"stop: {100.0 * plan.shared:.0f} % of the variance of mu is shared by all runs, further "
+        f"ones hardly lower its uncertainty, {before:.2g} %"
+    )
+    if plan.best_statement is None:
+        return text
+    return (
+        f"{text}; halving the uncertainty of {plan.best_statement.source.name} would help most and "
+        f"give {100.0 * plan.best_statement.halved:.2g} %"
+    )

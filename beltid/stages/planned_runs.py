@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from beltid.identify.agreement.compare import SAME_SETTING
 from beltid.identify.estimators.statistics import settings_of
 from beltid.params import OperatingPoint
 from beltid.stages.columns import listed, ok_rows
-from beltid.stages.inputs import is_number
 
 if TYPE_CHECKING:
     from beltid.config import Config
@@ -32,13 +31,11 @@ KEYS: Final = {
     "pulley_speed_rad_s": ("pulley_speeds_rad_s", "rad/s"),
 }
 """Column of a setting in the friction table -> its list in the section `rig`, and its unit."""
-MOST_COMBINED: Final = 10_000
-"""Number of combinations of stated and measured settings above which a key must be a mistake."""
+OPTIONS: Final = ("--arc", "--tension", "--speed")
 SHOWN_VALUES: Final = 12
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
-
 NOT_SIMULATED: Final = (
     "rig.kind: running has no simulated rig: only fit-friction and build-surface take it"
 )
@@ -60,44 +57,34 @@ class PlannedRun:
         return OperatingPoint(beta=arc, T_0=self.initial_tension_N, omega=self.pulley_speed_rad_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Picked:
-    """Settings of the runs that the user picked; an empty tuple means all values."""
-
-    arcs_deg: tuple[float, ...] = ()
-    tensions_N: tuple[float, ...] = ()
-    speeds_rad_s: tuple[float, ...] = ()
-
-
 def planned_runs(
-    config: Config, picked: Picked, measured: np.ndarray | None = None
+    config: Config, measured: np.ndarray | None = None, picked: Sequence[Sequence[float]] = ()
 ) -> tuple[PlannedRun, ...]:
-    """Return the picked runs to simulate, in the order of the setting lists."""
+    """Return the runs to simulate, in the order of the setting lists.
+
+    `picked` has the arcs [deg], tensions [N] and speeds [rad/s] that the user wants; an empty list
+    means all.
+    """
     lists = setting_lists(config, measured)
-    settings = list(product(*lists)) if measured is None else _at_measured(config, lists, measured)
+    settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
     if not settings:
         keys = ", ".join(f"rig.{key}" for key, _ in KEYS.values())
         raise InputError(
             f"no usable run has an arc, a tension at rest and a speed; state the settings to "
             f"simulate: {keys}"
         )
-    problems: list[str] = []
-    wanted = []
-    of_user = {
-        "--arc": picked.arcs_deg,
-        "--tension": picked.tensions_N,
-        "--speed": picked.speeds_rad_s,
-    }
-    for (option, values), known, gap in zip(
-        of_user.items(), map(np.array, lists), SAME_SETTING.values(), strict=True
+    problems, wanted = list[str](), []
+    for option, values, of, gap in zip(
+        OPTIONS, picked or ((), (), ()), lists, SAME_SETTING.values(), strict=True
     ):
-        near = [known[_is_same_setting(known, [value], gap)] for value in values]
+        known = np.array(of)
+        near = [known[_is_same_setting(known, [value], gap)].tolist() for value in values]
         problems += [
             f"{option} = {value:g}, must be one of those of the campaign: {_listed(known)}"
             for value, found in zip(values, near, strict=True)
-            if not found.size
+            if not found
         ]
-        wanted.append(set(np.concatenate(near).tolist() if near else known.tolist()))
+        wanted.append({x for found in near for x in found} if near else set(of))
     if problems:
         raise InputError(problems)
     return tuple(
@@ -107,28 +94,18 @@ def planned_runs(
     )
 
 
-def _at_measured(
-    config: Config, lists: Sequence[Sequence[float]], measured: np.ndarray
-) -> list[tuple[float, ...]]:
+def _at_measured(lists: Sequence[Sequence[float]], measured: np.ndarray) -> list[tuple[float, ...]]:
     """Return the measured runs in the lists, and every combination with a setting of no run."""
     unmeasured = [set(values) - set(measured[:, k].tolist()) for k, values in enumerate(lists)]
-    count = math.prod(len(values) for values in lists) if any(unmeasured) else 0
-    if count > MOST_COMBINED:
-        raise InputError(
-            [
-                *differing_settings(config, measured),
-                f"stated and measured settings make {count:,} combinations, must be at most "
-                f"{MOST_COMBINED:,}: remove the keys of rig that differ from the measured settings",
-            ]
-        )
     kept = np.all([np.isin(measured[:, k], values) for k, values in enumerate(lists)], axis=0)
     runs = set(map(tuple, measured[kept].tolist()))
-    if count:
-        for run in product(*lists):
-            if any(value in new for value, new in zip(run, unmeasured, strict=True)):
-                runs.add(run)
-    ranks = [{value: i for i, value in enumerate(values)} for values in lists]
-    return sorted(runs, key=lambda run: [r[value] for r, value in zip(ranks, run, strict=True)])
+    if any(unmeasured):
+        runs |= {
+            run
+            for run in product(*lists)
+            if any(value in new for value, new in zip(run, unmeasured, strict=True))
+        }
+    return sorted(runs, key=lambda run: [of.index(x) for of, x in zip(lists, run, strict=True)])
 
 
 def with_tensions(friction: Mapping[str, np.ndarray], config: Config) -> dict[str, np.ndarray]:
@@ -185,28 +162,26 @@ def _setting(values: np.ndarray) -> float:
 
 def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
     """Report settings of the config that differ from the measured ones, with both lists."""
-    if measured is None or measured.size == 0:
-        return []
     lines = []
     for k, (name, (key, unit)) in enumerate(KEYS.items()):
-        if key not in config.rig.model_fields_set:
+        if measured is None or not measured.size or key not in config.rig.model_fields_set:
             continue
-        stated, occurring = getattr(config.rig, key), np.unique(measured[:, k])
-        gap = SAME_SETTING[name]
-        if (
-            _is_same_setting(occurring, stated, gap).all()
-            and _is_same_setting(np.array(stated), occurring, gap).all()
-        ):
-            continue
-        lines.append(
-            f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
-            f"{_listed(occurring)} {unit}; the stated ones are simulated (without the key, the "
-            "measured ones)"
+        stated, occurring, gap = (
+            np.array(getattr(config.rig, key)),
+            np.unique(measured[:, k]),
+            SAME_SETTING[name],
         )
+        alike = _is_same_setting(occurring, stated, gap), _is_same_setting(stated, occurring, gap)
+        if not (alike[0].all() and alike[1].all()):
+            lines.append(
+                f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
+                f"{_listed(occurring)} {unit}; the stated ones are simulated (without the key, the "
+                "measured ones)"
+            )
     return lines
 
 
-def _listed(values: Sequence[float] | np.ndarray) -> str:
+def _listed(values: np.ndarray) -> str:
     return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
 
 
@@ -214,8 +189,7 @@ def _is_same_setting(
     values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float
 ) -> np.ndarray:
     """Return whether each value is the same setting as one of the others."""
-    known = np.asarray(others)
-    return np.any(np.abs(values[:, None] - known) <= gap * values[:, None], axis=1)
+    return np.any(np.abs(values[:, None] - np.asarray(others)) <= gap * values[:, None], axis=1)
 
 
 def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
@@ -242,21 +216,3 @@ def refuse_running(config: Config) -> None:
     """Raise an error for a running belt, which no simulated rig has."""
     if config.rig.kind == "running":
         raise InputError(NOT_SIMULATED)
-
-
-def checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
-    """Return a run with the settings of a call; raise an error that lists all wrong settings."""
-    settings = (
-        ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
-        ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),
-        ("pulley_speed_rad_s", pulley_speed_rad_s, math.inf, "> 0 rad/s and finite"),
-    )
-    problems = []
-    for name, value, limit, allowed in settings:
-        if not is_number(value):
-            problems.append(f"{name} = {value!r}, must be a number {allowed}")
-        elif not 0.0 < value < limit:
-            problems.append(f"{name} = {float(value):g}, must be {allowed}")
-    if problems:
-        raise InputError(problems)
-    return PlannedRun("S001", *(float(value) for _, value, _, _ in settings))

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import SPANS, RigKind, Span
+from beltid.identify.friction.kinds import SPANS, RigKind
 from beltid.identify.friction.reduction import RunReduction
 from beltid.tables.schemas import table
 from beltid.tables.units import CONVERSIONS, canonical_unit
@@ -33,15 +32,12 @@ MASS: Final = 0.2
 """Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Contradiction:
+class _Contradiction(NamedTuple):
     run: str
     column: str
     found: str
-    factor: float
-    """Factor that would make the numbers plausible."""
-    units: tuple[str, ...] = ()
-    """Units that may be meant; empty for any."""
+    factor: float  # that would make the numbers plausible
+    units: tuple[str, ...] = ()  # that may be meant; empty for any
 
 
 def refuse_implausible(runs: Sequence[RunReduction], config: Config, kind: RigKind) -> None:
@@ -77,7 +73,7 @@ def _problem(each: _Contradiction, stated: str | dict[str, float] | None) -> str
 
 
 def _median(values: dict[str, float]) -> tuple[str, float]:
-    """Return the median over the runs, and the run nearest to it."""
+    """Return the run nearest to the median over the runs, and the median."""
     median = float(np.median(list(values.values())))
     return min(values, key=lambda run: abs(values[run] - median)), median
 
@@ -88,14 +84,10 @@ def _weights(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradic
         return
     weight = SPANS.index(kind.weight)
     cell = f"tension_{SPANS[1 - weight]}_N"
-    ratios = {
-        run.run: run.rest_N[1 - weight] / run.rest_N[weight]
-        for run in runs
-        if min(run.rest_N) > 0.0
-    }
-    if not ratios:
+    rests = {run.run: run.rest_N for run in runs if min(run.rest_N) > 0.0}
+    if not rests:
         return
-    label, ratio = _median(ratios)
+    label, ratio = _median({run: rest[1 - weight] / rest[weight] for run, rest in rests.items()})
     for column, factor in (("weight_N", ratio), (cell, 1.0 / ratio)):
         if any(abs(factor / CONVERSIONS["N"][u].factor - 1.0) < MASS for u in ("kg", "g")):
             found = f"at rest {cell} is {ratio:.3g} times weight_N"
@@ -109,18 +101,17 @@ def _torques(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradic
     tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
     """
     span = kind.span_beside_torque
-    if span is None:
+    if span is None or kind.weight_stated:  # a weight holds no end
         return
     lows, highs = {}, {}
     for run in runs:
-        part = run.tension_tight_N - run.tension_slack_N
-        rest = float(np.mean(run.rest_N))
-        if not (run.ok and part > 0.0 and rest > 0.0):
-            continue
-        measured = run.tension_slack_N if span == "slack" else run.tension_tight_N
-        possible = [p for x in (-REST, REST) for p in _parts(rest * (1.0 + x), measured, span)]
-        lows[run.run] = part / max(possible)
-        highs[run.run] = part / max(min(possible), 1e-9 * rest)
+        part, rest = run.tension_tight_N - run.tension_slack_N, float(np.mean(run.rest_N))
+        if run.ok and part > 0.0 and rest > 0.0:
+            measured = run.tension_slack_N if span == "slack" else run.tension_tight_N
+            sign = 1.0 if span == "slack" else -1.0
+            possible = [p for x in (-REST, REST) for p in _parts(rest * (1 + x), measured, sign)]
+            lows[run.run] = part / max(possible)
+            highs[run.run] = part / max(min(possible), 1e-9 * rest)
     if not lows:
         return
     (label, low), (_, high) = _median(lows), _median(highs)
@@ -135,12 +126,11 @@ def _torques(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradic
     yield _Contradiction(label, "torque_N_m", found, 1.0 / nearest)
 
 
-def _parts(rest_N: float, measured_N: float, span: Span) -> tuple[float, float]:
+def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
     """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
 
-    `measured_N` is the tension of the stated span while the belt slides.
+    `measured_N` is the tension of one span while the belt slides, `sign` +1 for the slack one.
     """
-    sign = 1.0 if span == "slack" else -1.0
     y = sign * np.linspace(1e-3, 12.0, 4000)
     logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one
     order = np.argsort(logarithmic_mean)

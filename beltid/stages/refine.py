@@ -3,125 +3,106 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.config import Config
-from beltid.errors import percent
+from beltid.errors import InputError, counted, percent
+from beltid.identify.estimators.statistics import settings_of
+from beltid.identify.surface.surface import build_surface as publish
+from beltid.laws.friction_surface import FrictionSurface
+from beltid.params import Rig
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.refine.posterior import SCATTER
-from beltid.refine.shown import TOGETHER, ShownEffect, contradictions, shown_effects
-from beltid.stage import Outcome
-from beltid.stages.campaign import guided_weight
-from beltid.stages.columns import finite_or_none, in_percent
-from beltid.stages.inputs import friction_columns, press_law
-from beltid.stages.refinement import (
-    NEEDED,
-    prepared_campaign,
-    reference_temperature,
-    shared_sources,
-    speed_labels,
+from beltid.refine.shown import (
+    CONFOUNDED,
+    TOGETHER,
+    ShownEffect,
+    contradictions,
+    shown_effects,
 )
-from beltid.stages.surface import friction_formulas, said_of_surface
-from beltid.stages.uncertainties import confounded_note
+from beltid.rig.model import Bench
+from beltid.stage import Outcome
+from beltid.stages.columns import at, finite_or_none, in_percent
+from beltid.stages.friction import rig_kind
+from beltid.stages.inputs import friction_columns, press_law, standard_uncertainties
+from beltid.stages.planned_runs import refuse_running
+from beltid.stages.rig import guided_weight
+from beltid.stages.surface import friction_formulas, rows_of_one, said_of_surface
 from beltid.stages.workers import Workers
-from beltid.uncertainty.budget import SurfaceUncertainty
-from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
+from beltid.uncertainty.measured import measured_runs, own_errors
+from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.rig_runs import Campaign
+from beltid.uncertainty.sources import (
+    ARC,
+    COURSE,
+    ORDER,
+    TEMPERATURE,
+    Source,
+    all_sources,
+    reduction_sources,
+)
 
+NEEDED: Final = (
+    *("run", "arc_deg", "initial_tension_N", "pulley_speed_rad_s", "slip_speed_m_s"),
+    *("normal_force_N_m", "mu_sliding", "mu_sliding_se"),
+)
+PUBLISHED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
+REASONS: Final = 3  # number of reasons for unusable runs that are reported, most frequent first
+SPEED_GAP: Final = 0.1  # in ln v: a run further than this from every speed gets its own speed
+SETTING_GAP: Final = 0.03  # relative gap between two settings of the speed
 MOST_NOISE: Final = 3.0
-EFFECT_WORDS: Final = {
-    ARC: "difference between arcs",
-    ORDER: "steady change over the campaign",
-    COURSE: "other change over the campaign, root mean square",
-    TEMPERATURE: "temperature, per 10 K",
-    TOGETHER: "order or temperature, over the campaign",
-    SCATTER: "scatter from run to run",
+EFFECTS: Final = {
+    ARC: ("difference between arcs", "a wear track, or a wrong arc or load cell"),
+    ORDER: ("steady change over the campaign", "run-in or wear; the surface holds for its middle"),
+    COURSE: ("other change over the campaign, root mean square", "the surface holds for its mean"),
+    TEMPERATURE: (
+        "temperature, per 10 K",
+        "the surface holds for the mean of the runs, or for friction.reference_temperature_degC "
+        "with friction.correct_temperature: true",
+    ),
+    TOGETHER: (
+        "order or temperature, over the campaign",
+        "the temperature rises with the order of the runs",
+    ),
+    SCATTER: ("scatter from run to run", ""),
 }
+"""Effect in the runs -> its name, and what it may be or what it means for the surface."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """A refined surface with the runs that it was made from.
-
-    Attributes
-    ----------
-    refined : RefinedSurface
-        The solution of the inverse problem.
-    runs : tuple of str
-        Labels of the runs used.
-    arcs_deg : ndarray
-        Their arcs [deg].
-    uncertainty : SurfaceUncertainty
-        Uncertainty of the surface by source.
-    effects : tuple of ShownEffect
-        Effects in the runs that the surface does not describe.
-    contradictions : mapping of str to float
-        Errors that the runs contradict: name -> size in standard uncertainties.
-    """
+    """A refined surface with the runs that it was made from."""
 
     refined: RefinedSurface
+    """The solution of the inverse problem."""
     runs: tuple[str, ...]
     arcs_deg: np.ndarray
-    uncertainty: SurfaceUncertainty
+    """Arcs of these runs [deg]."""
     effects: tuple[ShownEffect, ...] = ()
-    contradictions: Mapping[str, float] = field(default_factory=dict)
+    """Effects in the runs that the surface does not describe."""
 
     @property
-    def surface(self) -> Any:
+    def surface(self) -> FrictionSurface:
         """The refined surface with its covariance."""
-        names = [source.name for source in self.uncertainty.sources]
-        return self.refined.surface.with_covariance(self.uncertainty.factor, names)
-
-    def outliers(self) -> tuple[str, ...]:
-        """Return a sentence for each run that lost its weight."""
-        weight = self.refined.weight
-        return tuple(
-            f"run {self.runs[k]}: far from the other runs, weight {weight[k]:.2g}"
-            for k in np.flatnonzero(weight < 0.5)
-        )
-
-    def disagreement(self) -> tuple[str, ...]:
-        """Return a sentence for each effect in the runs that no surface explains."""
-        lines = [sentence(effect) for effect in self.effects if effect.is_clear]
-        scale = self.refined.noise_scale
-        if scale > MOST_NOISE:
-            lines.append(
-                f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
-                f"{MOST_NOISE:g} is usual: something other than order and temperature changed from "
-                "run to run; the uncertainty of the surface includes it as scatter"
-            )
-        lines += [
-            f"{EFFECT_WORDS[found.effect.key]}: larger than such an effect can be expected to be "
-            f"(standard deviation {percent(100 * found.largest_usual)}); the simulated rig may not "
-            "describe this bench"
-            for found in self.refined.effects
-            if found.is_unusual
-        ]
-        lines += [
-            f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
-            "uncertainty is wrong, or the simulated rig does not describe this bench"
-            for name, size in self.contradictions.items()
-        ]
-        return tuple(lines)
+        return with_covariance(self.refined)
 
     def misfit_table(self) -> list[dict[str, Any]]:
         """Return the misfit of the simulated coefficients before and after, also per arc [%]."""
-        before, after = self.refined.misfit_before, self.refined.misfit_after
-        groups = [(f"arc {arc:g}°", self.arcs_deg == arc) for arc in np.unique(self.arcs_deg)]
-        return [
-            {
-                "group": name,
-                "runs": int(np.count_nonzero(rows)),
-                "rms_before_percent": _rms_percent(before[rows]),
-                "mean_before_percent": 100.0 * float(np.mean(before[rows])),
-                "rms_after_percent": _rms_percent(after[rows]),
-                "mean_after_percent": 100.0 * float(np.mean(after[rows])),
-            }
-            for name, rows in [("all runs", np.ones(before.size, dtype=bool)), *groups]
-        ]
+        misfits = {"before": self.refined.misfit_before, "after": self.refined.misfit_after}
+        groups = {f"arc {arc:g}°": self.arcs_deg == arc for arc in np.unique(self.arcs_deg)}
+        rows = []
+        for name, of in {"all runs": np.full(self.arcs_deg.size, True), **groups}.items():
+            row: dict[str, Any] = {"group": name, "runs": int(np.count_nonzero(of))}
+            for when, misfit in misfits.items():
+                row[f"rms_{when}_percent"] = 100.0 * float(np.sqrt(np.mean(misfit[of] ** 2)))
+                row[f"mean_{when}_percent"] = 100.0 * float(np.mean(misfit[of]))
+            rows.append(row)
+        return rows
 
     def arc_spread(self, misfit: np.ndarray) -> float | None:
         """Return the standard deviation of the arcs' mean misfits [-]; None for a single arc."""
@@ -129,33 +110,10 @@ class Refinement:
         return float(np.std(means, ddof=1)) if len(means) > 1 else None
 
 
-def _rms_percent(values: np.ndarray) -> float:
-    return 100.0 * float(np.sqrt(np.mean(np.square(values))))
-
-
-def sentence(effect: ShownEffect) -> str:
-    """Describe a clear effect in a sentence."""
-    digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
-    size = f"{100 * effect.size:+.{digits}f} ± {100 * effect.uncertainty:.{digits}f} %"
-    if effect.key == ARC:
-        lower, higher = effect.arcs_deg
-        return (
-            f"arcs differ: the runs at {higher:.4g}° lie {100 * effect.size:.2g} % above those at "
-            f"{lower:.4g}° on one surface, where scatter and stated uncertainties explain "
-            f"{100 * effect.uncertainty:.2g} %: a wear track, or a wrong arc or load cell; the "
-            "difference is included in the uncertainty of the surface"
-        )
-    return {
-        ORDER: f"the friction changes over the campaign by {size} from the first run to the last "
-        "(run-in, wear); the surface holds for its middle",
-        COURSE: f"the friction changes over the campaign by {size} (root mean square) in addition "
-        "to a steady change; the surface holds for its mean",
-        TEMPERATURE: f"the friction changes with the temperature of the runs, {size} per 10 K; the "
-        "surface holds for their mean, or for friction.reference_temperature_degC with "
-        "friction.correct_temperature: true",
-        TOGETHER: f"the friction changes over the campaign by {size} from the first run to the "
-        "last, with the order of the runs or with their temperature, which rises together with it",
-    }[effect.key]
+def with_covariance(found: RefinedSurface) -> FrictionSurface:
+    """Return a refined surface with its covariance by source."""
+    names = [source.name for source in found.sources]
+    return found.surface.with_covariance(found.uncertainty.factor, names)
 
 
 def refined(
@@ -166,28 +124,20 @@ def refined(
     workers: Workers | None,
 ) -> Outcome[Refinement]:
     """Refine the surface of the usable runs of one condition, in a worker."""
-    press = press_law(law, config)
-    columns = friction_columns(friction, NEEDED)
-    name = str(getattr(friction, "path", "friction table"))
-    campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, name, chosen)
+    press, columns = press_law(law, config), friction_columns(friction, NEEDED)
+    with at(friction):
+        campaign, speeds, used, set_aside = prepared_campaign(columns, press, config, chosen)
     reference, measured = reference_temperature(config, campaign), campaign.measured
-    solution = (workers or Workers()).call(
+    found = (workers or Workers()).call(
         refine_surface, campaign, speeds, shared_sources(campaign, config), reference
     )
-    result = Refinement(
-        solution,
-        tuple(str(columns["run"][i]) for i in used),
-        columns["arc_deg"][used],
-        solution.uncertainty,
-        shown_effects(solution),
-        contradictions(solution),
-    )
-    found, uncertainty = result.refined, result.uncertainty
-    formulas, notes = friction_formulas(found.surface, uncertainty.factor)
+    runs, arcs = tuple(str(columns["run"][i]) for i in used), columns["arc_deg"][used]
+    result = Refinement(found, runs, arcs, shown_effects(found))
+    formulas, notes = friction_formulas(found.surface, found.uncertainty.factor)
     ranges = measured.normal_force, measured.slip_speed
-    facts, budget = said_of_surface(found.surface, columns, used, ranges, uncertainty)
+    facts, budget = said_of_surface(found.surface, columns, used, ranges, found.uncertainty)
     return Outcome(
-        _table(result, speeds[speed_labels(columns, used, speeds)]),
+        _table(result, columns["slip_speed_m_s"][used]),
         result,
         facts={
             "runs": len(result.runs),
@@ -203,7 +153,16 @@ def refined(
         tables={
             "misfit": result.misfit_table(),
             "budget": budget,
-            "effects": _effect_rows(result.effects),
+            "effects": [
+                {
+                    "effect": EFFECTS[effect.key][0],
+                    "size_percent": 100.0 * effect.size,
+                    "standard_uncertainty_percent": finite_or_none(100.0 * effect.uncertainty),
+                    "clear": effect.is_clear,
+                    "explained_percent": finite_or_none(100.0 * effect.explained),
+                }
+                for effect in result.effects
+            ],
             "friction_formulas": formulas,
         },
         validity=dict(found.surface.validity),
@@ -211,74 +170,196 @@ def refined(
         notes=(
             "beyond the measured mean forces of the runs the surface is inferred: its range is "
             "that of the forces within their contact, including peaks",
-            *confounded_note(
-                {EFFECT_WORDS[e.key]: e.explained for e in result.effects if e.is_confounded}
-            ),
-            *_unclear_effects(result.effects),
-            *bending_stiffness_shown(found),
+            *_unclear(result.effects),
+            *_bending_stiffness(found),
             *guided_weight(config, measured.points),
             *notes,
         ),
-        warnings=(*found.convergence_warnings(), *result.disagreement(), *result.outliers()),
+        warnings=(*found.convergence_warnings(), *_disagreement(result)),
     )
 
 
-def _effect_rows(effects: Sequence[ShownEffect]) -> list[dict[str, Any]]:
-    """Return the effects as they are shown and stored, in percent of mu."""
-    return [
-        {
-            "effect": EFFECT_WORDS[effect.key],
-            "size_percent": 100.0 * effect.size,
-            "standard_uncertainty_percent": finite_or_none(100.0 * effect.uncertainty),
-            "clear": effect.is_clear,
-            "explained_percent": finite_or_none(100.0 * effect.explained),
-        }
-        for effect in effects
-    ]
+def prepared_campaign(
+    columns: Mapping[str, np.ndarray],
+    press: PressLaw,
+    config: Config,
+    chosen: Mapping[str, str | None],
+) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    """Return the campaign with its initial surface, its speeds, its rows, and the runs set aside.
+
+    `chosen` selects condition and side of the belt if the runs were made under several.
+    """
+    rig = rig_of_runs(columns, config)
+    good, set_aside = usable_runs(columns, rig)
+    good = rows_of_one(columns, good, chosen)
+    if good.size < 4:
+        reasons = Counter(row["why"] for row in set_aside)
+        why = "".join(f"; {counted(n, 'run')}: {text}" for text, n in reasons.most_common(REASONS))
+        raise InputError(f"{counted(good.size, 'run')} can be used, at least 4 are needed{why}")
+    arc_deg, f, v, mu = (columns[key][good] for key in PUBLISHED)
+    errors = own_errors(columns)
+    start = publish(arc_deg, f, v, mu, None if errors is None else errors[good]).surface
+    measured = measured_runs(columns, good, rig.R, rig_kind(config), rig.given_force)
+    bench = Bench(config.belt_params(), rig, config.contact_params(), press.law, start)
+    speeds = _speeds(start.slip_speed_m_s, np.abs(v))
+    return Campaign(measured, bench, press), speeds, good, set_aside
 
 
-def _unclear_effects(effects: Sequence[ShownEffect]) -> tuple[str, ...]:
-    """Return a note on large effects that the runs do not identify clearly."""
-    large = [
-        EFFECT_WORDS[effect.key] for effect in effects if effect.is_large and not effect.is_clear
-    ]
-    if not large:
-        return ()
-    return (
-        f"{', '.join(large)}: large, but other effects or stated errors explain the runs nearly as "
-        "well: the runs do not show which it is, and it is not claimed; make the runs in random "
-        "order",
-    )
+def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
+    """Return the rig that the runs are simulated on.
+
+    Its kind must match the runs: a table measured with a torque is refused for another kind. While
+    the whole arc slides, one tension determines the other, whatever the history. If no tension at
+    rest is known, the sum of both tensions while sliding replaces it, as under a hub force.
+    """
+    if "torque_with" in columns and config.rig.measures != "torque":
+        raise InputError(
+            f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
+            "together with a torque; must be rig.kind: torque"
+        )
+    refuse_running(config)
+    rig = config.rig_params()
+    initial = np.asarray(columns["initial_tension_N"], dtype=float)
+    if rig.given_force == "none" and not np.isfinite(initial).any():
+        return replace(rig, given_force="hub")
+    return rig
 
 
-def bending_stiffness_shown(found: RefinedSurface) -> tuple[str, ...]:
-    """Return a note with EI as stated and as the runs show it; empty if it is stated as exact."""
-    EI = found.campaign.bench.belt.EI
-    for source in found.sources:
-        if source.error == "bending_stiffness":
-            error, sd = found.stated_errors()[source.name]
-            return (
-                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
-                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
-                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one",
-            )
-    return ()
+def usable_runs(
+    columns: Mapping[str, np.ndarray], rig: Rig
+) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Return the usable rows, and the others with the reason.
+
+    The tension at rest is required unless a given force stays constant while the pulley turns.
+    """
+    needed = (*PUBLISHED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
+    status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
+    why = np.where(status == "ok", "", status).astype(object)
+    for key in needed:
+        value = np.asarray(columns[key], dtype=float)
+        why[(why == "") & np.isnan(value)] = f"{key} is not known"
+        for i in np.flatnonzero((why == "") & ~((value > 0.0) & (value < math.inf))):
+            why[i] = f"{key} = {value[i]:g}, must be > 0"
+    aside = np.flatnonzero(why != "")
+    rows = [{"run": str(columns["run"][i]), "why": str(why[i])} for i in aside]
+    return np.flatnonzero(why == ""), rows
+
+
+def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the speeds of the refined surface [m/s]: the published ones and those left out there.
+
+    The published surface requires a common range of forces, which a speed with few runs may not
+    share. Here the runs of such a speed define its level, and the neighbouring speeds its shape.
+    """
+    far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
+    if far.size == 0:
+        return published
+    label = settings_of(far, SETTING_GAP)
+    return np.union1d(published, [far[label == k].mean() for k in np.unique(label)])
+
+
+def reference_temperature(config: Config, campaign: Campaign) -> float | None:
+    """Return the temperature to which the surface is corrected [°C]; None without correction."""
+    if not config.friction.correct_temperature:
+        return None
+    temperature = campaign.measured.temperature_degC
+    if temperature is None or not np.isfinite(temperature).any():
+        raise InputError(
+            "friction.correct_temperature: true, but no run has a temperature; found no values in "
+            "the column temperature_degC"
+        )
+    stated = config.friction.reference_temperature_degC
+    return float(np.nanmean(temperature)) if stated is None else stated
+
+
+def shared_sources(campaign: Campaign, config: Config) -> tuple[Source, ...]:
+    """Return the stated errors that the runs share."""
+    n_arcs = int(campaign.measured.arc.max()) + 1
+    stated = all_sources(standard_uncertainties(config), n_arcs, campaign.press.has_scatter)
+    return (*stated, *reduction_sources(campaign.measured.columns))
 
 
 def _table(result: Refinement, run_speed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the rows of the surface table: the common surface of all arcs."""
     surface = result.refined.surface
-    forces, speeds = surface.normal_force_N_m, surface.slip_speed_m_s
-    arcs = [np.unique(result.arcs_deg[run_speed == v]).size for v in speeds]
-    errors = surface.mu_se_nodes
-    assert errors is not None
+    forces, speeds, n = surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes.size
+    nearest = np.argmin(np.abs(np.log(run_speed[:, None] / speeds)), axis=1)
+    arcs = [np.unique(result.arcs_deg[nearest == k]).size for k in range(speeds.size)]
+    assert surface.mu_se_nodes is not None
     return {
-        "arc_deg": np.full(forces.size * speeds.size, np.nan),
+        "arc_deg": np.full(n, np.nan),
         "normal_force_N_m": np.repeat(forces, speeds.size),
         "slip_speed_m_s": np.tile(speeds, forces.size),
         "mu": surface.mu_nodes.ravel(),
-        "mu_se": errors.ravel(),
+        "mu_se": surface.mu_se_nodes.ravel(),
         "n_arcs": np.tile(np.array(arcs), forces.size),
-        "mu_spread": np.full(forces.size * speeds.size, np.nan),
-        **result.uncertainty.columns(forces.size * speeds.size),
+        "mu_spread": np.full(n, np.nan),
+        **result.refined.uncertainty.columns(n),
     }
+
+
+def _disagreement(result: Refinement) -> Iterator[str]:
+    """Yield what no surface explains: effects, scatter, errors larger than stated, outliers."""
+    found, scale = result.refined, result.refined.noise_scale
+    for effect in result.effects:
+        if effect.is_clear:
+            what, meaning = EFFECTS[effect.key]
+            of = " at {1:.4g}° above {0:.4g}°".format(*effect.arcs_deg) if effect.arcs_deg else ""
+            digits = max(0, 1 - math.floor(math.log10(100.0 * effect.uncertainty)))
+            yield (
+                f"friction changes by {100 * effect.size:+.{digits}f} ± "
+                f"{100 * effect.uncertainty:.{digits}f} %{of} ({what}): {meaning}"
+            )
+    if scale > MOST_NOISE:
+        yield (
+            f"the runs scatter {scale:.2g} times as much as their standard errors say, at most "
+            f"{MOST_NOISE:g} is usual: something other than order and temperature changed from "
+            "run to run; the uncertainty of the surface includes it as scatter"
+        )
+    for unusual in found.effects:
+        if unusual.is_unusual:
+            yield (
+                f"{EFFECTS[unusual.effect.key][0]}: larger than such an effect can be expected to "
+                f"be (standard deviation {percent(100 * unusual.largest_usual)}); the simulated "
+                "rig may not describe this bench"
+            )
+    for name, size in contradictions(found).items():
+        yield (
+            f"{name}: the runs require an error of {size:.2g} standard uncertainties; the stated "
+            "uncertainty is wrong, or the simulated rig does not describe this bench"
+        )
+    for k in np.flatnonzero(found.weight < 0.5):
+        yield f"run {result.runs[k]}: far from the other runs, weight {found.weight[k]:.2g}"
+
+
+def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
+    """Yield notes on effects that the runs cannot tell from the surface, or from others."""
+    hidden = [
+        f"{EFFECTS[effect.key][0]} ({percent(100 * effect.explained)})"
+        for effect in effects
+        if effect.is_confounded
+    ]
+    if hidden:
+        yield (
+            f"force and speed of the runs explain {', '.join(hidden)}: above "
+            f"{100 * CONFOUNDED:g} % a drift with it cannot be separated from them; a random run "
+            "order with some repeats at the end would separate it"
+        )
+    large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
+    if large:
+        yield (
+            f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
+            "nearly as well: it is not claimed; make the runs in random order"
+        )
+
+
+def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
+    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
+    EI = found.campaign.bench.belt.EI
+    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
+        if source.error == "bending_stiffness":
+            yield (
+                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
+                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
+                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one"
+            )

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from beltid.config import find_config
-from beltid.errors import InputError
+import numpy as np
+
+from beltid.config import find_config, load_config
+from beltid.errors import ArtifactError, BeltidError, InputError
 from beltid.notes import log
+from beltid.params import OperatingPoint
 from beltid.report.html import rendered
 from beltid.report.page import Page, belt_page, belts_page
-from beltid.report.results import BeltResults
+from beltid.report.results import ArcProfile, BeltResults, Sheet, sheet_of
 from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
-from beltid.stages.belt_results import check_folder, completed, gather
+from beltid.rig.model import Bench
+from beltid.rig.runs import SimulationSettings, simulate
+from beltid.stages.columns import at
+from beltid.stages.curves import typical_runs
 from beltid.stages.page_mark import (
+    ARTIFACTS,
+    CURVES,
     NAME,
     OnPage,
     config_of,
@@ -26,58 +36,38 @@ from beltid.stages.page_mark import (
     sealed,
     up_to_date,
 )
+from beltid.stages.rig import bench_of
+from beltid.store.artifact import Artifact, read_artifact
 from beltid.store.disk import write_text
-
-STAGE: Final = "report"
+from beltid.store.together import misfits, refuse_misfits
 
 
 def run(
     folders: Sequence[Path], out: Path | None, config: Path | None = None, *, force: bool = False
 ) -> Summary:
-    """Write the report of every belt, and for several belts a page that compares them.
+    """Write the report of every belt, and for several belts a page `out` that compares them.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of the results, one per belt.
-    out : Path or None
-        Output page; for several belts the one that compares them. By default report.html in the
-        folder of the belt, or in the folder above for several belts.
-    config : Path, optional
-        Config that names the recordings of a belt, for its figures over time.
-    force : bool
-        Whether to draw pages that are up to date, and to replace another HTML file.
-
-    Raises
-    ------
-    ArtifactError
-        If there is no such folder, it holds no results, or a page cannot be written.
-    InputError
-        If the output path holds a file that is not a report.
+    The config names the recordings of a belt, for its figures over time.
     """
     source = find_config(None, config) if config else None
     for folder in folders:
-        check_folder(folder)
-    distinct = {os.path.realpath(folder) for folder in folders}
-    if len(distinct) < len(folders):
+        if not folder.is_dir():
+            raise ArtifactError(f"{folder}: there is no such folder of a belt's results")
+    if len({os.path.realpath(folder) for folder in folders}) < len(folders):
         raise InputError("a folder is given twice, each belt must be given once")
     if source is not None:
         for folder in folders:
             if len(folders) == 1 or source.config.belt.name == folder.resolve().name:
                 keep_curves(source, folder, force=force)
-    if len(folders) == 1:
-        belt = OnPage(folders[0], config_of(folders[0]))
-        return of_belt(belt, out or belt.folder / NAME, force=force)
     belts = [OnPage(folder, config_of(folder)) for folder in folders]
+    if len(belts) == 1:
+        return of_belt(belts[0], out or folders[0] / NAME, force=force)
     single = [of_belt(belt, belt.folder / NAME, force=force) for belt in belts]
-    comparison = of_belts(belts, out or _parent_folder(folders) / NAME, force=force)
+    above = Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
+    comparison = of_belts(belts, out or above / NAME, force=force)
     if comparison.up_to_date and not all(summary.up_to_date for summary in single):
         log.info("%s is up to date", comparison.out)
     return comparison
-
-
-def _parent_folder(folders: Sequence[Path]) -> Path:
-    return Path(os.path.commonpath([folder.absolute().parent for folder in folders]))
 
 
 def of_belt(belt: OnPage, out: Path, *, force: bool = False) -> Summary:
@@ -85,7 +75,8 @@ def of_belt(belt: OnPage, out: Path, *, force: bool = False) -> Summary:
     mark, results = made_from(belt), gather(belt)
     if up_to_date(out, mark, force=force):
         return _finish([results], out)
-    results = completed(results)
+    profiles, problems = arc_profiles(results.sheets)
+    results = replace(results, profiles=profiles, problems=(*results.problems, *problems))
     return _finish([results], out, belt_page(results, mark))
 
 
@@ -107,23 +98,17 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
         facts = {
             "figures": sum(len(section.pictures) for section in page.sections),
             "figures_missing": sum(len(section.absent) for section in page.sections),
+            "size_kB": len(text.encode()) / 1000.0,
         }
-        facts["size_kB"] = len(text.encode()) / 1000.0
     origins = {result.origin for result in results}
     mixed = len(origins) > 1
     return Summary(
-        stage=STAGE,
+        stage="report",
         title="what was identified, how well it agrees, and how far to trust it",
         out=out,
         facts=facts,
-        table=[
-            {**row, "origin": result.origin} if mixed else row
-            for result in results
-            for row in [_row(result)]
-        ],
-        warnings=tuple(
-            f"{result.belt}: {problem}" for result in results for problem in result.problems
-        ),
+        table=[_row(result) | ({"origin": result.origin} if mixed else {}) for result in results],
+        warnings=tuple(f"{result.belt}: {line}" for result in results for line in result.problems),
         verdict=verdict_of(results[0]).headline if len(results) == 1 else "",
         up_to_date=page is None,
         origin=None if mixed else next(iter(origins)),
@@ -132,9 +117,102 @@ def _finish(results: Sequence[BeltResults], out: Path, page: Page | None = None)
 
 def _row(results: BeltResults) -> dict[str, Any]:
     row: dict[str, Any] = {"belt": results.belt, "artifacts": len(results.sheets)}
-    for name in ("compare", "compare_refined"):
+    for name, prefix in (("compare", ""), ("compare_refined", "refined_")):
         sheet = results.get(name)
-        prefix = "refined_" if name.endswith("refined") else ""
         row[f"{prefix}rms_percent"] = sheet.overall.get("rms_percent") if sheet else None
         row[f"{prefix}within_tolerance"] = sheet.passed if sheet else None
     return row
+
+
+def gather(belt: OnPage) -> BeltResults:
+    """Read the results of a belt, which must fit together; those not shown are its problems."""
+    shown, sheets, problems = dict[str, Artifact](), dict[str, Sheet](), list[str]()
+    not_shown: dict[str, list[str]] = {}
+    for name, kind in ARTIFACTS.items():
+        path = belt.folder / f"{name}.parquet"
+        if not path.exists():
+            continue
+        try:
+            artifact = read_artifact(path, kind)
+            sheets[name] = checked_sheet(artifact)
+        except ArtifactError as error:
+            problems += error.problems
+        else:
+            if why := _why_not(belt, name, artifact):
+                not_shown.setdefault(why, []).append(path.name)
+            else:
+                shown[name] = artifact
+    problems += [f"{', '.join(of)}: not shown, {why}" for why, of in not_shown.items()]
+    refuse_misfits(artifact for name, artifact in shown.items() if name not in CURVES)
+    for name in [name for name in CURVES if name in shown]:
+        curves = shown.pop(name)
+        lines = misfits([*shown.values(), curves])
+        problems += lines
+        if not lines:
+            shown[name] = curves
+    if not shown:
+        nothing = f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
+        raise ArtifactError(problems or nothing)
+    settings = (sheets[name].settings.get("belt") for name in shown)
+    stated = next(filter(None, settings), None)
+    return BeltResults(
+        belt=belt.folder.resolve().name,
+        sheets={name: sheets[name] for name in ARTIFACTS if name in shown},
+        problems=tuple(problems),
+        failures=belt.failures,
+        belt_facts=() if stated is None else (stated["type"], f"{stated['ribs']} ribs"),
+    )
+
+
+def checked_sheet(artifact: Artifact) -> Sheet:
+    """Take what the report reads from an artifact, with its path in the errors."""
+    try:
+        with at(artifact):
+            return sheet_of(artifact.path.stem, artifact)
+    except InputError as error:
+        raise ArtifactError(error.problems) from None
+
+
+def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
+    """Return why an artifact is not shown; empty if it is."""
+    named = belt.recordings
+    kinds = [kind for kind in artifact.record.ancestors if kind in ("press", "rig", "speedloss")]
+    if unnamed := [kind for kind in kinds if named and kind not in named]:
+        return f"the config names no {unnamed[0]} recording"
+    return "left from an earlier run" if belt.is_left(name) else ""
+
+
+def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], list[str]]:
+    """Simulate the sliding contact of a typical run of each arc; return profiles and problems."""
+    surface = sheets.get("surface_refined") or sheets.get("surface")
+    simulated = sheets.get("simulated_refined") or sheets.get("simulated")
+    stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
+    if surface is None or simulated is None or stiffness is None or friction is None:
+        return (), []
+    if "rig" not in simulated.settings:  # made in Python: the bench is not known
+        return (), []
+    found, problems = [], list[str]()
+    try:
+        bench = _bench(simulated.settings, stiffness, surface)
+        for row in typical_runs(friction.columns):
+            found.append(_profile(bench, friction, row))
+    except BeltidError as error:
+        problems = [f"the contact along the arc: {line}" for line in error.problems]
+    return tuple(found), problems
+
+
+def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet) -> Bench:
+    """Rebuild the simulated rig of a recording from the settings stored in it."""
+    sections = ("belt", "rig", "contact")
+    config = load_config({name: settings[name] for name in sections if name in settings})
+    return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))
+
+
+def _profile(bench: Bench, friction: Sheet, row: int) -> ArcProfile:
+    arc, tension, speed = (
+        float(friction[name][row]) for name in ("arc_deg", "initial_tension_N", "slip_speed_m_s")
+    )
+    point = OperatingPoint(beta=math.radians(arc), T_0=tension, omega=speed / bench.rig.R)
+    run = simulate(bench, point, SimulationSettings(method="steady"))
+    profile = {name: np.asarray(values, dtype=float) for name, values in run.profile.items()}
+    return ArcProfile(arc, tension, speed, profile, run.normal_force_N_m)

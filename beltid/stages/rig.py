@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 
 from beltid.config import Config
 from beltid.errors import BeltidError, NumericsError, counted, percent
-from beltid.notes import log
+from beltid.notes import log, progress
+from beltid.params import OperatingPoint
 from beltid.rig.compiler import COMPILING, compile_ahead
-from beltid.rig.runs import SimulationSettings
+from beltid.rig.mesh import swinging_share
+from beltid.rig.model import Bench
+from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
+from beltid.rig.runs import campaign as rig_campaign
 from beltid.stage import Outcome
-from beltid.stages.campaign import (
-    Campaign,
-    bench_of,
-    guided_weight,
-    recording_columns,
-    simulate,
-    simulation_settings,
-)
 from beltid.stages.columns import span
-from beltid.stages.inputs import friction_of, press_law, surface_from
+from beltid.stages.friction import rig_kind
+from beltid.stages.inputs import (
+    friction_of,
+    law_from,
+    press_law,
+    standard_uncertainties,
+    surface_from,
+)
 from beltid.stages.planned_runs import (
-    Picked,
+    PlannedRun,
     differing_settings,
     measured_settings,
     planned_runs,
     refuse_running,
 )
-from beltid.stages.reduction import rig_kind
-from beltid.stages.uncertainties import standard_uncertainties
-from beltid.stages.workers import Workers, threads
+from beltid.stages.workers import Workers
 from beltid.store.artifact import read_artifact
+from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
@@ -45,9 +47,48 @@ OF_SOLVER: Final = (
     *("elements", "steps", "newton_iterations", "status_changes"),
     *("halvings", "residual", "slip_m", "cone"),
 )
+STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
+"""The sliding state of a run."""
 SHOWN_FAILURES: Final = 20
 PER_CALL: Final = 24
 """Number of runs whose uncertainty a worker computes in one call."""
+REST_SAMPLES: Final = 10
+SLIDING_SAMPLES: Final = 60
+TRAVEL_PER_SAMPLE_M: Final = 5.0e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Runs of a simulated campaign, in their order, each with its result or its failure."""
+
+    bench: Bench
+    runs: tuple[PlannedRun, ...]
+    results: tuple[RunResult | BeltidError, ...]
+
+    @property
+    def failures(self) -> list[tuple[PlannedRun, BeltidError]]:
+        """Runs that failed."""
+        pairs = zip(self.runs, self.results, strict=True)
+        return [(run, result) for run, result in pairs if isinstance(result, BeltidError)]
+
+    @property
+    def finished(self) -> list[tuple[PlannedRun, RunResult]]:
+        """Runs that succeeded."""
+        pairs = zip(self.runs, self.results, strict=True)
+        return [(run, result) for run, result in pairs if not isinstance(result, BeltidError)]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row per run: settings, sliding state, status."""
+        rows = []
+        for run, result in zip(self.runs, self.results, strict=True):
+            settings = asdict(run)
+            row: dict[str, Any] = {"run": settings.pop("label"), **settings}
+            if isinstance(result, BeltidError):
+                row |= {**dict.fromkeys(STATE), "status": "; ".join(result.problems)}
+            else:
+                row |= {name: float(getattr(result, name)) for name in STATE} | {"status": "ok"}
+            rows.append(row)
+        return rows
 
 
 def simulated(
@@ -55,16 +96,15 @@ def simulated(
     law: Any,
     friction: Any,
     config: Config,
-    picked: Picked,
+    picked: Sequence[Sequence[float]],
     method: str | None,
-    jobs: int | None,
-    workers: Workers | None,
+    workers: Workers,
 ) -> Outcome[Campaign]:
     """Simulate the runs of `friction`, else those of the config, and reduce nothing."""
     refuse_running(config)
     settings = simulation_settings(config, method)
     measured = None if friction is None else measured_settings(friction.columns, config)
-    runs = planned_runs(config, picked, measured)
+    runs = planned_runs(config, measured, picked)
     differing = differing_settings(config, measured)
     for line in differing:
         log.warning("%s", line)
@@ -73,55 +113,28 @@ def simulated(
     log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
     if compile_ahead(["rig"]):
         log.info("%s", COMPILING)
-    press, workers = press_law(law, config), workers or threads(jobs)
-    bench = bench_of(config, surface_from(surface), press.law)
-    campaign = simulate(config, bench, runs, settings, workers)
-    _require_results(campaign)
-    stored = getattr(surface, "facts", {}).get("uncertainty") or {}
-    uncertainty, lines = _uncertainty(campaign, press, stored, settings.elements, workers)
-    return _outcome(campaign, settings, uncertainty, lines)
-
-
-def friction_beside(files: dict[str, Path]) -> dict[str, Path]:
-    """Add the reduced runs to the inputs if they are next to the surface made from them."""
-    path = files["surface"]
-    friction = friction_of(read_artifact(path, "surface"), path.parent)
-    return files if friction is None else {**files, "friction": friction.path}
-
-
-def _failures(campaign: Campaign) -> list[str]:
-    return [f"run {run.label}: {line}" for run, e in campaign.failures for line in e.problems]
-
-
-def _require_results(campaign: Campaign) -> None:
-    """Raise an error if a campaign has no result at all."""
+    press = press_law(law, config)
+    campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
+    failed = campaign.failures
+    failures = [f"run {run.label}: {line}" for run, e in failed for line in e.problems]
     if not campaign.finished:
-        failures = _failures(campaign)
-        hidden = len(failures) - SHOWN_FAILURES
-        more = [f"and {hidden} more"] if hidden > 0 else []
+        more = failures[SHOWN_FAILURES:] and [f"and {len(failures) - SHOWN_FAILURES} more"]
         raise NumericsError([*failures[:SHOWN_FAILURES], *more])
-
-
-def _outcome(
-    campaign: Campaign,
-    settings: SimulationSettings,
-    uncertainty: RunsUncertainty | None,
-    lines: tuple[str, ...],
-) -> Outcome[Campaign]:
-    config, failed = campaign.config, campaign.failures
+    stored = getattr(surface, "facts", {}).get("uncertainty") or {}
+    uncertainty, notes = _uncertainty(campaign, config, press, stored, settings.elements, workers)
     runs, results = zip(*campaign.finished, strict=True)
-    records = {run.label: asdict(result.record) for run, result in campaign.finished}
-    rows, columns = campaign.rows(), recording_columns(runs, results, config)
-    outside = sum(int(record["clamped_lookups"]) for record in records.values())
-    points = sum(int(record["lookups"]) for record in records.values())
-    notes = guided_weight(config, [run.point for run in runs])
+    records = [result.record for result in results]
+    outside, points = sum(r.clamped_lookups for r in records), sum(r.lookups for r in records)
+    notes = [*guided_weight(config, [run.point for run in runs]), *notes]
     if outside:
         notes.insert(
             0,
             f"{percent(100 * outside / points)} of the sliding contact points lie outside the "
             "measured range of the surface: the nearest measured value was used",
         )
+    columns = recording_columns(campaign.finished, config)
     names = ("arc_deg", "initial_tension_N", "pulley_speed_rad_s")
+    rows = campaign.rows()
     return Outcome(
         columns,
         campaign,
@@ -137,42 +150,145 @@ def _outcome(
         },
         tables={
             "simulated_runs": rows,
-            "solver": [_solver_row(run, record) for run, record in records.items()],
+            "solver": [
+                {
+                    "run": run.label,
+                    **{name: getattr(record, name) for name in OF_SOLVER},
+                    "clamped_lookups_percent": (
+                        100.0 * record.clamped_lookups / max(record.lookups, 1)
+                    ),
+                }
+                for run, record in zip(runs, records, strict=True)
+            ],
         },
         validity={name: span([getattr(run, name) for run in runs]) for name in names},
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
-        notes=(*notes, *lines),
-        warnings=tuple(_failures(campaign)),
+        notes=tuple(notes),
+        warnings=tuple(failures),
         verdict=f"{len(failed)} of {len(rows)} runs failed" if failed else "",
         passed=False if failed else None,
     )
 
 
-def _solver_row(run: str, record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the solver statistics of a run; look-ups outside the measured range in percent."""
-    share = record["clamped_lookups"] / max(record["lookups"], 1)
+def friction_beside(files: dict[str, Path]) -> dict[str, Path]:
+    """Add the reduced runs to the inputs if they are next to the surface made from them."""
+    if "friction" in files:
+        return files
+    friction = friction_of(read_artifact(files["surface"], "surface"))
+    return files if friction is None else {**files, "friction": friction.path}
+
+
+def simulation_settings(
+    config: Config, method: str | None = None, elements: int | None = None
+) -> SimulationSettings:
+    """Return the settings of the simulation from the call, else from the config."""
+    section = config.simulation
+    return SimulationSettings(
+        method=cast(Method, method or section.method),
+        elements=section.elements if elements is None else elements,
+        friction_solver=section.friction_solver,
+    )
+
+
+def bench_of(config: Config, surface: Any, law: Any) -> Bench:
+    """Build the rig of a config with identified laws; a number for a surface is a constant mu."""
+    refuse_running(config)
+    return Bench(
+        belt=config.belt_params(),
+        rig=config.rig_params(),
+        contact=config.contact_params(),
+        law=law_from(law),
+        surface=surface_from(surface),
+    )
+
+
+def simulate(
+    bench: Bench, runs: Sequence[PlannedRun], settings: SimulationSettings, workers: Workers
+) -> Campaign:
+    """Simulate runs by workers, and report the progress; the results do not depend on them."""
+    results: dict[int, RunResult | BeltidError] = {}
+    points = [run.point for run in runs]
+    groups = runs_of_one_belt(points)
+    with progress("simulated runs", len(runs)) as advance:
+        calls = [(bench, [points[i] for i in group], settings) for group in groups]
+        for number, part in workers.as_ended(simulated_group, calls):
+            for index, result in zip(groups[number], part, strict=True):
+                results[index] = result
+                advance()
+    return Campaign(bench, tuple(runs), tuple(results[i] for i in range(len(runs))))
+
+
+def simulated_group(
+    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
+) -> list[RunResult | BeltidError]:
+    """Return the results of a few runs in their order; a single call of a worker."""
+    return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
+
+
+def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:
+    """Return a note on the assumed guidance of a dead weight and its effect; empty without one."""
+    if config.rig.kind != "dead_weight":
+        return []
+    belt, rig = config.belt_params(), config.rig_params()
+    share = max(swinging_share(belt, rig, point) for point in points)
+    return [
+        "the dead weight is guided along its span; one that swings freely makes mu lower, "
+        f"by up to {percent(100 * share)} in these runs"
+    ]
+
+
+def recording_columns(
+    runs: Iterable[tuple[PlannedRun, RunResult]], config: Config
+) -> dict[str, np.ndarray]:
+    """Return the recordings of runs as one table with the columns of rig.csv."""
+    parts = []
+    for run, result in runs:
+        recorded = result.recording or _two_levels(run, result, config)
+        n = len(recorded["time_s"])
+        parts.append(
+            {
+                **recorded,
+                "run": np.full(n, run.label, dtype=object),
+                "temperature_degC": np.full(n, np.nan),
+                "arc_deg": np.full(n, run.arc_deg),
+                "initial_tension_N": np.full(n, run.initial_tension_N),
+            }
+        )
+    names = schemas.table("simulated").names
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+
+
+def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
+    """Return a recording with two levels, at rest and sliding, for a known sliding limit.
+
+    The sliding limit thus passes the same reduction as any recording. It has no build-up, and
+    therefore no sticking peak.
+    """
+    omega, T_0, n = run.pulley_speed_rad_s, run.initial_tension_N, REST_SAMPLES + SLIDING_SAMPLES
+    turning = np.arange(n) >= REST_SAMPLES
     return {
-        "run": run,
-        **{name: record[name] for name in OF_SOLVER},
-        "clamped_lookups_percent": 100.0 * share,
+        "time_s": np.arange(n) * (TRAVEL_PER_SAMPLE_M / (omega * config.rig.pulley_radius_m)),
+        "tension_tight_N": np.where(turning, result.tension_tight_N, T_0),
+        "tension_slack_N": np.where(turning, result.tension_slack_N, T_0),
+        "pulley_speed_rad_s": np.where(turning, omega, 0.0),
     }
 
 
 def _uncertainty(
     campaign: Campaign,
+    config: Config,
     press: PressLaw,
     stored: Mapping[str, Any],
     elements: int | None,
     workers: Workers,
-) -> tuple[RunsUncertainty | None, tuple[str, ...]]:
+) -> tuple[RunsUncertainty | None, list[str]]:
     """Return the uncertainty of the simulated runs of a campaign; a note if it stays unknown."""
     runs, results = zip(*campaign.finished, strict=True)
     numbers, arcs = numbered_arcs([run.arc_deg for run in runs], stored.get("arcs_deg", ()))
-    of_rig = all_sources(standard_uncertainties(campaign.config), len(arcs), press.has_scatter)
+    of_rig = all_sources(standard_uncertainties(config), len(arcs), press.has_scatter)
     sources = with_rig_sources(sources_of(stored.get("sources", ())), of_rig)
-    points: Sequence[Any] = [run.point for run in runs]
+    points, kind = [run.point for run in runs], rig_kind(config)
     pieces = [slice(i, i + PER_CALL) for i in range(0, len(points), PER_CALL)]
-    kind = rig_kind(campaign.config)
     calls = [
         (campaign.bench, press, points[piece], numbers[piece], sources, elements, kind)
         for piece in pieces
@@ -180,8 +296,7 @@ def _uncertainty(
     try:
         parts = dict(workers.as_ended(simulated_uncertainty, calls))
     except BeltidError as error:
-        return None, (f"uncertainty of the simulated runs is not known: {error.problems[0]}",)
+        return None, [f"uncertainty of the simulated runs is not known: {error.problems[0]}"]
     mu = np.array([result.mu for result in results])
-    labels = [run.label for run in runs]
-    ordered = [parts[i] for i in range(len(pieces))]
-    return RunsUncertainty.of(labels, mu, sources, ordered), ()
+    labels, ordered = [run.label for run in runs], [parts[i] for i in range(len(pieces))]
+    return RunsUncertainty.of(labels, mu, sources, ordered), []

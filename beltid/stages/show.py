@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Final
 
 from beltid.errors import InputError
-from beltid.report.charts import NO_DATES, Picture, pictures_of, saved
+from beltid.report.charts import NO_DATES, pictures_of, saved
 from beltid.report.summary import Summary, csv_bytes
 from beltid.report.view import shown_of
-from beltid.stages.belt_results import checked_sheet
 from beltid.stages.inputs import load_law
+from beltid.stages.report_belt import checked_sheet
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import write_bytes
 from beltid.store.place import anyone_s, check_place
@@ -26,33 +26,25 @@ def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) 
             raise InputError(f"{path}: a law file; --out and --figure need an artifact (.parquet)")
         return _law_file(path)
     artifact = read_artifact(path)
+    figures = ", ".join(FIGURES)
     if out is not None:
         inputs = {"artifact that is shown": path}
         check_place(out, (TABLE, *FIGURES), anyone_s, inputs=inputs, force=force)
-        if out.suffix.lower() == TABLE:
-            if name is not None:
-                raise InputError(f"{out}: is a table, --figure = {name} needs {', '.join(FIGURES)}")
-            write_bytes(out, csv_bytes(artifact.columns, artifact.origin))
-            return Summary("show", "", out, origin=artifact.origin)
-    elif name is not None:
-        raise InputError(
-            f"--figure = {name}: needs --out, a file that ends in {', '.join(FIGURES)}"
-        )
+    if name is not None and (out is None or out.suffix.lower() == TABLE):
+        raise InputError(f"--figure = {name}: needs --out, a file that ends in {figures}")
+    if out is not None and out.suffix.lower() == TABLE:
+        write_bytes(out, csv_bytes(artifact.columns, artifact.origin))
+        return Summary("show", "", out, origin=artifact.origin)
     available = pictures_of(checked_sheet(artifact))
     if out is None:
         return shown_of(artifact, [(picture.key, picture.title) for picture in available])
-    write_bytes(out, saved(_chosen(available, name, path).figure, out.suffix[1:].lower()))
+    chosen = next((picture for picture in available if name in (None, picture.key)), None)
+    if chosen is None:
+        names = ", ".join(picture.key for picture in available)
+        wrong = f"--figure = {name}, must be one of: {names}" if names else "nothing to draw"
+        raise InputError(f"{path}: {wrong}")
+    write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     return Summary("show", "", out, origin=artifact.origin)
-
-
-def _chosen(available: list[Picture], name: str | None, path: Path) -> Picture:
-    if not available:
-        raise InputError(f"{path}: contains nothing to draw")
-    for picture in available:
-        if name in (None, picture.key):
-            return picture
-    names = ", ".join(picture.key for picture in available)
-    raise InputError(f"{path}: --figure = {name}, must be one of: {names}")
 
 
 def _law_file(path: Path) -> Summary:

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltid.config import Config, load_config
-from beltid.errors import BeltidError
+from beltid.errors import BeltidError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.rig.runs import RunResult
 from beltid.stage import Outcome
-from beltid.stages.campaign import (
-    bench_of,
-    recording_columns,
-    simulate,
-    simulation_settings,
-)
-from beltid.stages.inputs import friction_columns
-from beltid.stages.planned_runs import (
-    KEYS,
-    Picked,
-    PlannedRun,
-    checked_run,
-    measured_settings,
-    planned_runs,
-)
+from beltid.stages.inputs import friction_columns, is_number
+from beltid.stages.planned_runs import KEYS, PlannedRun, measured_settings, planned_runs
+from beltid.stages.rig import STATE, bench_of, recording_columns, simulate, simulation_settings
 from beltid.stages.workers import Workers, threads
 
 if TYPE_CHECKING:
@@ -36,44 +25,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedRun:
-    """One run of the simulated rig.
+    """One run of the simulated rig."""
 
-    Attributes
-    ----------
-    tension_tight_N, tension_slack_N : float
-        Support forces while sliding [N].
-    mu : float
-        Friction coefficient by Eq. (6) from these tensions [-].
-    normal_force_N_m : float
-        Mean normal force per length by Eq. (8) [N/m].
-    settings : PlannedRun
-        Arc, initial tension, pulley speed.
-    result : RunResult
-        All results of the simulation as plain arrays.
-    config : Config
-        The config of the rig.
-    """
-
-    tension_tight_N: float
-    tension_slack_N: float
-    mu: float
-    normal_force_N_m: float
     settings: PlannedRun
+    """Arc, initial tension, pulley speed."""
     result: RunResult
+    """All results of the simulation as plain arrays."""
     config: Config
 
-    def __repr__(self) -> str:
-        names = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
-        lines = [f"  {name} = {getattr(self, name):.6g}" for name in names]
-        run = self.settings
-        return "\n".join(
-            [
-                f"run of the simulated rig: {run.arc_deg:g}°, {run.initial_tension_N:g} N, "
-                f"{run.pulley_speed_rad_s:g} rad/s",
-                *lines,
-                "  .recording over time, .profile along the arc",
-            ]
-        )
+    @property
+    def tension_tight_N(self) -> float:
+        """Support force of the tight span while sliding [N]."""
+        return float(self.result.tension_tight_N)
+
+    @property
+    def tension_slack_N(self) -> float:
+        """Support force of the slack span while sliding [N]."""
+        return float(self.result.tension_slack_N)
+
+    @property
+    def mu(self) -> float:
+        """Friction coefficient by Eq. (6) from these tensions [-]."""
+        return self.result.mu
+
+    @property
+    def normal_force_N_m(self) -> float:
+        """Mean normal force per length by Eq. (8) [N/m]."""
+        return self.result.normal_force_N_m
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -82,7 +60,7 @@ class SimulatedRun:
 
         if self.result.recording is None:
             return None
-        return as_frame(recording_columns([self.settings], [self.result], self.config))
+        return as_frame(recording_columns([(self.settings, self.result)], self.config))
 
     @property
     def profile(self) -> pd.DataFrame:
@@ -90,6 +68,15 @@ class SimulatedRun:
         import pandas as pd
 
         return pd.DataFrame(self.result.profile)
+
+    def __repr__(self) -> str:
+        run = self.settings
+        head = (
+            f"run of the simulated rig: {run.arc_deg:g}°, {run.initial_tension_N:g} N, "
+            f"{run.pulley_speed_rad_s:g} rad/s"
+        )
+        state = [f"  {name} = {getattr(self, name):.6g}" for name in STATE]
+        return "\n".join([head, *state, "  .recording over time, .profile along the arc"])
 
 
 def simulate_rig(
@@ -138,21 +125,31 @@ def simulate_rig(
         If the simulation does not converge.
     """
     model = load_config(config)
-    run = checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
+    run = _checked_run(arc_deg, initial_tension_N, pulley_speed_rad_s)
+    if elements is not None and not is_number(elements):
+        raise InputError(f"elements = {elements!r}, must be a whole number, even and >= 4")
     settings = simulation_settings(model, method, elements)
-    bench = bench_of(model, surface, law)
-    (result,) = simulate(model, bench, [run], settings, Workers()).results
+    (result,) = simulate(bench_of(model, surface, law), [run], settings, Workers()).results
     if isinstance(result, BeltidError):
         raise result
-    return SimulatedRun(
-        tension_tight_N=float(result.tension_tight_N),
-        tension_slack_N=float(result.tension_slack_N),
-        mu=float(result.mu),
-        normal_force_N_m=float(result.normal_force_N_m),
-        settings=run,
-        result=result,
-        config=model,
-    )
+    return SimulatedRun(run, result, model)
+
+
+def _checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:
+    """Return a run with the settings of a call; raise an error that lists all wrong settings."""
+    problems = []
+    for name, value, limit, allowed in (
+        ("arc_deg", arc_deg, 360.0, "> 0 and < 360 °"),
+        ("initial_tension_N", initial_tension_N, math.inf, "> 0 N and finite"),
+        ("pulley_speed_rad_s", pulley_speed_rad_s, math.inf, "> 0 rad/s and finite"),
+    ):
+        if not is_number(value):
+            problems.append(f"{name} = {value!r}, must be a number {allowed}")
+        elif not 0.0 < value < limit:
+            problems.append(f"{name} = {float(value):g}, must be {allowed}")
+    if problems:
+        raise InputError(problems)
+    return PlannedRun("S001", float(arc_deg), float(initial_tension_N), float(pulley_speed_rad_s))
 
 
 def simulate_campaign(
@@ -185,13 +182,10 @@ def simulate_campaign(
     """
     import pandas as pd
 
-    model = load_config(config)
-    measured = None
+    model, measured = load_config(config), None
     if friction is not None:
         measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
-    runs = planned_runs(model, Picked(), measured)
+    runs = planned_runs(model, measured)
     settings = simulation_settings(model, method, elements)
-    campaign = simulate(model, bench_of(model, surface, law), runs, settings, threads(jobs))
-    return pd.DataFrame(campaign.rows()).astype(
-        {"tension_tight_N": float, "tension_slack_N": float, "mu": float, "normal_force_N_m": float}
-    )
+    campaign = simulate(bench_of(model, surface, law), runs, settings, threads(jobs))
+    return pd.DataFrame(campaign.rows()).astype(dict.fromkeys(STATE, float))

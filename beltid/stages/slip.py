@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError
@@ -26,12 +24,8 @@ def fitted(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
     required, warnings = _required(result, config)
     points = result.points
     aside = [{"run": p.run, "why": p.status} for p in points if p.status not in (OK, GROSS_SLIP)]
-
-    def values_of(name: str) -> list[Any] | None:
-        return [getattr(p, name) for p in points] if hasattr(points[0], name) else None
-
     return Outcome(
-        columns_from("slip", values_of),
+        columns_from("slip", points),
         result,
         facts={
             "runs": len(points),
@@ -51,9 +45,9 @@ def fitted(speedloss: Recording, config: Config) -> Outcome[SlipResult]:
 
 def _driver_radius(config: Config) -> float:
     """Return the radius of the driver in Eq. (7) [m]; without a stated drive that of the rig."""
-    if "drive" not in config.model_fields_set:
-        return config.rig.pulley_radius_m
-    radius = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
+    radius = {}
+    if "drive" in config.model_fields_set:
+        radius = {pulley.name: pulley.radius_m for pulley in config.drive.pulleys}
     return radius.get(config.drive.driving, config.rig.pulley_radius_m)
 
 

@@ -2,23 +2,23 @@
 
 A step is the command of its name, the Python function, and the step of the chain; its docstring is
 the help of the command. The work of a step stands in the module that it imports.
+
+In Python, a recording or a table of runs is a DataFrame, a pyarrow Table or a mapping with the
+columns of its file; reduced runs are also the `Outcome` of `fit_friction`. A surface is a
+`FrictionSurface`, the `Outcome` of `build_surface` or `refine_surface`, or a constant coefficient;
+a law a `NormalLaw` or the `Outcome` of `fit_stiffness`. A config is a Config, a dict, the path of a
+YAML file, or None for the built-in 5PK rig. The heavy calls run on `workers`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from beltid.errors import EXIT_NUMERICS
 from beltid.stage import Outcome, stage
 
-if TYPE_CHECKING:
-    from beltid.config import Config
-    from beltid.stages.plan import PlannedRuns
-
 ConfigLike = Any
-"""Config, dict, path of a YAML file, or None for the built-in 5PK rig."""
 OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
 """Sections of the config that matter for every use of the simulated rig."""
 BENCH: Final = ("belt", "rig")
@@ -43,16 +43,15 @@ def fit_stiffness(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : DataFrame, pyarrow Table or mapping
+    frame : recording
         The columns of press.csv.
     config : Config, dict, path or None
-        Segment length, machine compliance, choice of cycles; None is the built-in 5PK rig.
+        Segment length, machine compliance, choice of cycles.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per temperature and a pooled row; ``.result.pooled.law`` is the
-        `NormalLaw`.
+        A row per temperature and a pooled row; ``.result.pooled.law`` is the `NormalLaw`.
 
     Raises
     ------
@@ -80,21 +79,16 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 
     Parameters
     ----------
-    frame : DataFrame, pyarrow Table or mapping
+    frame : recording
         The columns of speedloss.csv.
     config : Config, dict, path or None
-        Radius and speeds of the friction rig; None is the built-in 5PK rig.
+        Radius and speeds of the friction rig.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per run; ``.facts["rig_speeds_proposed_rad_s"]`` the pulley speeds
-        that the friction rig has to cover.
-
-    Raises
-    ------
-    InputError
-        If the recording cannot be used.
+        A row per run; ``.facts["rig_speeds_proposed_rad_s"]`` has the pulley speeds that the
+        friction rig must cover.
 
     Examples
     --------
@@ -108,10 +102,10 @@ def fit_slip(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
 @stage(
     "fit-friction",
     makes="friction",
-    reads={"frame": lambda table: "points" if table else "rig"},
+    reads={"frame": "rig"},
     uses=("friction", "rig", "belt", "conditions", "uncertainty"),
 )
-def fit_friction(frame: Any, config: ConfigLike = None, *, table: bool = False) -> Outcome[Any]:
+def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     """Find the friction coefficient of every run of the friction rig, Eqs. (5) to (8).
 
     Each run gives the sliding coefficient (Euler-Eytelwein, over the steady plateau) with its
@@ -125,21 +119,21 @@ def fit_friction(frame: Any, config: ConfigLike = None, *, table: bool = False) 
     rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
     torque, torque_hub, or running for a belt that moves.
 
+    A table without time_s has a row per plateau: arc_deg, the forces or torque of rig.kind,
+    pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se, temperature_degC,
+    initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
+
     Parameters
     ----------
-    frame : DataFrame, pyarrow Table or mapping
+    frame : recording
         The columns of rig.csv, with the channels of the kind of the rig.
     config : Config, dict, path or None
-        Kind of the rig, radius of the pulley, conditions; None is the built-in 5PK rig.
-    table : bool
-        The file has a row per plateau instead of samples over time: arc_deg, the forces or torque
-        of rig.kind, pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se,
-        temperature_degC, initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
+        Kind of the rig, radius of the pulley, conditions.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per run; ``status`` gives the reason if a run cannot be used.
+        A row per run; ``status`` gives the reason if a run cannot be used.
 
     Raises
     ------
@@ -178,11 +172,11 @@ def build_surface(
 
     Parameters
     ----------
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+    friction : table of runs
         Columns ``arc_deg``, ``normal_force_N_m``, ``slip_speed_m_s``, ``mu_sliding`` and, if
         present, ``mu_sliding_se`` and ``status`` (rows other than "ok" are left out).
     config : Config, dict, path or None
-        Settings of the surface; None is the built-in 5PK rig.
+        Settings of the rig.
     condition : {"dry", "wet", "dusty"}, optional
         Use only runs on this surface.
     side : {"rib", "back"}, optional
@@ -191,12 +185,7 @@ def build_surface(
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per node; ``.result.surface`` is the averaged `FrictionSurface`.
-
-    Raises
-    ------
-    InputError
-        If no surface can be built from the runs.
+        A row per node; ``.result.surface`` is the averaged `FrictionSurface`.
 
     Examples
     --------
@@ -234,29 +223,23 @@ def refine_surface(
 
     Parameters
     ----------
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
-        A row per reduced run.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt and rig; None is the built-in 5PK rig.
+    friction, law, config
+        The reduced runs; normal contact law, a result also provides its scatter; belt and rig.
     condition : {"dry", "wet", "dusty"}, optional
         Use only runs on this surface.
     side : {"rib", "back"}, optional
         Use only runs of this side of the belt.
     workers : Workers, optional
-        Run the heavy calls; the result does not depend on them.
+        Run the heavy calls.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per node; ``.result.surface`` is the refined `FrictionSurface`,
+        A row per node; ``.result.surface`` is the refined `FrictionSurface`,
         ``.result.misfit_table()`` the misfit before and after.
 
     Raises
     ------
-    InputError
-        If there are too few runs.
     ConvergenceError
         If a run cannot be simulated or the iteration does not converge.
 
@@ -274,12 +257,10 @@ def _campaign_file(**options: Any) -> str:
     return "simulated_part.parquet" if part else "simulated.parquet"
 
 
-def _friction_beside(files: Mapping[str, Path]) -> dict[str, Path]:
-    if "friction" in files:
-        return dict(files)
+def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     from beltid.stages.rig import friction_beside
 
-    return friction_beside(dict(files))
+    return friction_beside(files)
 
 
 @stage(
@@ -316,12 +297,8 @@ def simulate_recording(
 
     Parameters
     ----------
-    surface : Outcome of build_surface or refine_surface, FrictionSurface or float
-        Friction coefficient.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law.
-    config : Config, dict, path or None
-        Belt, rig and contact; None is the built-in 5PK rig.
+    surface, law, config
+        Friction coefficient, normal contact law; belt, rig and contact.
     friction : Outcome of fit_friction, optional
         friction.parquet whose runs are repeated. Default: the one next to SURFACE that it was made
         from, else all combinations of the settings under rig: of the config.
@@ -337,22 +314,22 @@ def simulate_recording(
     jobs : int, optional
         Runs simulated at the same time. Default: one per core.
     workers : Workers, optional
-        Run the heavy calls; the result does not depend on them.
+        Run the heavy calls.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per sample.
+        A row per sample.
 
     Examples
     --------
     beltid simulate-rig surface.parquet stiffness.parquet --arc 82
     """
-    from beltid.stages.planned_runs import Picked
     from beltid.stages.rig import simulated
+    from beltid.stages.workers import threads
 
-    picked = Picked(tuple(arc or ()), tuple(tension or ()), tuple(speed or ()))
-    return simulated(surface, law, friction, config, picked, method, jobs, workers)
+    picked = arc or (), tension or (), speed or ()
+    return simulated(surface, law, friction, config, picked, method, workers or threads(jobs))
 
 
 @stage(
@@ -374,9 +351,9 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
 
     Parameters
     ----------
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
+    friction : table of runs
         The reduced runs of the bench.
-    simulated : Outcome, DataFrame, pyarrow Table or mapping
+    simulated : recording or table of runs
         A simulated recording with the columns of rig.csv from perfect load cells; or reduced runs
         like `friction` (for a second bench, reduce its recording with `fit_friction`); or the table
         of `simulate_campaign`.
@@ -386,8 +363,8 @@ def compare(friction: Any, simulated: Any, config: ConfigLike = None) -> Outcome
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per matched point; ``.result`` has ``passed`` and the statistics
-        per arc, averaged, and for low, middle and high force.
+        A row per matched point; ``.result`` has ``passed`` and the statistics per arc, averaged,
+        and for low, middle and high force.
 
     Raises
     ------
@@ -425,19 +402,15 @@ def cross_validate(
 
     Parameters
     ----------
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping
-        The reduced runs of the bench.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the belt; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt, rig and tolerances.
+    friction, law, config
+        As for `refine_surface`; the config also has the tolerances.
     by : {"arc", "speed"}, optional
         Setting that is left out in turn; the lowest and the highest speed never are. Default: as
         the config says under cross_validate, else arc.
     jobs : int, optional
         Surfaces refined at the same time. Default: one per core.
     workers : Workers, optional
-        Run the heavy calls; the result does not depend on them.
+        Run the heavy calls.
 
     Returns
     -------
@@ -456,8 +429,10 @@ def cross_validate(
     beltid cross-validate friction.parquet stiffness.parquet --by speed
     """
     from beltid.stages.cross_validate import predicted_runs
+    from beltid.stages.workers import threads
 
-    return predicted_runs(friction, law, config, by, jobs, workers)
+    by = by or config.cross_validate.by
+    return predicted_runs(friction, law, config, by, workers or threads(jobs))
 
 
 @stage(
@@ -479,12 +454,9 @@ def predict_drive(
 
     Parameters
     ----------
-    surface : FrictionSurface, Outcome of build_surface or refine_surface, or float
-        Friction coefficient of the ribs; a number is a constant coefficient.
-    law : NormalLaw or Outcome of fit_stiffness
-        Normal contact law of the ribs; a result also provides its scatter.
-    config : Config, dict, path or None
-        Belt, drive and its operating points; None is the built-in 5PK rig.
+    surface, law, config
+        Friction coefficient and normal contact law of the ribs, the latter as a result also
+        provides its scatter; belt, drive and its operating points.
     slip : Outcome of fit_slip, optional
         slip.parquet of fit-slip: predict the operating points of that recording instead of those of
         the config.
@@ -492,7 +464,7 @@ def predict_drive(
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per point and pulley with the columns of drive.parquet.
+        A row per point and pulley with the columns of drive.parquet.
 
     Raises
     ------
@@ -511,18 +483,7 @@ def predict_drive(
 
 
 def simulate_drive(config: ConfigLike, surface: Any, law: Any) -> Outcome[Any]:
-    """Predict the operating points of a belt drive that a config states.
-
-    Parameters
-    ----------
-    config, surface, law
-        As for `predict_drive`; a number for the surface is a constant coefficient.
-
-    Returns
-    -------
-    Outcome
-        ``.to_frame()`` has a row per point and pulley with the columns of drive.parquet.
-    """
+    """Predict the operating points of a belt drive that a config states; see `predict_drive`."""
     return predict_drive(surface, law, config)
 
 
@@ -541,17 +502,15 @@ def compare_drive(slip: Any, drive: Any, config: ConfigLike = None) -> Outcome[A
 
     Parameters
     ----------
-    slip : Outcome of fit_slip
-        The measured losses.
-    drive : Outcome of predict_drive
-        The prediction of the same recording.
+    slip, drive : Outcome of fit_slip, of predict_drive
+        The measured losses, and the prediction of the same recording.
     config : Config, dict, path or None
         Tolerance.
 
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per measured run.
+        A row per measured run.
 
     Examples
     --------
@@ -568,12 +527,6 @@ def _plan_bytes(outcome: Outcome[Any]) -> bytes:
     return written(outcome)
 
 
-def _whose_plan(path: Path) -> str:
-    from beltid.stages.plan import whose
-
-    return whose(path)
-
-
 @stage(
     "plan",
     makes="plan",
@@ -583,9 +536,8 @@ def _whose_plan(path: Path) -> str:
     bench=BENCH,
     guests=("friction",),
     writes=_plan_bytes,
-    whose=_whose_plan,
 )
-def plan(
+def plan_runs(
     surface: Any = None,
     law: Any = None,
     config: ConfigLike = None,
@@ -606,13 +558,10 @@ def plan(
 
     Parameters
     ----------
-    surface : Outcome of refine_surface or build_surface, optional
-        The known surface.
-    law : NormalLaw or Outcome of fit_stiffness, optional
-        Normal contact law; by default that of the paper's 5PK belt.
-    config : Config, dict, path or None
-        Belt, rig, and under ``plan:`` the possible settings of the rig.
-    friction : Outcome of fit_friction, DataFrame, pyarrow Table or mapping, optional
+    surface, law, config
+        The known surface, an `Outcome`, if any; normal contact law, by default that of the paper's
+        5PK belt; belt, rig, and under ``plan:`` the possible settings of the rig.
+    friction : table of runs, optional
         friction.parquet of fit-friction: new runs are assumed as noisy as its runs.
     runs : int
         Runs to plan at most; fewer if they reach the goal, none if they do not help.
@@ -622,7 +571,13 @@ def plan(
     Returns
     -------
     Outcome
-        ``.to_frame()`` has a row per run in the order of the session.
+        A row per run in the order of the session; ``.result.plan`` has their gain and whether to
+        stop.
+
+    Raises
+    ------
+    InputError
+        If an argument is out of range, or the surface has no covariance.
 
     Examples
     --------
@@ -631,33 +586,6 @@ def plan(
     from beltid.stages.plan import planned
 
     return planned(surface, law, config, friction, runs, goal_u)
-
-
-def plan_runs(
-    surface: Any = None,
-    law: Any = None,
-    config: ConfigLike = None,
-    *,
-    friction: Any = None,
-    runs: int = 12,
-    goal_u: float = 0.01,
-) -> PlannedRuns:
-    """Plan the next runs of the friction rig, with the arguments of the step ``plan``.
-
-    Returns
-    -------
-    PlannedRuns
-        ``.to_frame()`` has a row per run in the order of the session; ``.plan`` has their gain and
-        whether to stop.
-
-    Raises
-    ------
-    InputError
-        If an argument is out of range, or the surface has no covariance.
-    """
-    outcome = plan(surface, law, config, friction=friction, runs=runs, goal_u=goal_u)
-    found: PlannedRuns = outcome.result
-    return found
 
 
 @stage(
@@ -688,7 +616,7 @@ def rig_curves(frame: Any, friction: Any, config: ConfigLike = None) -> Outcome[
     return rig_runs(frame, friction, config)
 
 
-def read_press(path: str | Path, config: Config | ConfigLike = None) -> Any:
+def read_press(path: str | Path, config: ConfigLike = None) -> Any:
     """Read a recording of the press, in any format that ``beltid inspect`` knows.
 
     Parameters

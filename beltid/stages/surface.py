@@ -12,23 +12,21 @@ from beltid.config import Config
 from beltid.errors import BeltidError, InputError, counted
 from beltid.identify.surface.curves import SPEED_GAP
 from beltid.identify.surface.laws import fit_friction_laws
-from beltid.identify.surface.plateau_laws import fit_plateau_laws
+from beltid.identify.surface.plateau_laws import fit_plateau_law
 from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stage import Outcome
 from beltid.stages.columns import at, in_percent, ok_rows, span
-from beltid.stages.inputs import friction_columns
-from beltid.stages.reduction import rig_kind
-from beltid.stages.stiffness import coefficients
-from beltid.stages.uncertainties import standard_uncertainties
+from beltid.stages.friction import rig_kind
+from beltid.stages.inputs import friction_columns, standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
+from beltid.uncertainty.published import published_changes
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 
 NO_ARC_DEG: Final = 90.0
-"""Arc assigned to coefficients that a table states without one: they form a single group and do not
-depend on the calibration of a rig."""
+"""Arc of coefficients that a table states without one: they form a single group and do not depend
+on the calibration of a rig."""
 NEEDED: Final = ("arc_deg", "normal_force_N_m", "slip_speed_m_s", "mu_sliding")
 APART: Final = ("condition", "side")
 """Columns that must have the same value in all runs of a friction surface."""
@@ -54,9 +52,8 @@ def published(
     surface, rig = result.surface, config.rig_params()
     used = valid_rows(columns, good)
     measured = measured_runs(columns, used, rig.R, rig_kind(config), rig.given_force)
-    uncertainty = _uncertainty(
-        measured, result, StandardUncertainties() if direct else standard_uncertainties(config)
-    )
+    stated = StandardUncertainties() if direct else standard_uncertainties(config)
+    uncertainty = _uncertainty(measured, result, stated)
     formulas, notes = friction_formulas(surface, uncertainty.factor)
     lines, warnings = ((), ()) if direct else _forces_of_plateaus(measured, config)
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
@@ -79,6 +76,27 @@ def published(
         notes=(*result.notes, *notes, *lines),
         warnings=(*(f"set aside: {line}" for line in result.set_aside), *warnings),
     )
+
+
+def rows_of_one(
+    columns: Mapping[str, np.ndarray], rows: np.ndarray, chosen: Mapping[str, str | None]
+) -> np.ndarray:
+    """Select the rows that were measured on the chosen surface and side of the belt."""
+    for column in APART:
+        labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
+        counts = Counter("not stated" if label is None else str(label) for label in labels)
+        there = ", ".join(f"{label} ({counted(n, 'run')})" for label, n in sorted(counts.items()))
+        wanted = chosen.get(column)
+        if wanted is not None:
+            rows = rows[labels == wanted]
+            if not rows.size:
+                raise InputError(f"no run has the {column} {wanted}; there are {there}")
+        elif len(counts) > 1:
+            raise InputError(
+                f"runs of different {column} are never put into one surface: {there}; choose one "
+                f"with --{column}, and build another surface for the other"
+            )
+    return rows
 
 
 def said_of_surface(
@@ -111,33 +129,6 @@ def said_of_surface(
     return facts, extra["budget"]
 
 
-def rows_of_one(
-    columns: Mapping[str, np.ndarray], rows: np.ndarray, chosen: Mapping[str, str | None]
-) -> np.ndarray:
-    """Select the rows that were measured on the chosen surface and side of the belt."""
-    problems = []
-    for column in APART:
-        labels = columns.get(column, np.full(len(columns["mu_sliding"]), None))[rows]
-        counts = Counter("not stated" if label is None else str(label) for label in labels)
-        wanted = chosen.get(column)
-        if wanted is not None:
-            rows = rows[labels == wanted]
-        listing = ", ".join(
-            f"{label} ({counted(count, 'run')})" for label, count in sorted(counts.items())
-        )
-        if wanted is not None and not rows.size:
-            problems.append(f"no run has the {column} {wanted}; there are {listing}")
-            break
-        if wanted is None and len(counts) > 1:
-            problems.append(
-                f"runs of different {column} are never put into one surface: {listing}; "
-                f"choose one with --{column}, and build another surface for the other"
-            )
-    if problems:
-        raise InputError(problems)
-    return rows
-
-
 def _uncertainty(
     measured: Measured, result: SurfaceResult, standard: StandardUncertainties
 ) -> SurfaceUncertainty:
@@ -149,7 +140,7 @@ def _uncertainty(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources),
-        scatter=scatter_factor(published_curves(measured), result.average),
+        scatter=result.average.scatter,
         arcs_deg=measured.arcs_deg,
     )
 
@@ -162,19 +153,15 @@ def friction_formulas(
     `factor` (nf, nv, r) is that of the covariance of ln mu at the nodes. Returns rows and notes.
     """
     force, speed = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    nodes = force.ravel(), speed.ravel(), surface.mu_nodes.ravel()
     try:
-        laws = fit_friction_laws(
-            force.ravel(),
-            speed.ravel(),
-            surface.mu_nodes.ravel(),
-            factor.reshape(force.size, -1),
-        )
+        laws = fit_friction_laws(*nodes, factor.reshape(force.size, -1))
     except BeltidError as error:
         return [], (f"No friction formula for the surface: {error}",)
     rows = [
         {
             "law": fit.law,
-            "parameters": coefficients(fit.parameters),
+            "parameters": ", ".join(_parameter(p) for p in fit.parameters),
             "rms_misfit_percent": in_percent(fit.rms_misfit),
             "worst_misfit_percent": in_percent(fit.worst_misfit),
             "criterion": fit.criterion,
@@ -182,14 +169,20 @@ def friction_formulas(
         }
         for fit in laws.fits
     ]
-    best = [note for note in laws.fit(laws.best).notes if note]
-    return rows, (laws.verdict, *best, *laws.notes)
+    return rows, (laws.verdict, *laws.notes)
+
+
+def _parameter(p: Any) -> str:
+    """Format a parameter with its error; an unknown one is "?"."""
+    unit = f" {p.unit}" if p.unit not in ("", "-") else ""
+    error = f"{p.se:.2g}" if p.se is not None and np.isfinite(p.se) else "?"
+    return f"{p.name} = {p.value:.5g} ± {error}{unit}"
 
 
 def _forces_of_plateaus(
     measured: Measured, config: Config
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Fit friction laws to the single readings of a dead-weight rig; return notes and warnings.
+    """Fit a friction law to the single readings of a dead-weight rig; return notes and warnings.
 
     A recording over time shows its scatter, with which the surface is built. A stated resolution
     means that there are single readings only. The laws apply to a single sliding speed.
@@ -199,7 +192,7 @@ def _forces_of_plateaus(
     if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
         return (), ()
     try:
-        laws = fit_plateau_laws(
+        law = fit_plateau_law(
             np.degrees(measured.beta),
             measured.tight,
             measured.slack,
@@ -209,4 +202,4 @@ def _forces_of_plateaus(
         )
     except BeltidError as error:
         return (f"No friction law through the forces: {error}",), ()
-    return (laws.verdict,), laws.warnings
+    return (law.verdict,), law.warnings

@@ -15,15 +15,7 @@ Result = TypeVar("Result")
 
 
 class Workers:
-    """An executor of `concurrent.futures` for heavy calls; without one, they run in this thread.
-
-    Parameters
-    ----------
-    executor : Executor, optional
-        Runs the calls.
-    jobs : int
-        Number of calls that run at the same time.
-    """
+    """An executor of `concurrent.futures` for so many heavy calls; without one, this thread."""
 
     def __init__(self, executor: Executor | None = None, jobs: int = 1) -> None:
         self.executor, self.jobs = executor, jobs
@@ -38,17 +30,7 @@ class Workers:
     ) -> Iterator[tuple[int, Result]]:
         """Yield the results of many calls in order of completion, each with its index.
 
-        Parameters
-        ----------
-        function : callable
-            A module-level function.
-        calls : sequence of tuple
-            The arguments of each call.
-
-        Raises
-        ------
-        BeltidError
-            The error of a call; those that have not begun are not made.
+        The error of a call ends them: those that have not begun are not made.
         """
         if self.executor is None:
             for index, arguments in enumerate(calls):

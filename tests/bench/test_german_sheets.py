@@ -28,6 +28,7 @@ def test_init_states_all_that_the_sheets_of_weight_and_torque_hold(tmp_path: Pat
         "press": "presse.xlsx",
     }
     assert [*config.rig.arcs_deg] == [40.0, 68.0, 82.0]
+    assert config.rig.holds == "weight_slack"  # by the name of the field
     weights = [mass * german_sheets.G for mass in german_sheets.WEIGHTS_KG]
     np.testing.assert_allclose(config.rig.initial_tensions_N, weights, 1e-3)
     np.testing.assert_allclose(config.rig.pulley_speeds_rad_s, german_sheets.SPEEDS_RAD_S[:2], 1e-3)
@@ -43,6 +44,14 @@ def test_init_states_all_that_the_sheets_of_weight_and_torque_hold(tmp_path: Pat
         np.testing.assert_allclose(found[name], true[name], 1e-4, 1e-4, err_msg=name)
 
 
+def judged(folder: Path, truth: pd.DataFrame) -> None:
+    """Check the coefficients of all runs against those that made the sheets."""
+    found = pd.read_parquet(folder / "friction.parquet").set_index("run")
+    assert set(found["status"]) == {"ok"}
+    mu = pd.Series(german_sheets.bench().runs()["mu"].to_numpy(), truth["run"].unique())
+    np.testing.assert_allclose(found["mu_sliding"][mu.index], mu, 2e-3)
+
+
 @pytest.mark.long
 def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path: Path) -> None:
     truth = german_sheets.write_rig(tmp_path / "versuche", "tension_tight_N", 150)
@@ -55,7 +64,12 @@ def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path
     results = tmp_path / "runs" / "5pk"
     assert (results / "surface_refined.parquet").exists()
     assert (results / "report.html").exists()
-    found = pd.read_parquet(results / "friction.parquet").set_index("run")
-    assert set(found["status"]) == {"ok"}
-    mu = pd.Series(german_sheets.bench().runs()["mu"].to_numpy(), truth["run"].unique())
-    np.testing.assert_allclose(found["mu_sliding"][mu.index], mu, 2e-3)
+    judged(results, truth)
+
+
+@pytest.mark.long
+def test_weight_and_torque_over_time_are_reduced(tmp_path: Path) -> None:
+    truth = german_sheets.write_rig(tmp_path / "versuche", "torque_N_m", 150)
+    done(tmp_path, "init", "5pk", "versuche")
+    done(tmp_path, "fit-friction", "versuche", "-c", "5pk.yaml", "-o", "friction.parquet")
+    judged(tmp_path, truth)

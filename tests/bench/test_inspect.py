@@ -98,24 +98,6 @@ def text(folder: Path, name: str, header: str, *rows: str) -> Path:
     return path
 
 
-def test_channels_are_shown_with_what_they_can_be_also_where_the_kind_is_not_known(tmp_path):
-    rows = [f"{0.1 * i:.1f};{i}.5;{i};{2 * i}" for i in range(20)]
-    path = text(tmp_path, "a.csv", "A [s];B [N];C [mm];Dehnung", *rows)
-    status, found = inspect(path)
-    assert (status, found["facts"]["kind"]) == (2, None)
-    can_be = {row["channel"]: row["can_be"] for row in found["table"]}
-    assert can_be["C [mm]"] == "displacement_mm"
-    assert can_be["B [N]"] == "force_N, tension_tight_N, tension_slack_N"
-    assert can_be["Dehnung"] is None
-    assert "say so with --kind press, rig or speedloss" in found["warnings"][0]
-    status, found = inspect(path, "--kind", "press")
-    assert status == 2
-    kept = [line for line in found["snippet"].splitlines() if "still missing" not in line]
-    config = tmp_path / "pasted.yaml"
-    config.write_text("\n".join(line.removeprefix("# ") for line in kept) + "\n")
-    assert inspect(path, "-c", config)[0] == 0
-
-
 def test_units_not_stated_are_in_the_section_to_be_uncommented(tmp_path):
     rows = [f"S1;0,{i:02d};300;{5 + i % 2};22,0;21,9" for i in range(20)]
     head = "run;Zeit;Vorspannung;Moment;n1 [rad/s];driven_speed_rad_s"

@@ -46,21 +46,16 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
         read_recording(path, "rig")
 
 
-def test_units_and_structs_of_channels_in_matlab(tmp_path):
+def test_units_and_versions_of_matlab(tmp_path):
     from scipy.io import savemat
 
     test = writers.press_tests()["P22"]
     time, force, travel = (test[c].to_numpy() for c in ("time_s", "force_N", "displacement_mm"))
     plain = {"Zeit": time, "Kraft": force / 1000, "Weg": travel}
     savemat(tmp_path / "a.mat", {**plain, "units": {"Zeit": "s", "Kraft": "kN", "Weg": "mm"}})
-    parts = {
-        "force": {"data": force, "unit": "N", "time": time},
-        "crosshead": {"data": travel * 1000, "unit": "um", "time": time},
-    }
-    savemat(tmp_path / "b.mat", parts)
     savemat(tmp_path / "c.mat", plain, format="4")
     stated = {"units": {"press": {"time_s": "s", "force_N": "kN", "displacement_mm": "mm"}}}
-    for name, config in (("a", None), ("b", None), ("c", stated)):
+    for name, config in (("a", None), ("c", stated)):
         columns = read_recording(tmp_path / f"{name}.mat", "press", load_config(config)).columns
         np.testing.assert_allclose(columns["force_N"], force, rtol=1e-12)
         np.testing.assert_allclose(columns["displacement_mm"], travel, rtol=1e-12, atol=1e-15)
@@ -198,16 +193,7 @@ def with_counts_hdf5(path: Path, told: dict[str, float]) -> Path:
     return path
 
 
-def with_counts_mat(path: Path, told: dict[str, float]) -> Path:
-    from scipy.io import savemat
-
-    force = {"data": COUNTS, "unit": "N", **told}
-    weg = np.linspace(0, 0.2, 40)
-    savemat(path, {"time_s": 0.1 * np.arange(40), "displacement_mm": weg, "force_N": force})
-    return path
-
-
-@pytest.mark.parametrize("write", [with_counts_tdms, with_counts_hdf5, with_counts_mat])
+@pytest.mark.parametrize("write", [with_counts_tdms, with_counts_hdf5])
 def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path, write):
     path = write(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
     with pytest.raises(

@@ -57,11 +57,8 @@ def test_a_stated_label_does_not_make_one_run_of_two(tmp_path, runs):
     later = two.assign(time_s=two["time_s"] + 100)
     both = pd.concat([one.assign(run="a"), later.assign(run="b")])
     both.to_csv(tmp_path / "runs" / "R7.csv", index=False)
-    found = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
-    assert found == [
-        "runs/R7.csv: its column run holds 2 labels, but run = R7 is stated for all of it: remove "
-        "one of the two"
-    ]
+    (found,) = problems(tmp_path / "runs", {"runs": {"rig": {"pattern": "{run}.csv"}}})
+    assert all(words in found for words in ("runs/R7.csv", "2 labels", "run = R7"))
 
 
 def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
@@ -87,18 +84,10 @@ def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
     table.write_text(
         "file,arc_deg,initial_tension_N\nR001,40,50\nR002.csv,40,50\nR042.csv,68,50\nR7,1,1\n"
     )
-    assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
-        "runs/runs.csv: has no row for R100.csv",
-        "runs/R100.csv:1: column arc_deg is missing; if it is the same for every run: "
-        "runs: {rig: {values: {arc_deg: ...}}}; if the file names contain it: "
-        'runs: {rig: {pattern: "{run}_{arc_deg}.csv"}}; or in a table of the files: '
-        "runs: {rig: {table: runs.csv}}",
-        "runs/R100.csv:1: column initial_tension_N is missing; if it is the same for every run: "
-        "runs: {rig: {values: {initial_tension_N: ...}}}; if the file names contain it: "
-        'runs: {rig: {pattern: "{run}_{initial_tension_N}.csv"}}; or in a table of the files: '
-        "runs: {rig: {table: runs.csv}}",
-        "runs/runs.csv:5: R7 is not among the files read",
-    ]
+    found = "\n".join(problems(folder, {"runs": {"rig": {"table": str(table)}}}))
+    for words in ("runs.csv: R100.csv", "R100.csv:1: arc_deg", "R100.csv:1: initial", "csv:5: R7"):
+        place, _, word = words.partition(": ")
+        assert any(place in line and word in line for line in found.splitlines()), words
 
 
 def test_header_fields_and_values_for_all_runs(tmp_path, runs):
@@ -191,10 +180,8 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
     later = two.assign(time_s=two["time_s"] + one["time_s"].iloc[-1] + 0.02)
     path = tmp_path / "rig.csv"
     pd.concat([one, later]).drop(columns="run").to_csv(path, index=False)
-    assert problems(path) == [
-        "rig.csv: the pulley turns several times with stops between, and no column labels the runs "
-        "(here rig): add one"
-    ]
+    (found,) = problems(path)
+    assert all(words in found for words in ("rig.csv", "turns several times", "labels"))
 
 
 # --- hashes ----------------------------------------------------------------------------------

@@ -68,7 +68,6 @@ def test_inspect_finds_the_kind_and_its_section_makes_the_file_readable(tmp_path
 def test_a_wrong_kind_is_refused_with_the_channel_and_the_kind_of_the_file(tmp_path, kind):
     with pytest.raises(InputError) as error:
         read_recording(write(tmp_path, kind), "rig")
-    assert any("column tension_" in line and "missing" in line for line in error.value.problems)
     assert any(f"rig: {{kind: {kind}" in line for line in error.value.problems)
 
 
@@ -90,7 +89,7 @@ def test_a_weight_may_hold_for_all_runs(tmp_path):
     rows = zip(*frame.values(), strict=True)
     path.write_text("\n".join([",".join(frame), *(",".join(map(str, row)) for row in rows)]))
     assert read_recording(path, "rig", config).columns["weight_N"].tolist() == [98.1] * 3
-    with pytest.raises(InputError, match=r"weight_N is missing; if it is the same for every run"):
+    with pytest.raises(InputError, match=r"weight_N is missing; state it in runs"):
         read_recording(path, "rig", load_config({"rig": {"kind": "dead_weight"}}))
 
 

@@ -107,7 +107,6 @@ def test_init_replaces_nothing_without_force(beltid: Any) -> None:
         (("a/b",), ["belt.name"]),
         (("c", "none.csv", "words.txt"), ["none.csv", "words.txt"]),
         (("c", "press.csv", "press.csv"), ["press.csv", "data.press"]),
-        (("c", "points.csv"), ["points.csv", "press, rig, speedloss"]),
         ((), ["NAME"]),
     ],
 )
@@ -116,8 +115,6 @@ def test_init_tells_all_that_is_wrong_and_writes_nothing(
 ) -> None:
     Path("press.csv").write_text(PRESS)
     Path("words.txt").write_text("the quick brown fox\n" * 20)
-    points = "arc_deg,tension_tight_N,tension_slack_N,slip_speed_m_s\n90,100,50,0.01\n"
-    Path("points.csv").write_text(points)
     refused = beltid("init", *arguments)
     assert refused.exit_code == 2
     assert all(word in refused.stderr for word in named), refused.stderr

@@ -94,21 +94,12 @@ def test_the_law_file_that_is_read_is_never_replaced(law: ContactLaw, tmp_path: 
     assert path.read_bytes() == before
 
 
-def test_the_config_is_found_by_its_hash_and_no_other_belt_is_assumed(results: Path) -> None:
-    """As after `beltid run configs/six.yaml`: results in runs/six, the config in configs/."""
-    (results.parent / "configs").mkdir()
-    (results / "beltid.yaml").rename(results.parent / "configs" / "beltid.yaml")
-    (results.parent / "beltid.yaml").write_text("belt: {name: other, ribs: 9}\n")
-    made = call("adams", results)
-    assert "configs/beltid.yaml" in made.stderr
+def test_the_belt_is_that_of_the_results_and_no_other_is_assumed(results: Path) -> None:
+    (results / "beltid.yaml").write_text("belt: {name: other, ribs: 9}\n")
+    assert call("adams", results).exit_code == 0
     assert "belt six (6PK, 6 ribs)" in (results / "export" / "belt_six.adm").read_text()
-    (results.parent / "configs" / "beltid.yaml").unlink()
-    odd = results.rename(results.parent / "5PK Prüfung (neu)")
-    unnamed = call("json", odd)
-    assert "the config of these results was not found" in unnamed.stderr
-    (path,) = (odd / "export").glob("*.json")
-    assert path.name == "5PK_Pr_fung_neu_.beltlaw.json"
-    assert beltid.load_law(path).belt.type is None  # the built-in 5PK does not pass for it
+    assert call("json", results, "-c", results / "beltid.yaml").exit_code == 0
+    assert beltid.load_law(results / "export" / "other.beltlaw.json").belt.ribs == 9
 
 
 CODE = r'coding=unicode_escape\nopen("P","w")#'

@@ -204,7 +204,7 @@ def test_what_must_not_be_mixed(column: str, tmp_path: Path) -> None:
 def test_table_that_others_measured(tmp_path: Path) -> None:
     """The flat belt of a student laboratory (source: rigdata/measured_by_others/README.md)."""
     table = ROOT / "rigdata/measured_by_others/flat_belt.csv"
-    said = done(tmp_path, "fit-friction", "--table", table, "-o", "friction.parquet", "--json")
+    said = done(tmp_path, "fit-friction", table, "-o", "friction.parquet", "--json")
     assert said.json["origin"] == "measured"
     names = ["run", "arc_deg", "tension_slack_N", "mu_sliding", "mu_sliding_se", "status"]
     found = {
@@ -228,7 +228,7 @@ def test_table_of_forces_and_friction(tmp_path: Path) -> None:
         }
     )
     table.to_csv(tmp_path / "points.csv", index=False)
-    done(tmp_path, "fit-friction", "--table", "points.csv", "-o", "friction.parquet")
+    done(tmp_path, "fit-friction", "points.csv", "-o", "friction.parquet")
     found = pd.read_parquet(tmp_path / "friction.parquet")
     assert found["mu_sliding"].tolist() == chosen["mu"].tolist()
     assert found["normal_force_N_m"].tolist() == pytest.approx(table["normal_force_N_m"].tolist())

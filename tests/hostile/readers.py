@@ -18,8 +18,8 @@ from beltid.report import tables
 from beltid.report.results import BeltResults
 from beltid.report.verdict import verdict_of
 from beltid.report.view import shown_of
-from beltid.stages.belt_results import checked_sheet
-from beltid.stages.inputs import press_law, surface_of
+from beltid.stages.inputs import press_law, surface_from
+from beltid.stages.report_belt import checked_sheet
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
@@ -40,7 +40,7 @@ def _artifact(path: Path) -> object:
     artifact = read_artifact(path)
     sheet = checked_sheet(artifact)
     if artifact.kind == "surface":
-        surface_of(artifact)
+        surface_from(artifact)
     elif artifact.kind == "stiffness":
         press_law(artifact, CONFIG)
     elif artifact.kind == "simulated":

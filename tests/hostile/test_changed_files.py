@@ -26,6 +26,11 @@ def test_files_of_the_corpus_are_taken_or_refused(reader):
         read(reader, data)
 
 
+def test_a_law_with_an_infinite_number_is_refused():
+    (law,) = seeds("law")
+    assert read("law", law.replace(b"-1.910980075099135e-06", b"1e999", 1)) is not None
+
+
 @pytest.mark.parametrize("reader", OURS)
 def test_what_the_corpus_starts_from_is_taken(reader):
     whole = [p for p in (CORPUS / reader).iterdir() if not p.name.startswith("found")]

@@ -26,7 +26,6 @@ from beltid.store.artifact import read_artifact
 
 ROOT = Path(__file__).parents[2]
 CORPUS = Path(__file__).parent / "corpus"
-DATA = ROOT / "rigdata" / "5pk"
 
 
 def rig(n: int = 12) -> dict[str, list[object]]:
@@ -69,7 +68,7 @@ def test_a_long_text_in_every_row_takes_the_memory_of_one(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KiB
 
 
-def test_a_long_label_far_down_is_refused_before_the_first_block(tmp_path):
+def test_a_long_label_far_down_is_refused(tmp_path):
     n = 9000
     columns = {name: pa.array([cells[0]] * n) for name, cells in rig(1).items()}
     columns["time_s"] = pa.array(np.arange(n) * 0.01)
@@ -96,7 +95,7 @@ def test_nested_and_extension_types_are_refused(tmp_path, column):
 
 
 @pytest.mark.parametrize("name", ["#hidden", "shown"])
-def test_hdf5_links_by_way_of_links_to_other_files_are_not_followed(tmp_path, name):
+def test_links_of_hdf5_by_which_it_may_be_left_are_not_followed(tmp_path, name):
     other, path = tmp_path / "other.h5", tmp_path / "rig.h5"
     with h5py.File(other, "w") as file:
         for column, cells in rig().items():
@@ -105,37 +104,8 @@ def test_hdf5_links_by_way_of_links_to_other_files_are_not_followed(tmp_path, na
     with h5py.File(path, "w") as file:
         file.create_group("#refs#")[name] = h5py.ExternalLink(str(other), "/secret")
         file["R1"] = h5py.SoftLink(f"/#refs#/{name}")
-    with pytest.raises(InputError, match="R1 lies in another file, which is not followed"):
+    with pytest.raises(InputError, match="R1 is a link, which is not followed"):
         read_recording(path, "rig")
-
-
-def belts_config(folder: Path) -> Path:
-    path = folder / "belt.yaml"
-    files = f"{{press: {DATA}/press.csv, rig: {DATA}/rig.csv}}"
-    path.write_text(f"belt: {{name: belt}}\ndata: {files}\n")
-    return path
-
-
-@pytest.mark.parametrize("arguments", [[], ["--dry-run"]])
-@pytest.mark.parametrize("link", ["belt", "belt/stiffness.parquet", "belt/report.html"])
-def test_a_link_out_of_the_folder_of_the_results_is_refused(tmp_path, link, arguments):
-    outside = tmp_path / "outside"
-    outside.mkdir()
-    path = tmp_path / "runs" / link
-    path.parent.mkdir(parents=True)
-    path.symlink_to(outside if link == "belt" else outside / "new")
-    call = ["run", str(belts_config(tmp_path)), "--out", str(tmp_path / "runs"), *arguments]
-    result = CliRunner().invoke(app, call)
-    assert result.exit_code == 2
-    assert f"{path}: is a link to {path.resolve()}, outside the results folder" in result.stderr
-    assert list(outside.iterdir()) == []
-
-
-def test_the_folder_of_the_results_itself_may_be_a_link(tmp_path):
-    (tmp_path / "disk").mkdir()
-    (tmp_path / "runs").symlink_to(tmp_path / "disk")
-    call = ["run", str(belts_config(tmp_path)), "--out", str(tmp_path / "runs"), "--dry-run"]
-    assert CliRunner().invoke(app, call).exit_code == 0
 
 
 def test_names_in_files_cannot_command_a_terminal(tmp_path):

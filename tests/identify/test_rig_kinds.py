@@ -22,7 +22,7 @@ from beltid.identify.friction.kinds import KnownCell, KnownCells, RigKind, drag_
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import RunReduction, reduce_runs
 from beltid.identify.friction.run import run_records
-from beltid.stages.reduction import reduction_columns
+from beltid.stages.friction import reduction_columns
 
 R = 0.05
 RIG = Path(__file__).parents[2] / "rigdata/5pk/rig.csv"

@@ -73,11 +73,6 @@ def test_the_table_of_an_artifact_is_written_as_csv(folder: Path, tmp_path: Path
     )
     assert rows[0]["run"] == "'=1+1"  # no formula in a spreadsheet
     assert {row["origin"] for row in rows} == {"synthetic"}
-    status, _, said = shown(
-        folder / "friction.parquet", "-o", tmp_path / "b.csv", "--figure", "friction"
-    )
-    assert status == 2
-    assert "is a table, --figure = friction needs .svg, .pdf, .png" in said
 
 
 def test_results_in_python_hand_on_that_their_data_are_synthetic(tmp_path: Path) -> None:

@@ -163,18 +163,6 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
     assert set(beltid.simulate_drive(drive, 1.0, LAW).to_frame()["run"]) == {"1", "2"}
 
 
-def test_slip_limit_over_the_tension_is_that_of_each_tension() -> None:
-    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [10]}}
-    once = beltid.simulate_drive(config(operating_points=points), 1.0, LAW)
-    rows = once.tables["limits_over_tension"]
-    other = beltid.simulate_drive(
-        config(operating_points=points, initial_tension_N=[rows[0]["initial_tension_N"]]), 1.0, LAW
-    )
-    for name in ("adhesion_end_torque_N_m", "slip_limit_torque_N_m"):
-        assert rows[0][name] == pytest.approx(other.tables["slip_limits"][0][name], rel=1e-4)
-    assert np.all(np.diff([row["slip_limit_torque_N_m"] for row in rows]) > 0.0)
-
-
 def test_a_drive_warns_that_its_ribs_are_rigid() -> None:
     soft = config() | {"belt": {"shear_stiffness_N_m2": 3.4e7}}
     outcome = beltid.simulate_drive(soft, true_surface(), LAW)

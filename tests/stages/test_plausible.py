@@ -41,6 +41,14 @@ def by_torque() -> pd.DataFrame:
     return rig.drop(columns="tension_tight_N").assign(torque_N_m=torque)
 
 
+BENCHES = {
+    "cells": (lambda: runs("5pk"), {}),
+    "weight on the slack span": (hung, WEIGHT),
+    "weight on the tight span": (lambda: hung("tight"), {"rig": {"kind": "dead_weight"}}),
+    "torque": (by_torque, TORQUE),
+}
+
+
 def refused(frame: pd.DataFrame, config: dict[str, Any] | None = None) -> str:
     with pytest.raises(beltid.InputError) as caught:
         beltid.fit_friction(frame, config)
@@ -58,16 +66,18 @@ def with_unit(config: dict[str, Any], column: str, unit: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("frame", "config", "column", "factor", "unit"),
+    ("bench", "column", "factor", "unit"),
     [
-        (hung(), WEIGHT, "weight_N", 9.80665, "kg"),
-        (hung("tight"), {"rig": {"kind": "dead_weight"}}, "weight_N", 9.80665, "kg"),
-        (hung(), WEIGHT, "tension_tight_N", 9.80665, "kg"),
-        (by_torque(), TORQUE, "torque_N_m", LBF_IN, "lbf in"),
-        (runs("5pk"), {}, "pulley_speed_rad_s", np.pi / 30.0, "rpm"),
+        ("weight on the slack span", "weight_N", 9.80665, "kg"),
+        ("weight on the tight span", "weight_N", 9.80665, "kg"),
+        ("weight on the slack span", "tension_tight_N", 9.80665, "kg"),
+        ("torque", "torque_N_m", LBF_IN, "lbf in"),
+        ("cells", "pulley_speed_rad_s", np.pi / 30.0, "rpm"),
     ],
 )
-def test_another_unit_is_refused_until_it_is_stated(frame, config, column, factor, unit):
+def test_another_unit_is_refused_until_it_is_stated(bench, column, factor, unit):
+    make, config = BENCHES[bench]
+    frame = make()
     truth = mu(frame, config)
     read = frame.assign(**{column: frame[column] / factor})
     found = refused(read, config)
@@ -77,13 +87,18 @@ def test_another_unit_is_refused_until_it_is_stated(frame, config, column, facto
 
 
 def test_numbers_that_are_right_in_spite_of_it_are_stated_as_a_calibration():
-    frame = hung().assign(weight_N=hung().weight_N / 9.80665)
-    config = with_unit(WEIGHT, "weight_N", {"factor": 1.0, "offset": 0.0})
-    beltid.fit_friction(frame, {**config, "rig": WEIGHT["rig"]})
+    frame = hung()
+    frame["weight_N"] /= 9.80665
+    beltid.fit_friction(frame, with_unit(WEIGHT, "weight_N", {"factor": 1.0, "offset": 0.0}))
     assert "weight_N" in refused(frame, with_unit(WEIGHT, "weight_N", "N"))
 
 
-@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize(
+    "belt", ["4pk", pytest.param("5pk", marks=LONG), pytest.param("6pk", marks=LONG)]
+)
 def test_a_slow_rig_in_rpm_is_refused_at_every_arc(belt):
     rig = runs(belt, every=9, arcs=(40.0, 68.0))
     mu(rig)

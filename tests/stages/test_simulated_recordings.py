@@ -28,7 +28,7 @@ def true_friction() -> FrictionSurface:
     return FrictionSurface(f, v, 1.05 * (f[:, None] / 5400.0) ** -0.2 * (1.0 + 0.5 * (rate - 1.0)))
 
 
-@pytest.mark.parametrize("belt", BELTS)
+@pytest.mark.parametrize("belt", ["soft", pytest.param("stiff", marks=pytest.mark.long)])
 def test_the_level_of_every_run_is_that_on_which_it_settles(belt: str) -> None:
     law, EA, EI, mass = BELTS[belt]
     config = {

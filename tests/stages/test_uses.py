@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,7 @@ def test_a_stage_reads_no_section_that_it_does_not_name(
         )
         uses = (*stage.uses, *(("units",) if recorded else ()))
 
+        @functools.wraps(compute)  # the command is made from its docstring
         def call(**given: Any) -> Any:
             ran.add(stage.name)
             return compute(**{**given, "config": poisoned(given["config"], uses)})

@@ -9,7 +9,7 @@ import pytest
 
 from beltid.config import load_config
 from beltid.identify.friction.kinds import RigKind
-from beltid.stages.uncertainties import standard_uncertainties
+from beltid.stages.inputs import standard_uncertainties
 from beltid.uncertainty.reduced import friction_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties
 
