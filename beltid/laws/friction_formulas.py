@@ -36,10 +36,7 @@ class FrictionLaw:
     amplitudes: tuple[str, ...] = ("mu0",)  # parameters c_k
     relative: bool = False  # whether all amplitudes but the first are given in units of the first
     scale: str = ""  # parameter that is a speed scale, if there is one
-    reach: float = 1.0  # factor by which the scale is sought beyond the measured speeds each way
     speeds_needed: int = 1  # least number of speeds that determines the dependence on speed
-    open_below: tuple[str, ...] = ()  # undetermined if the scale may lie far below all speeds
-    open_above: tuple[str, ...] = ()  # undetermined if it may lie far above them
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -85,10 +82,7 @@ def _stribeck(d: int) -> FrictionLaw:
         phi=phi,
         amplitudes=("mu_s", "mu_k", "c"),
         scale="v_s",
-        reach=10.0,
         speeds_needed=4,
-        open_below=("v_s", "mu_s"),
-        open_above=("v_s", "mu_k", "c"),
     )
 
 
@@ -105,10 +99,7 @@ _LAWS = (
         amplitudes=("mu0", "b"),
         relative=True,
         scale="v0",
-        reach=1.0e3,
         speeds_needed=3,
-        open_below=("v0", "mu0", "b"),
-        open_above=("v0", "b"),
     ),
     _stribeck(1),
     _stribeck(2),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,6 +15,7 @@ from beltid.uncertainty.sources import FITTED, Source
 
 WORTH = 0.1  # share of the uncertainty that runs must remove to be worth their time
 LOOK_AHEAD = 24  # number of runs used to judge whether more runs can help at all
+LEAST = 1.0e-6  # contribution [-] that is named
 MOSTLY = 0.5  # shared errors dominate above this share of the variance
 
 Stop = Literal["goal reached", "shared errors remain", "runs do not help"]
@@ -147,104 +148,91 @@ def _planned(
     goal: float,
 ) -> Plan:
     """Choose among given candidates."""
-    W = target.W
-    now = before.variance(W)
-    stop: Stop | None = None
+    W, now = target.W, before.variance(target.W)
+
+    def left(rows: Sequence[int]) -> float:
+        """Return the variance after some runs."""
+        return before.after(runs, rows).variance(W)
+
+    def without(rows: Sequence[int]) -> dict[int, float]:
+        """Return the variance without each of some runs, by their number."""
+        return {i: left(_less(rows, i)) for i in sorted(set(rows))}
+
+    stop: Stop | None = "goal reached" if now <= goal**2 else None
     chosen: list[int] = []
-    if now <= goal**2:
-        stop = "goal reached"
-    else:
-        chosen = choose_runs(before, runs, W, count)
-        chosen = _drop_harmful_runs(before, runs, W, chosen, count)
-        reached = before.after(runs, chosen).variance(W)
-        if reached <= goal**2:
-            chosen = _fewest_runs(before, runs, W, chosen, goal**2)
-        elif not _is_worthwhile(before, runs, W, reached):
+    if stop is None:
+        chosen = _without_harmful(choose_runs(before, runs, W, count), runs, count, left, without)
+        worthwhile = now * (1.0 - WORTH) ** 2
+        if left(chosen) <= goal**2:
+            fewer = 0  # by bisection
+            while len(chosen) - fewer > 1:
+                middle = (fewer + len(chosen)) // 2
+                trial = choose_runs(before, runs, W, middle)
+                if left(trial) <= goal**2:
+                    chosen = trial
+                else:
+                    fewer = middle
+        elif left(chosen) > worthwhile < left(choose_runs(before, runs, W, LOOK_AHEAD)):
             stop, chosen = "runs do not help", []
     after = before.after(runs, chosen)
     then = after.variance(W)
-    shared = float(np.sum(after.changes * (W @ after.changes)))
-    if stop == "runs do not help" and shared > MOSTLY * then:
+    shared = float(np.sum(after.changes * (W @ after.changes))) / then
+    if stop == "runs do not help" and shared > MOSTLY:
         stop = "shared errors remain"
-    without = _variances_without_each(before, runs, W, chosen)
+    missing = without(chosen)
     return Plan(
         chosen=tuple(chosen),
-        gains=tuple(float(np.sqrt(without[i] / then)) - 1.0 for i in chosen),
+        gains=tuple(float(np.sqrt(missing[i] / then)) - 1.0 for i in chosen),
         needed=needed_for(runs, chosen, len(chosen)),
         before=float(np.sqrt(now)),
         after=float(np.sqrt(then)),
         regions=_regions(target, target.variances(before), target.variances(after)),
-        shared=shared / then,
+        shared=shared,
         statements=_statements(after, W, sources),
         stop=stop,
     )
 
 
-def _variances_without_each(
-    before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int]
-) -> dict[int, float]:
-    """Return the variance with each chosen run left out, by run number."""
-    variances = {}
-    for i in sorted(set(chosen)):
-        others = list(chosen)
-        others.remove(i)
-        variances[i] = before.after(runs, others).variance(W)
-    return variances
+def _less(rows: Sequence[int], i: int) -> list[int]:
+    """Return the runs with one of them listed once less."""
+    others = list(rows)
+    others.remove(i)
+    return others
 
 
-def _drop_harmful_runs(
-    before: Knowledge, runs: RunRows, W: np.ndarray, chosen: list[int], count: int
+def _without_harmful(
+    chosen: list[int],
+    runs: RunRows,
+    count: int,
+    left: Callable[[Sequence[int]], float],
+    without: Callable[[Sequence[int]], dict[int, float]],
 ) -> list[int]:
-    """Drop the runs whose shared errors make the surface worse.
-
-    Runs that a plan must contain stay.
-    """
-    chosen = list(chosen)
+    """Drop the runs whose shared errors make the surface worse, but those the plan must contain."""
     while chosen:
         needed = needed_for(runs, chosen, count)
-        without = _variances_without_each(before, runs, W, chosen)
-        free = {i: variance for i, variance in without.items() if i not in needed}
+        free = {i: variance for i, variance in without(chosen).items() if i not in needed}
         worst = min(free, key=free.__getitem__, default=None)
-        if worst is None or free[worst] >= before.after(runs, chosen).variance(W):
+        if worst is None or free[worst] >= left(chosen):
             break
-        chosen.remove(worst)
+        chosen = _less(chosen, worst)
     return chosen
 
 
-def _is_worthwhile(before: Knowledge, runs: RunRows, W: np.ndarray, reached: float) -> bool:
-    """Return whether the planned runs, or `LOOK_AHEAD` runs, lower the uncertainty enough."""
-    worthwhile = before.variance(W) * (1.0 - WORTH) ** 2
-    if reached <= worthwhile:
-        return True
-    many = choose_runs(before, runs, W, LOOK_AHEAD)
-    return before.after(runs, many).variance(W) <= worthwhile
-
-
-def _fewest_runs(
-    before: Knowledge, runs: RunRows, W: np.ndarray, enough: list[int], goal: float
-) -> list[int]:
-    """Find the smallest choice that reaches a variance, by bisection; `enough` reaches it."""
-    low, best = 0, enough
-    while len(best) - low > 1:
-        middle = (low + len(best)) // 2
-        trial = choose_runs(before, runs, W, middle)
-        if before.after(runs, trial).variance(W) <= goal:
-            best = trial
-        else:
-            low = middle
-    return best
-
-
 def _regions(target: Target, before: np.ndarray, after: np.ndarray) -> tuple[Region, ...]:
+    """Return the uncertainty in every region, before and after the runs."""
+
     def mean(variance: np.ndarray, here: np.ndarray) -> float:
         return float(np.sqrt(np.average(variance[here], weights=target.weight[here])))
 
+    def span(values: np.ndarray) -> tuple[float, float]:
+        return float(values.min()), float(values.max())
+
     return tuple(
         Region(
-            force=(float(target.normal_force[here].min()), float(target.normal_force[here].max())),
-            speed=(float(target.slip_speed[here].min()), float(target.slip_speed[here].max())),
-            before=mean(before, here),
-            after=mean(after, here),
+            span(target.normal_force[here]),
+            span(target.slip_speed[here]),
+            mean(before, here),
+            mean(after, here),
         )
         for here in target.regions()
     )
@@ -256,12 +244,14 @@ def _statements(
     """Rank the shared errors by their contribution; those without effect are left out."""
     total = after.variance(W)
     of_source = np.einsum("pk,pk->k", after.changes, W @ after.changes)
-    names = dict.fromkeys(source.name for source in sources)
-    statements = []
-    for name in names:
-        columns = [k for k, source in enumerate(sources) if source.name == name]
-        variance = float(of_source[columns].sum())
-        halved = float(np.sqrt(total - 0.75 * variance))
-        statements.append(Statement(sources[columns[0]], float(np.sqrt(variance)), halved))
-    statements = [item for item in statements if item.contribution > 1.0e-6]
+    first: dict[str, Source] = {}
+    variance: dict[str, float] = {}
+    for source, part in zip(sources, of_source.tolist(), strict=True):
+        first.setdefault(source.name, source)
+        variance[source.name] = variance.get(source.name, 0.0) + part
+    statements = (
+        Statement(first[name], float(np.sqrt(part)), float(np.sqrt(total - 0.75 * part)))
+        for name, part in variance.items()
+        if part > LEAST**2
+    )
     return tuple(sorted(statements, key=lambda item: item.halved))

@@ -26,13 +26,14 @@ from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.design import Knowledge
-from beltid.refine.curves import Curves
+from beltid.refine.curves import SPEED_BEND, Curves
 from beltid.refine.effects import BEFORE
 from beltid.refine.posterior import CURVE, DIFFERENCE, PRIORS
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (
     ARC,
+    FITTED,
     Source,
     StandardUncertainties,
     all_sources,
@@ -50,8 +51,6 @@ FORCE_SLOPE, FORCE_SLOPE_WIDTH = -0.15, 0.15
 """d ln mu / d ln f_N and its standard deviation."""
 SPEED_SLOPE, SPEED_SLOPE_WIDTH = 0.1, 0.15
 """d ln mu / d ln v and its standard deviation."""
-SPEED_BEND: Final = 0.1
-"""Standard deviation of the change of d ln mu / d ln v over one unit of ln v."""
 SAME_SPEED: Final = 0.1
 """Largest distance in ln v at which a run belongs to a speed of the surface."""
 
@@ -72,7 +71,8 @@ class KnownSurface(SurfaceUncertainty):
         """List the sources whose size was different when the surface was fitted."""
         now = all_sources(stated, len(self.arcs_deg), law_scatter)
         sizes = {(source.error, source.place): source.size for source in now}
-        changed = (s.name for s in self.sources if sizes.get((s.error, s.place), s.size) != s.size)
+        stated_then = (s for s in self.sources if s.basis != FITTED)
+        changed = (s.name for s in stated_then if sizes.get((s.error, s.place), s.size) != s.size)
         return list(dict.fromkeys(changed))
 
 

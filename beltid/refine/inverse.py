@@ -7,10 +7,9 @@ Eq. (6), applied to the simulated tensions, gives each measured coefficient. The
 surface is free. The data determine its smoothness and the other effects on friction
 (:mod:`beltid.refine.posterior`).
 
-The surface is found twice, the second time with the errors that runs share, whose effect on each
-run is taken at the first. An error e of the bench changes the surface by G de, with the gain G of
-the solution (implicit differentiation of least squares) and the change de of measured minus
-simulated ln mu: without a new fit.
+An error e of the bench changes the surface by G de, with the gain G of the solution (implicit
+differentiation of least squares) and the change de of measured minus simulated ln mu: without a new
+fit. The bending stiffness counts with the error that the runs leave to it.
 """
 
 from __future__ import annotations
@@ -25,9 +24,10 @@ from numpy.typing import NDArray
 
 from beltid.errors import BeltidError, ConvergenceError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
+from beltid.mixed import Posterior
 from beltid.refine.curves import Curves
 from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
-from beltid.refine.posterior import LinearRuns, Sizes, Solution
+from beltid.refine.posterior import SHARED_ERRORS, LinearRuns, Sizes
 from beltid.uncertainty.budget import SurfaceUncertainty, factor_of
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.rig_runs import (
@@ -37,7 +37,7 @@ from beltid.uncertainty.rig_runs import (
     mesh_of,
     residual_changes,
 )
-from beltid.uncertainty.sources import Source, effect_sources
+from beltid.uncertainty.sources import FITTED, Source, effect_sources
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,7 @@ DECREASE: Final = 1.0e-4  # required decrease of the misfit over that of its tan
 HALVINGS: Final = 7  # halvings of a step before it is given up
 NOTHING: Final = 0.1  # misfit left to gain that is negligible: a third of a standard error
 OUTLIER: Final = 3.5  # misfit in standard errors beyond which a run loses weight
+FEWEST_RUNS: Final = 4
 LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
 
 
@@ -80,18 +81,21 @@ class RefinedSurface:
         ln mu at the knots, speed by speed.
     campaign : Campaign
         Its runs, with the effects that they show.
+    stated : tuple of Source
+        Errors that runs share, as stated.
     sources : tuple of Source
-        Errors that runs share, then the effects.
+        The same, less what the runs show of the bending stiffness; then the effects.
     changes : ndarray, shape (size, K)
         Change of the parameters by one standard uncertainty of each source.
     scatter : ndarray, shape (size, size)
         Covariance of the parameters by scatter from run to run and by what is smoothed away.
-    sizes : mapping of str to float
-        Sizes of noise, scatter, curve, difference, effects, stated errors, chosen by the data.
     runs : LinearRuns
-        The runs, linearised about the solution.
-    solution : Solution
-        The estimate.
+        The runs, linearised about the solution, with the errors that they share.
+    posterior : Posterior
+        The estimate: surface and effects, with the sizes of noise, scatter, curve, difference and
+        effects.
+    told : Posterior
+        What the runs say of the errors that they share as well.
     weight : ndarray, shape (n,)
         Weight of the runs in the fit [-]: 1, less for outliers.
     iterations : int
@@ -100,51 +104,47 @@ class RefinedSurface:
         Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0.
     misfit_before, misfit_after : ndarray, shape (n,)
         Simulated over measured coefficient minus one, with the initial and the refined surface.
-    J : ndarray, shape (n, size)
-        Derivatives of ln mu of the runs with respect to the parameters.
-    gain : ndarray, shape (size, n)
-        Derivatives of the parameters with respect to ln mu of the runs.
-    slopes, speed_slope : ndarray, shape (n, 8), (n,)
-        Derivatives of the simulated ln mu of each run by the ln of each input, and by ln v.
     effects : tuple of EstimatedEffect
         Effects on the friction apart from the surface.
+    effects_covariance : ndarray, shape (K', K')
+        Covariance of all their numbers, by noise and by the errors that runs share.
     """
 
     surface: FrictionSurface
     curves: Curves
     parameters: Array
     campaign: Campaign
+    stated: tuple[Source, ...]
     sources: tuple[Source, ...]
     changes: Array
     scatter: Array
-    sizes: Sizes
     runs: LinearRuns
-    solution: Solution
+    posterior: Posterior
+    told: Posterior
     weight: Array
     iterations: int
     still_changing: float
     misfit_before: Array
     misfit_after: Array
-    J: Array
-    gain: Array
-    slopes: Array
-    speed_slope: Array
     effects: tuple[EstimatedEffect, ...]
+    effects_covariance: Array
 
     @property
-    def response(self) -> Array:
-        """Derivative of ln mu of the runs (n,) with respect to ln of a factor on the surface."""
-        return np.asarray(self.J.sum(axis=1))
+    def sizes(self) -> Sizes:
+        """Sizes that the data chose: of noise, scatter, curve, difference, effects."""
+        return self.posterior.sizes
 
     @property
     def noise_scale(self) -> float:
         """Scatter of the runs about surface and effects in stated standard errors (RMS) [-]."""
-        return float(np.sqrt(np.mean(self.runs.variance(self.sizes))))
+        ratio = self.runs.variance(self.sizes) / np.square(self.runs.errors)
+        return float(np.sqrt(np.mean(ratio)))
 
     @property
     def effective_parameters(self) -> float:
         """Number of parameters that the data determine."""
-        return self.solution.determined
+        X = self.posterior.model.X[:, 0]
+        return float(np.sum(self.runs.gain(self.posterior) * X.T))
 
     @property
     def uncertainty(self) -> SurfaceUncertainty:
@@ -156,21 +156,18 @@ class RefinedSurface:
             changes=self.curves.at_nodes(forces, self.changes),
             scatter=self.curves.at_nodes(forces, factor_of(self.scatter)),
             arcs_deg=self.campaign.measured.arcs_deg,
-            degrees_of_freedom=max(self.J.shape[0] - self.effective_parameters, 1.0),
+            degrees_of_freedom=max(self.weight.size - self.effective_parameters, 1.0),
         )
 
-    def stated_errors(self) -> dict[str, tuple[float, float]]:
-        """Return the stated errors as the runs show them: name -> error and standard deviation.
+    def stated_errors(self) -> tuple[Array, Array]:
+        """Return mean and standard deviation of each stated error by the runs (K'').
 
-        Both are in stated standard uncertainties; of several sources of a name the most certain
-        error counts.
+        Both are in stated standard uncertainties.
         """
-        found: dict[str, tuple[float, float]] = {}
-        errors = zip(*self.runs.stated_errors(self.sizes), strict=True)
-        for source, (mean, sd) in zip(self.sources, errors, strict=False):
-            if source.name not in found or sd < found[source.name][1]:
-                found[source.name] = float(mean), float(sd)
-        return found
+        if not self.stated:
+            return np.zeros(0), np.zeros(0)
+        mean, covariance = self.told.of(SHARED_ERRORS)
+        return mean, np.sqrt(np.diag(covariance))
 
     def convergence_warnings(self) -> tuple[str, ...]:
         """Return a sentence if the iteration did not converge."""
@@ -201,7 +198,7 @@ def refine_surface(
     speeds : ndarray, shape (m,)
         Speed settings [m/s], increasing; each run belongs to the nearest one.
     sources : sequence of Source
-        Errors that runs share. The effects are what these errors do not explain.
+        Errors that runs share.
     reference_degC : float, optional
         Temperature to which the surface is corrected [°C]; by default that of the runs.
 
@@ -213,68 +210,87 @@ def refine_surface(
         If a run cannot be simulated, or the iteration does not converge.
     """
     measured, bench = campaign.measured, campaign.bench
-    if measured.mu.size < 4:
-        count = measured.mu.size
-        raise InputError(f"{count} runs to refine a surface from, at least 4 are needed")
+    n = measured.mu.size
+    if n < FEWEST_RUNS:
+        raise InputError(f"{n} runs to refine a surface from, at least {FEWEST_RUNS} are needed")
     points = measured.points
     rig = RigRuns(bench, points, speeds, mesh_of(bench, points, FINER_MESH))
     empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
     if empty:
         raise InputError(f"no run at the speeds {', '.join(empty)}")
     effects = campaign_effects(measured, reference_degC)
-    slopes, changes = np.zeros((measured.mu.size, 8)), np.zeros((measured.mu.size, 0))
-    problem = Problem.of(rig, bench.surface, measured, effects, changes)
+    problem = Problem.of(rig, bench.surface, measured, effects)
     fit = first = problem.solved(bench.surface)
+    # with the knots where the surface that was found lets forces act
+    start = problem.tabulated(problem.B @ fit.coordinates)
+    problem = Problem.of(rig, start, measured, effects)
+    fit = problem.solved(start)
+    B, posterior, q = problem.B, fit.posterior, len(problem.B)
+    parameters, changes = B @ fit.coordinates, np.zeros((n, 0))
     if sources:
-        parameters, by_speed = problem.B @ first.coordinates, first.sweep.speed_slope
-        surfaces = problem.curves.surfaces(parameters)
+        by_speed, surfaces = fit.sweep.speed_slope, problem.curves.surfaces(parameters)
         slopes = input_slopes(campaign, surfaces, rig.speeds, by_speed)
         changes = residual_changes(campaign, sources, slopes, by_speed)
-        # again with the stated errors, so that the effects do not explain them too
-        start = problem.tabulated(parameters)
-        problem = Problem.of(rig, start, measured, effects, -changes)
-        fit = problem.solved(start)
-    B, solution, J = problem.B, fit.solution, fit.sweep.J
-    scale = np.sqrt(fit.weight) / problem.errors
-    gain = B @ solution.gain * scale
-    estimated, shifted, columns = [], measured, [changes]
+    runs = replace(fit.runs, shared=-changes)
+    told = runs.model().at(posterior.sizes)
+    left = _left_by_the_runs(sources, told)
+    changes = changes * [share for _, share in left]
+
+    gain = runs.gain(posterior)
+    estimated, shifted, by_effect = [], measured, [np.zeros((n, 0))]
     added: list[Source] = []
-    for effect, values in zip(effects, _split(effects, solution.effects), strict=True):
-        size = fit.sizes[effect.key]
-        of_runs = effect.columns * J.sum(axis=1)[:, None]
-        share = fit.runs.explained(of_runs * scale[:, None], fit.sizes)
+    for effect, of_runs in zip(effects, (e.columns for e in runs.effects), strict=True):
+        values, size = posterior.of(effect.key)[0], posterior.sizes[effect.key]
         weight = np.square(values) * np.mean(np.square(effect.columns), axis=0)
+        share = runs.explained(of_runs, posterior.sizes)
         explained = float(np.average(share, weights=weight if np.any(weight) else None))
         estimated.append(EstimatedEffect(effect, size, values, explained))
         shifted = shifted.with_columns(effect.key, of_runs)
-        columns.append(size * of_runs)
         added += effect_sources(effect.key, size, values.size)
-    by_source = gain @ np.hstack(columns)
-    scatter = B @ solution.covariance @ B.T
-    by_effects = by_source[:, len(sources) :]
-    parameters, covariance = B @ fit.coordinates, scatter + by_effects @ by_effects.T
+        by_effect.append(size * of_runs)
+    by_source = B @ gain[:q] @ np.hstack([changes, *by_effect])
+    smoothed = np.eye(q) - gain[:q] @ runs.X
+    scatter = gain[:q] * runs.variance(posterior.sizes) @ gain[:q].T
+    scatter = scatter + smoothed * runs.prior_variance(posterior.sizes) @ smoothed.T
+    scatter = B @ scatter @ B.T
+    of_effects = by_source[:, len(sources) :]
+    by_errors = gain[q:] @ changes
     return RefinedSurface(
-        surface=problem.tabulated(parameters, covariance),
+        surface=problem.tabulated(parameters, scatter + of_effects @ of_effects.T),
         curves=problem.curves,
         parameters=parameters,
         campaign=replace(campaign, measured=shifted),
-        sources=(*sources, *added),
+        stated=tuple(sources),
+        sources=(*(source for source, _ in left), *added),
         changes=by_source,
         scatter=scatter,
-        sizes=fit.sizes,
-        runs=fit.runs,
-        solution=solution,
+        runs=runs,
+        posterior=posterior,
+        told=told,
         weight=fit.weight,
-        iterations=fit.iterations,
+        iterations=first.iterations + fit.iterations,
         still_changing=fit.still_changing,
         misfit_before=np.expm1(first.log_mu_before - problem.log_mu),
         misfit_after=np.expm1(fit.sweep.log_mu - problem.log_mu),
-        J=J,
-        gain=gain,
-        slopes=slopes,
-        speed_slope=fit.sweep.speed_slope,
         effects=tuple(estimated),
+        effects_covariance=posterior.covariance[q:, q:] + by_errors @ by_errors.T,
     )
+
+
+def _left_by_the_runs(sources: Sequence[Source], told: Posterior) -> list[tuple[Source, float]]:
+    """Return each source with the share of its standard uncertainty that the runs leave to it.
+
+    They show the bending stiffness; of the others they show too little, and that together.
+    """
+    left = []
+    for k, source in enumerate(sources):
+        share = 1.0
+        if source.error == "bending_stiffness":
+            mean, covariance = told.of(SHARED_ERRORS)
+            share = min(1.0, math.hypot(mean[k], math.sqrt(covariance[k, k])))
+            source = replace(source, size=share * source.size, basis=FITTED)
+        left.append((source, share))
+    return left
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,8 +354,7 @@ class Fit:
     coordinates: Array
     sweep: Sweep
     runs: LinearRuns
-    sizes: Sizes
-    solution: Solution
+    posterior: Posterior
     weight: Array
     log_mu_before: Array
     iterations: int
@@ -348,64 +363,41 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The runs on the simulated rig and their measured values, arrays (n,)."""
+    """The runs on the simulated rig and their measured values, arrays (n,).
+
+    `B` are the parameters per unit of each coordinate (size, size), `parts` the place of each part
+    of the surface among the coordinates, `forces` the nodes of the surface.
+    """
 
     rig: RigRuns
     curves: Curves
+    B: Array
+    parts: Mapping[str, slice]
     forces: Array
     log_mu: Array
     errors: Array
     effects: tuple[Effect, ...]
-    stated: Array
 
     @classmethod
     def of(
-        cls,
-        rig: RigRuns,
-        start: FrictionSurface,
-        measured: Measured,
-        effects: tuple[Effect, ...],
-        stated: Array,
+        cls, rig: RigRuns, start: FrictionSurface, measured: Measured, effects: tuple[Effect, ...]
     ) -> Self:
         """Place knots and nodes where forces act with a surface."""
         acting = acting_forces(rig, start)
         lowest, low, high = acting[:, 0].min(), acting[:, 1].min(), acting[:, 2].max()
-        errors = np.hypot(measured.mu_se / measured.mu, MODEL_ERROR)
         curves = Curves(_knots(*np.log([lowest, low, high])), np.log(rig.speeds))
-        forces = np.geomspace(low, high, KNOTS)
-        return cls(rig, curves, forces, np.log(measured.mu), errors, effects, stated)
-
-    @property
-    def B(self) -> Array:
-        """Parameters per unit of each coordinate (size, size)."""
-        return np.hstack(list(self.curves.coordinates().values()))
-
-    @property
-    def parts(self) -> Mapping[str, slice]:
-        """Place of each part of the surface among the coordinates; empty ones are left out."""
-        widths = {name: Z.shape[1] for name, Z in self.curves.coordinates().items()}
-        ends = np.cumsum([0, *widths.values()]).tolist()
-        places = zip(widths, ends[:-1], ends[1:], strict=True)
-        return {name: slice(a, b) for name, a, b in places if b > a}
-
-    def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
-        """Linearise the data over their standard errors about simulated runs.
-
-        `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
-        are chosen again.
-        """
-        scale = np.sqrt(weight) / self.errors
-        X = done.J @ self.B
-        return LinearRuns(
-            y=(self.log_mu - done.log_mu + X @ at) * scale,
-            X=X * scale[:, None],
-            parts=self.parts,
-            response=response / self.errors,
-            effects=tuple(
-                replace(effect, columns=effect.columns * (scale * response)[:, None])
-                for effect in self.effects
-            ),
-            stated=self.stated * scale[:, None],
+        columns = {name: Z for name, Z in curves.coordinates().items() if Z.shape[1]}
+        ends = np.cumsum([0, *(Z.shape[1] for Z in columns.values())]).tolist()
+        places = zip(columns, ends[:-1], ends[1:], strict=True)
+        return cls(
+            rig=rig,
+            curves=curves,
+            B=np.hstack(list(columns.values())),
+            parts={name: slice(a, b) for name, a, b in places},
+            forces=np.geomspace(low, high, KNOTS),
+            log_mu=np.log(measured.mu),
+            errors=np.hypot(measured.mu_se / measured.mu, MODEL_ERROR),
+            effects=effects,
         )
 
     def tabulated(self, parameters: Array, covariance: Array | None = None) -> FrictionSurface:
@@ -415,6 +407,19 @@ class Problem:
             factor = self.curves.at_nodes(self.forces, factor_of(covariance))
             se = mu * np.sqrt(np.sum(np.square(factor), axis=-1))
         return FrictionSurface(self.forces, self.rig.speeds, mu, se)
+
+    def linearised(self, done: Sweep, at: Array, weight: Array, response: Array) -> LinearRuns:
+        """Linearise the data about simulated runs.
+
+        `response` (n,) is the sensitivity to effects and scatter. It changes only when the sizes
+        are chosen again.
+        """
+        X = done.J @ self.B
+        effects = (
+            replace(effect, columns=effect.columns * response[:, None]) for effect in self.effects
+        )
+        y, errors = self.log_mu - done.log_mu + X @ at, self.errors / np.sqrt(weight)
+        return LinearRuns(y, X, self.parts, errors, response, tuple(effects))
 
     def solved(self, start: FrictionSurface) -> Fit:
         """Iterate with damping; choose weights and sizes again a few times, then freeze them.
@@ -430,29 +435,26 @@ class Problem:
         share, change, choices, iteration = 1.0, np.inf, 0, 0
         try:
             done = sweep(self.rig, self.curves, self.B @ at)
-            before = done.log_mu
-            response: Array = done.J.sum(axis=1)
+            before, response = done.log_mu, done.J.sum(axis=1)
             for iteration in range(1, MOST_ITERATIONS + 1):
                 fresh = choices < CHOICES and share in (0.0, 1.0)
                 if fresh:
                     weight, response = _weights(residual), done.J.sum(axis=1)
                     choices += 1
                 runs = self.linearised(done, at, weight, response)
-                if fresh:
-                    sizes = runs.choose(sizes)
-                solution = runs.solve(sizes)
-                residual = solution.residual / np.sqrt(weight)
-                step = solution.coordinates - at
+                sizes = runs.choose(sizes) if fresh else sizes
+                posterior = runs.model().at(sizes)
+                residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
+                step = posterior.mean[: at.size] - at
                 # effect of the step on the data: knots that carry no load may drift
-                change = float(np.max(np.abs(done.J @ (self.B @ step))))
+                change = float(np.max(np.abs(runs.X @ step)))
                 share, ended = 0.0, change <= TOLERANCE
                 if not ended:
+                    share, at, done = self._descend(at, step, done, runs, posterior)
                     gain = runs.misfit(runs.X @ step, step, sizes)
-                    share, done = self._descend(at, step, done, runs, solution, sizes, weight)
-                    at = at + share * step
                     ended = share == 0.0 and gain <= NOTHING
                 if ended and (fresh or choices == CHOICES):
-                    return Fit(at, done, runs, sizes, solution, weight, before, iteration)
+                    return Fit(at, done, runs, posterior, weight, before, iteration)
                 if share == 0.0 and choices == CHOICES:
                     break
         except BeltidError as error:
@@ -462,7 +464,7 @@ class Problem:
                 residual=change,
             ) from error
         if change <= NEARLY:
-            return Fit(at, done, runs, sizes, solution, weight, before, iteration, change)
+            return Fit(at, done, runs, posterior, weight, before, iteration, change)
         raise ConvergenceError(
             f"refined surface: no convergence in {iteration} iterations (last change of mu "
             f"{100 * change:.2g} %)",
@@ -471,31 +473,24 @@ class Problem:
         )
 
     def _descend(
-        self,
-        at: Array,
-        step: Array,
-        done: Sweep,
-        runs: LinearRuns,
-        solution: Solution,
-        sizes: Sizes,
-        weight: Array,
-    ) -> tuple[float, Sweep]:
-        """Find the largest share of a step, 1, 1/2, ..., with enough decrease, and its runs.
+        self, at: Array, step: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
+    ) -> tuple[float, Array, Sweep]:
+        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
 
         Raises
         ------
         BeltidError
             If the runs cannot be simulated with the shortest share.
         """
-        scale = np.sqrt(weight) / self.errors
+        sizes, model = posterior.sizes, posterior.model
+        shifts = model.X[:, 0, at.size :] @ posterior.mean[at.size :]  # by the effects
 
         def merit(simulated: Sweep, coordinates: Array) -> float:
-            residual = (self.log_mu - simulated.log_mu) * scale - solution.shifts
-            return runs.misfit(residual, coordinates, sizes)
+            return runs.misfit(self.log_mu - simulated.log_mu - shifts, coordinates, sizes)
 
         initial = merit(done, at)
         required = 2.0 * DECREASE * runs.misfit(runs.X @ step, step, sizes)
-        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(done.J @ (self.B @ step)))))
+        share = min(1.0, LARGEST_CHANGE / float(np.max(np.abs(runs.X @ step))))
         for last in np.arange(HALVINGS) == HALVINGS - 1:
             trial = at + share * step
             try:
@@ -505,9 +500,9 @@ class Problem:
                     raise
             else:
                 if merit(simulated, trial) <= initial - share * required:
-                    return share, simulated
+                    return share, trial, simulated
             share *= 0.5
-        return 0.0, done
+        return 0.0, at, done
 
 
 def _weights(misfit: Array) -> Array:
@@ -524,9 +519,3 @@ def _knots(lowest: float, low: float, high: float) -> Array:
     inside, gap = np.linspace(low, high, KNOTS, retstep=True)
     below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
     return np.concatenate([below, inside])
-
-
-def _split(effects: Sequence[Effect], values: Array) -> list[Array]:
-    """Divide the numbers of all effects among them."""
-    ends = np.cumsum([effect.columns.shape[1] for effect in effects])
-    return np.split(values, ends[:-1]) if effects else []

@@ -79,7 +79,8 @@ class ShownEffect:
 def contradictions(found: RefinedSurface) -> dict[str, float]:
     """Return errors that contradict their stated size: name -> standard uncertainties."""
     sizes: dict[str, float] = {}
-    for source, size in zip(found.sources, np.abs(found.solution.stated).tolist(), strict=False):
+    means, _ = found.stated_errors()
+    for source, size in zip(found.stated, np.abs(means).tolist(), strict=True):
         if size > CLEAR:
             sizes[source.name] = max(size, sizes.get(source.name, 0.0))
     return sizes
@@ -87,7 +88,8 @@ def contradictions(found: RefinedSurface) -> dict[str, float]:
 
 def shown_effects(found: RefinedSurface) -> tuple[ShownEffect, ...]:
     """Return the effects that the runs can show, in a fixed order."""
-    values, covariance = found.solution.effects, found.solution.effects_covariance
+    values = np.concatenate([np.zeros(0), *(entry.values for entry in found.effects)])
+    covariance = found.effects_covariance
     rows: dict[str, Array] = {}
     first = 0
     for entry in found.effects:

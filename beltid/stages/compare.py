@@ -82,10 +82,11 @@ def agreement(
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
     tolerances = {**config.compare.model_dump(), "min_share_compared": MIN_SHARE_COMPARED}
-    found = compare_points(measured, simulated, tolerances)
-    proven = validated(found, measured, simulated, uncertainty)
-    result, extra = proven.result, proven.extra()
-    columns = {**result.to_columns(), **proven.columns()}
+    result, parts = validated(
+        compare_points(measured, simulated, tolerances), measured, simulated, uncertainty
+    )
+    found, budget = parts.facts(result), parts.budget()
+    columns = {**result.to_columns(), **parts.columns(result)}
     n = len(columns["run"])
     columns["status"] = np.full(n, "ok", dtype=object)
     warnings = [
@@ -101,20 +102,20 @@ def agreement(
             "runs_compared": n,
             "runs_measured": result.n_measured,
             "runs_simulated": result.n_simulated,
-            "within_two_u_validation": within_words(extra["validation"]),
-            "rms_over_u_validation": extra["validation"]["rms_e_over_u"],
-            "u_validation_mostly_from": dominant(extra["budget"]),
-            "validation": extra["validation"],
+            "within_two_u_validation": within_words(found),
+            "rms_over_u_validation": found["rms_e_over_u"],
+            "u_validation_mostly_from": dominant(budget),
+            "validation": found,
         },
         tables={
             "groups": [group.as_row() for group in result.groups],
             "judged": result.verdict_table(),
             "averaged": rows_of(result.averaged, *result.averaged),
-            "budget": extra["budget"],
+            "budget": budget,
         },
         validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=tuple(filter(None, (*notes, *proven.notes(), result.against_uncertainty))),
+        notes=tuple(filter(None, (*notes, *parts.notes(), result.against_uncertainty))),
         warnings=tuple(warnings),
         verdict=result.verdict,
         passed=bool(result.passed),

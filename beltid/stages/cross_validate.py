@@ -17,18 +17,17 @@ from beltid.errors import InputError
 from beltid.identify.agreement.compare import AgreementResult, Statistics
 from beltid.identify.agreement.hold_out import FEWEST, Fold, HoldOut, between_speeds, folds
 from beltid.notes import log
+from beltid.refine.curves import SPEED_BEND
 from beltid.refine.inverse import refine_surface
-from beltid.refine.posterior import CURVE, PRIORS
 from beltid.stage import Outcome
 from beltid.stages.compare import agreement
-from beltid.stages.inputs import friction_columns, press_law, standard_uncertainties
+from beltid.stages.inputs import friction_columns, press_law
 from beltid.stages.planned_runs import with_tensions
 from beltid.stages.refine import (
     NEEDED,
     prepared_campaign,
     reference_temperature,
     rig_of_runs,
-    shared_sources,
     usable_runs,
     with_covariance,
 )
@@ -42,12 +41,9 @@ from beltid.uncertainty.simulated import (
 )
 from beltid.uncertainty.sources import (
     ARC,
-    BETWEEN_SPEEDS,
-    EFFECT_SOURCES,
-    REDUCTION_SOURCES,
     Source,
-    all_sources,
     between_speeds_source,
+    reduction_sources,
     with_rig_sources,
 )
 
@@ -134,7 +130,8 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     remaining = {name: values[fold.rest] for name, values in columns.items()}
     campaign, speeds, _, _ = prepared_campaign(remaining, press, config, {})
     reference = reference_temperature(config, campaign)
-    solution = refine_surface(campaign, speeds, shared_sources(campaign, config), reference)
+    shared = reduction_sources(campaign.measured.columns)
+    solution = refine_surface(campaign, speeds, shared, reference)
     surface = with_covariance(solution)
     rig, kind = campaign.bench.rig, campaign.measured.kind
     measured = measured_runs(columns, fold.left_out, rig.R, kind, rig.given_force)
@@ -142,18 +139,15 @@ def predict(columns: Columns, press: PressLaw, config: Config, fold: Fold) -> Pr
     n_arcs = int(max(arcs.max(), campaign.measured.arc.max())) + 1
     # an unseen arc has its own effect, with the same variance as the others
     arc_sources = [source for source in solution.sources if source.error == ARC][:1]
-    rig_sources = (
-        *all_sources(standard_uncertainties(config), n_arcs, press.has_scatter),
-        *(replace(source, place=k) for source in arc_sources for k in range(n_arcs)),
-    )
-    sources = with_rig_sources(solution.sources, rig_sources)
+    of_arcs = [replace(source, place=k) for source in arc_sources for k in range(n_arcs)]
+    sources = with_rig_sources(solution.sources, of_arcs)
+    points = measured.points
     bench = replace(campaign.bench, surface=surface)
-    part = simulated_uncertainty(bench, press, measured.points, arcs, sources, kind=kind)
+    part = simulated_uncertainty(bench, press, points, arcs, sources, kind=kind, same_bench=True)
     if fold.by == "speed":
-        known = PRIORS[CURVE].median ** 2  # as over ln f_N
         log_mu = np.log(surface.mu_nodes).mean(axis=0)
         measured_at, at = np.log(surface.slip_speed_m_s), np.log(measured.slip_speed)
-        missed = between_speeds(measured_at, log_mu, at, known)[:, None]
+        missed = between_speeds(measured_at, log_mu, at, SPEED_BEND**2)[:, None]
         part = replace(
             part,
             simulated=np.hstack([part.simulated, missed]),
@@ -172,8 +166,8 @@ def as_simulated(
     """Return predicted runs as a table of reduced runs, and their uncertainty.
 
     The settings are those of the measured runs, exactly as measured. Both sides are of one bench:
-    its errors are left out of the difference, unlike effects and an interpolation, which the
-    predicted runs have for themselves, and errors of the reduction, which cancel.
+    its errors are none of the difference, unlike effects and an interpolation, which the predicted
+    runs have for themselves, and errors of the reduction, which cancel.
     """
     rows = np.concatenate([prediction.fold.left_out for prediction in predicted])
     mu = np.concatenate([prediction.part.mu for prediction in predicted])
@@ -191,9 +185,6 @@ def as_simulated(
         simulated[:, aligned], difference[:, aligned] = part.simulated, part.difference
         zero = np.zeros((n, 2))
         parts.append(replace(part, simulated=simulated, difference=difference, by_setting=zero))
-    kept = (*EFFECT_SOURCES, *dict(REDUCTION_SOURCES), BETWEEN_SPEEDS)
-    own = np.array([error in kept for error, _ in by_key])
     labels = [str(label) for label in table["run"]]
     uncertainty = RunsUncertainty.of(labels, mu, tuple(by_key.values()), parts)
-    uncertainty = replace(uncertainty, difference=uncertainty.difference * own)
     return {**table, "mu_sliding": mu}, uncertainty

@@ -356,9 +356,8 @@ def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
 def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
     EI = found.campaign.bench.belt.EI
-    for source in found.sources:
+    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
         if source.error == "bending_stiffness":
-            error, sd = found.stated_errors()[source.name]
             yield (
                 f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
                 f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "

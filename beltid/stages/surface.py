@@ -12,7 +12,7 @@ from beltid.config import Config
 from beltid.errors import BeltidError, InputError, counted
 from beltid.identify.surface.curves import SPEED_GAP
 from beltid.identify.surface.laws import fit_friction_laws
-from beltid.identify.surface.plateau_laws import fit_plateau_laws
+from beltid.identify.surface.plateau_laws import fit_plateau_law
 from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stage import Outcome
@@ -21,7 +21,7 @@ from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import friction_columns, standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.published import published_changes, published_curves, scatter_factor
+from beltid.uncertainty.published import published_changes
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 
 NO_ARC_DEG: Final = 90.0
@@ -140,7 +140,7 @@ def _uncertainty(
         surface=result.surface,
         sources=sources,
         changes=published_changes(measured, result.average, sources),
-        scatter=scatter_factor(published_curves(measured), result.average),
+        scatter=result.average.scatter,
         arcs_deg=measured.arcs_deg,
     )
 
@@ -169,8 +169,7 @@ def friction_formulas(
         }
         for fit in laws.fits
     ]
-    best = [note for note in laws.fit(laws.best).notes if note]
-    return rows, (laws.verdict, *best, *laws.notes)
+    return rows, (laws.verdict, *laws.notes)
 
 
 def _parameter(p: Any) -> str:
@@ -183,7 +182,7 @@ def _parameter(p: Any) -> str:
 def _forces_of_plateaus(
     measured: Measured, config: Config
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Fit friction laws to the single readings of a dead-weight rig; return notes and warnings.
+    """Fit a friction law to the single readings of a dead-weight rig; return notes and warnings.
 
     A recording over time shows its scatter, with which the surface is built. A stated resolution
     means that there are single readings only. The laws apply to a single sliding speed.
@@ -193,7 +192,7 @@ def _forces_of_plateaus(
     if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
         return (), ()
     try:
-        laws = fit_plateau_laws(
+        law = fit_plateau_law(
             np.degrees(measured.beta),
             measured.tight,
             measured.slack,
@@ -203,4 +202,4 @@ def _forces_of_plateaus(
         )
     except BeltidError as error:
         return (f"No friction law through the forces: {error}",), ()
-    return (laws.verdict,), laws.warnings
+    return (law.verdict,), law.warnings

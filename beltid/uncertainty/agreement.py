@@ -30,8 +30,9 @@ from beltid.uncertainty.sources import Source, reduction_sources
 
 Array = NDArray[np.float64]
 
-WITHIN = 2.0
+WITHIN: Final = 2.0
 """Standard uncertainties within which a difference says nothing about the model [-]."""
+SHOWN: Final = 3  # contributions that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,10 @@ class Validation:
         Changes of the simulated coefficient by each shared source.
     difference : ndarray, shape (n, K)
         Changes of the difference by each shared source.
+    sources : tuple of Source
+        Shared errors.
+    inputs_known : bool
+        Whether the uncertainty of the simulated runs is known.
     """
 
     measured: Array
@@ -63,82 +68,54 @@ class Validation:
     settings: Array
     simulated: Array
     difference: Array
+    sources: tuple[Source, ...] = ()
+    inputs_known: bool = False
 
     @property
     def u_input(self) -> Array:
         """Standard uncertainty of the simulated coefficient by its inputs (n,)."""
-        shared = np.sum(np.square(self.simulated), axis=1)
-        own = np.square(self.simulated_scatter) + np.square(self.settings)
-        return np.asarray(np.sqrt(shared + own))
+        own = np.column_stack([self.simulated, self.simulated_scatter, self.settings])
+        return np.asarray(np.linalg.norm(own, axis=1))
 
     @property
     def u_validation(self) -> Array:
         """Standard uncertainty of the difference (n,)."""
-        parts = (self.measured_scatter, self.simulated_scatter, self.numerical, self.settings)
-        total = np.sum(np.square(self.difference), axis=1)
-        return np.asarray(np.sqrt(total + sum(np.square(part) for part in parts)))
+        own = (self.measured_scatter, self.simulated_scatter, self.numerical, self.settings)
+        return np.asarray(np.linalg.norm(np.column_stack([self.difference, *own]), axis=1))
 
-
-QUANTITY: Final = "difference"
-SHOWN: Final = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Validated:
-    """A comparison with the uncertainty of its differences.
-
-    Attributes
-    ----------
-    result : AgreementResult
-        The comparison, with ``u_validation``.
-    validation : Validation
-        The parts of ``u_validation``.
-    sources : tuple of Source
-        Shared errors.
-    inputs_known : bool
-        Whether the uncertainty of the simulated runs is known.
-    """
-
-    result: AgreementResult
-    validation: Validation
-    sources: tuple[Source, ...]
-    inputs_known: bool
-
-    def columns(self) -> dict[str, np.ndarray]:
+    def columns(self, result: AgreementResult) -> dict[str, Array]:
         """Return columns of the comparison table: absolute uncertainties of mu [-]."""
-        mu = self.result.mu_measured
-        parts = self.validation
-        one_or_nan = np.where(self.inputs_known, 1.0, np.nan)
+        mu = result.mu_measured
+        known = mu * (1.0 if self.inputs_known else np.nan)
         return {
-            "u_measured": parts.measured * mu,
-            "u_input": parts.u_input * mu * one_or_nan,
-            "u_numerical": parts.numerical * mu * one_or_nan,
-            "u_validation": parts.u_validation * mu,
-            "e_over_u": self.result.error_over_uncertainty,
+            "u_measured": self.measured * mu,
+            "u_input": self.u_input * known,
+            "u_numerical": self.numerical * known,
+            "u_validation": self.u_validation * mu,
+            "e_over_u": result.error_over_uncertainty,
         }
 
-    def extra(self) -> dict[str, Any]:
-        """Return budget and summary for the metadata of the artifact."""
-        parts = self.validation
-        rows = budget(
-            QUANTITY,
+    def budget(self) -> list[dict[str, Any]]:
+        """Return the rows of the budget of the difference."""
+        return budget(
+            "difference",
             self.sources,
-            parts.difference,
-            Scatter("scatter of the measured runs", parts.measured_scatter),
-            Scatter("scatter behind the simulated runs", parts.simulated_scatter),
-            Scatter("mesh and time steps of the simulation", parts.numerical),
-            Scatter("settings that the bench missed", parts.settings),
+            self.difference,
+            Scatter("scatter of the measured runs", self.measured_scatter),
+            Scatter("scatter behind the simulated runs", self.simulated_scatter),
+            Scatter("mesh and time steps of the simulation", self.numerical),
+            Scatter("settings that the bench missed", self.settings),
         )
-        ratio = np.abs(self.result.error_over_uncertainty)
-        rms = self.result.rms_error_over_uncertainty
+
+    def facts(self, result: AgreementResult) -> dict[str, Any]:
+        """Return how many differences are within their uncertainty, and their ratio."""
+        ratio = np.abs(result.error_over_uncertainty)
+        rms = result.rms_error_over_uncertainty
         return {
-            "budget": rows,
-            "validation": {
-                "n": int(ratio.size),
-                "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
-                "rms_e_over_u": rms if np.isfinite(rms) else None,
-                "inputs_known": self.inputs_known,
-            },
+            "n": int(ratio.size),
+            "within_2u": int(np.count_nonzero(ratio <= WITHIN)),
+            "rms_e_over_u": rms if np.isfinite(rms) else None,
+            "inputs_known": self.inputs_known,
         }
 
     def notes(self) -> tuple[str, ...]:
@@ -156,7 +133,7 @@ def validated(
     measured: Mapping[str, np.ndarray],
     simulated: Mapping[str, np.ndarray],
     uncertainty: RunsUncertainty | None,
-) -> Validated:
+) -> tuple[AgreementResult, Validation]:
     """Compute the uncertainties of the differences of a comparison.
 
     Parameters
@@ -167,101 +144,63 @@ def validated(
         Tables of reduced runs, measured and simulated.
     uncertainty : RunsUncertainty or None
         Uncertainty of the simulated runs; None if unknown.
+
+    Returns
+    -------
+    result, validation
+        The comparison with ``u_validation``, and its parts.
     """
     of_measured, of_simulated = result.rows
     mu = result.mu_measured
-    scatter = _column(measured, "mu_sliding_se", of_measured) / mu
-    combined = _column(measured, "mu_sliding_u", of_measured) / mu
+
+    def column(table: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> Array:
+        """Return the values of a column; zero where they are missing."""
+        return np.nan_to_num(np.asarray(table[name], float)[rows]) if name in table else 0.0 * mu
+
+    scatter = column(measured, "mu_sliding_se", of_measured) / mu
+    combined = column(measured, "mu_sliding_u", of_measured) / mu
     whole, none = np.where(combined > 0.0, combined, scatter), np.zeros(mu.size)
-    sources: tuple[Source, ...] = ()
+    labels = [str(simulated["run"][i]) for i in of_simulated]
+    if uncertainty is None or not set(labels) <= set(uncertainty.runs):
+        of_simulation = column(simulated, "mu_sliding_se", of_simulated) / mu
+        empty = np.zeros((mu.size, 0))
+        parts = Validation(whole, whole, of_simulation, none, none, empty, empty)
+        return replace(result, u_validation=parts.u_validation), parts
+
+    def missed(name: str, stated: str) -> Array:
+        """Return ln of the actual over the simulated setting; zero if one is unknown."""
+        actual = np.abs(column(measured, name, of_measured))
+        nominal = np.abs(column(simulated, stated, of_simulated))
+        known = (actual > 0.0) & (nominal > 0.0)
+        return np.log(np.where(known, actual, 1.0) / np.where(known, nominal, 1.0))
+
+    rows = [uncertainty.runs.index(label) for label in labels]
+    settings = [
+        missed("initial_tension_N", "nominal_tension_N"),
+        missed("pulley_speed_rad_s", "pulley_speed_rad_s"),
+    ]
+    by_setting = np.sum(uncertainty.by_setting[rows] * np.column_stack(settings), axis=1)
+    # if the surface was built from these runs, an error of their reduction changes both
+    shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
+    present = {source.error for source in uncertainty.sources}
+    added = tuple(source for source in reduction_sources(shared) if source.error not in present)
+    sources, more = (*uncertainty.sources, *added), np.zeros((mu.size, len(added)))
+    of_runs = np.zeros((mu.size, len(sources)))
+    for k, source in enumerate(sources):
+        of_runs[:, k] = shared.get(source.error, 0.0)
+    own = own_errors(measured)
     parts = Validation(
         measured=whole,
-        measured_scatter=whole,
-        simulated_scatter=_column(simulated, "mu_sliding_se", of_simulated) / mu,
-        numerical=none,
-        settings=none,
-        simulated=np.zeros((mu.size, 0)),
-        difference=np.zeros((mu.size, 0)),
+        measured_scatter=scatter if own is None else np.nan_to_num(own[of_measured]) / mu,
+        simulated_scatter=uncertainty.scatter[rows],
+        numerical=uncertainty.numerical[rows],
+        settings=np.abs(by_setting),
+        simulated=np.hstack([uncertainty.simulated[rows], more]),
+        difference=np.hstack([uncertainty.difference[rows], more]) - of_runs,
+        sources=sources,
+        inputs_known=True,
     )
-    rows = _rows_of(uncertainty, simulated, of_simulated)
-    if uncertainty is not None and rows is not None:
-        own = own_errors(measured)
-        missed = _missed_settings(result, measured, simulated)
-        parts = Validation(
-            measured=whole,
-            measured_scatter=scatter if own is None else _finite_or_zero(own[of_measured]) / mu,
-            simulated_scatter=uncertainty.scatter[rows],
-            numerical=uncertainty.numerical[rows],
-            settings=np.abs(np.sum(uncertainty.by_setting[rows] * missed, axis=1)),
-            simulated=uncertainty.simulated[rows],
-            difference=uncertainty.difference[rows],
-        )
-        shared = {key: values[of_measured] for key, values in shared_columns(measured).items()}
-        sources, parts = _with_reduction(uncertainty.sources, parts, shared)
-    result = replace(result, u_validation=parts.u_validation)
-    return Validated(result, parts, sources, inputs_known=rows is not None)
-
-
-def _missed_settings(
-    result: AgreementResult, measured: Mapping[str, np.ndarray], simulated: Mapping[str, np.ndarray]
-) -> Array:
-    """Return ln of initial tension and speed, measured over simulated (n, 2)."""
-    of_measured, of_simulated = result.rows
-    tensions = (
-        _column(measured, "initial_tension_N", of_measured),
-        _column(simulated, "nominal_tension_N", of_simulated),
-    )
-    simulated_speed = np.abs(_column(simulated, "pulley_speed_rad_s", of_simulated))
-    speeds = np.abs(result.pulley_speed_rad_s), simulated_speed
-    return np.column_stack([_log_ratio(*tensions), _log_ratio(*speeds)])
-
-
-def _with_reduction(
-    sources: tuple[Source, ...], parts: Validation, shared: Mapping[str, np.ndarray]
-) -> tuple[tuple[Source, ...], Validation]:
-    """Add the errors that the reduction of the measured runs shares to sources and differences.
-
-    If the surface was built from these runs, the change of both by one error is subtracted.
-    """
-    present = {source.error for source in sources}
-    added = tuple(source for source in reduction_sources(shared) if source.error not in present)
-    sources, none = (*sources, *added), np.zeros((len(parts.measured), len(added)))
-    difference = np.hstack([parts.difference, none])
-    for k, source in enumerate(sources):
-        if source.error in shared:
-            difference[:, k] -= shared[source.error]
-    simulated = np.hstack([parts.simulated, none])
-    return sources, replace(parts, simulated=simulated, difference=difference)
-
-
-def _rows_of(
-    uncertainty: RunsUncertainty | None,
-    simulated: Mapping[str, np.ndarray],
-    of_simulated: np.ndarray,
-) -> list[int] | None:
-    """Return the row of each matched run in `uncertainty`; None if a run is missing there."""
-    if uncertainty is None:
-        return None
-    places = {label: k for k, label in enumerate(uncertainty.runs)}
-    rows = [places.get(str(simulated["run"][i])) for i in of_simulated]
-    return None if None in rows else [row for row in rows if row is not None]
-
-
-def _column(columns: Mapping[str, np.ndarray], name: str, rows: np.ndarray) -> np.ndarray:
-    """Return the values of a column; zero where they are missing."""
-    if name not in columns:
-        return np.zeros(rows.size)
-    return _finite_or_zero(np.asarray(columns[name], dtype=float)[rows])
-
-
-def _finite_or_zero(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), values, 0.0)
-
-
-def _log_ratio(actual: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """Return the logarithm of actual over nominal settings (n,); zero if one is unknown."""
-    known = (actual > 0.0) & (nominal > 0.0)
-    return np.log(np.where(known, actual, 1.0) / np.where(known, nominal, 1.0))
+    return replace(result, u_validation=parts.u_validation), parts
 
 
 def within_words(validation: Mapping[str, Any]) -> str:

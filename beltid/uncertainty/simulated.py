@@ -149,6 +149,8 @@ def simulated_uncertainty(
     sources: Sequence[Source],
     elements: int | None = None,
     kind: RigKind = TWO_CELLS,
+    *,
+    same_bench: bool = False,
 ) -> SimulatedUncertainty:
     """Compute the uncertainty of simulated runs (sliding limit).
 
@@ -168,6 +170,9 @@ def simulated_uncertainty(
         Belt elements; by default as in the simulation.
     kind : RigKind
         What the simulated bench measures.
+    same_bench : bool
+        Whether the surface and the measured runs are of this bench and at these settings: its
+        inputs are then without error, and no source may be one of the bench.
 
     Raises
     ------
@@ -205,7 +210,9 @@ def simulated_uncertainty(
         columns={ARC: response[:, None] * np.eye(int(arc.max()) + 1)[arc]},
     )
     campaign = Campaign(measured, bench, press)
-    slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
+    slopes = np.zeros((n, len(INPUTS)))
+    if not same_bench:
+        slopes = input_slopes(campaign, surfaces, speeds, speed_slope)
     difference = by_surface - residual_changes(campaign, sources, slopes, speed_slope)
     return SimulatedUncertainty(
         simulated=difference + changes_by(sources, lambda e: np.log(measured.corrected(e).mu)),

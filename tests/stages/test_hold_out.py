@@ -133,8 +133,8 @@ def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:
     part = last.part.difference[:, of_arc]
     ratio = np.linalg.norm(part, axis=1) / np.abs(part[:, -1])
     assert ratio == pytest.approx(np.full(ratio.size, np.sqrt(1.5)), rel=0.02)
-    # two values tell little of a standard deviation: no less than they show, and not much more
-    assert 0.02 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.08
+    # two values tell little of a standard deviation, usually smaller: half of what they show
+    assert 0.01 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.04
 
 
 def test_settings_are_left_out_whole_and_only_speeds_with_neighbours() -> None:
@@ -169,18 +169,15 @@ def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None
     np.testing.assert_allclose(found({**columns, **more}, held), [100.0, 197.0])
 
 
-def test_a_bench_that_cannot_do_without_a_setting_says_so() -> None:
-    columns = bench(arcs=(82,))
-    with pytest.raises(TooFewSettings, match="1 arc measured, must be at least 2"):
-        cross_validate(columns, LAW)
-    two_speeds = {
-        name: values[columns["pulley_speed_rad_s"] < 0.2] for name, values in columns.items()
-    }
-    with pytest.raises(TooFewSettings, match="2 speeds measured, must be at least 3"):
-        cross_validate(two_speeds, LAW, by="speed")
-    few = bench(arcs=(40, 82))
-    rows = np.r_[0:6, 25:28]
-    with pytest.raises(TooFewSettings, match="3 runs are left without arc 40°"):
-        cross_validate({name: values[rows] for name, values in few.items()}, LAW)
+def test_a_bench_that_cannot_do_without_a_setting_is_refused() -> None:
+    one_arc, few = bench(arcs=(82,)), bench(arcs=(40, 82))
+    two_speeds = one_arc["pulley_speed_rad_s"] < 0.2
+    for columns, by in (
+        (one_arc, "arc"),
+        ({name: values[two_speeds] for name, values in one_arc.items()}, "speed"),
+        ({name: values[np.r_[0:6, 25:28]] for name, values in few.items()}, "arc"),
+    ):
+        with pytest.raises(TooFewSettings):
+            cross_validate(columns, LAW, by=by)
     with pytest.raises(InputError, match="must be arc or speed"):
-        cross_validate(columns, LAW, by="tension")
+        cross_validate(one_arc, LAW, by="tension")

@@ -90,7 +90,7 @@ def plain():
 
 def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     published = beltid.build_surface(with_shared(), NOTHING)
-    response = refined.result.refined.response
+    response = refined.result.refined.runs.response
     # published: the line force follows a coefficient by (x/2) coth(x/2) - 1 < 0.2, x = mu beta, and
     # the surface that force by its slope of -0.2
     for outcome, low, high in ((published, 1.0, 1.03), (refined, 1 / response.max(), 1.2)):
@@ -146,10 +146,10 @@ def test_what_surface_and_run_share_cancels_in_their_difference(known, left):
         numerical=np.zeros(n),
         by_setting=np.zeros((n, 2)),
     )
-    found = validated(result, table, simulated, uncertainty)
+    _, found = validated(result, table, simulated, uncertainty)
     own = math.sqrt(OWN**2 + DRIFT**2)  # the drift is no longer said to be shared
-    np.testing.assert_allclose(found.validation.measured_scatter, own, rtol=1e-6)
-    np.testing.assert_allclose(found.validation.u_validation, math.hypot(own, left), rtol=1e-6)
+    np.testing.assert_allclose(found.measured_scatter, own, rtol=1e-6)
+    np.testing.assert_allclose(found.u_validation, math.hypot(own, left), rtol=1e-6)
     assert [source.error for source in found.sources] == ["shared_tail"]
 
 

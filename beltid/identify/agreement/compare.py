@@ -227,9 +227,9 @@ def compare_points(
     Raises
     ------
     InputError
-        If a column is missing, or no measured run has a simulated partner.
+        If no measured run has a simulated partner.
     """
-    tables = _run_table(measured, "measured"), _run_table(simulated, "simulated")
+    tables = _run_table(measured), _run_table(simulated)
     of_measured, of_simulated, left_out = _match(*tables)
     n_measured, n_simulated = (table["run"].size for table in tables)
     if of_measured.size == 0:
@@ -271,29 +271,16 @@ def compare_points(
     )
 
 
-def _run_table(columns: Mapping[str, ArrayLike], side: str) -> Columns:
-    """Check the columns, drop the sign of the speeds, add the ``reason`` against each run."""
-    needed = ("run", *NUMBERS)
-    problems = [f"{side}: column {name} is missing" for name in needed if name not in columns]
-    if problems:
-        raise InputError(problems)
-    run = np.array([str(label) for label in np.asarray(columns["run"]).ravel()], dtype=object)
+def _run_table(columns: Mapping[str, ArrayLike]) -> Columns:
+    """Return the columns, speeds without sign, and the ``reason`` against each run."""
+    run = np.array([str(label) for label in np.ravel(columns["run"])], dtype=object)
     values = {name: np.asarray(columns[name], dtype=float) for name in NUMBERS}
-    status = np.asarray(columns.get("status", np.full(run.size, OK)), dtype=object)
-    problems = [
-        f"{side}: column {name} has shape {a.shape}, must be ({run.size},) as that of run"
-        for name, a in {**values, "status": status}.items()
-        if a.shape != (run.size,)
-    ]
-    if problems:
-        raise InputError(problems)
     values["pulley_speed_rad_s"] = np.abs(values["pulley_speed_rad_s"])
-    reason = np.empty(run.size, dtype=object)
-    for k in range(run.size):
+    reason = np.asarray(columns.get("status", np.full(run.size, OK)), dtype=object).copy()
+    for k, status in enumerate(reason):
         invalid = [name for name, a in values.items() if not 0.0 < a[k] < np.inf]
-        reason[k] = f"{' and '.join(invalid)} not a number > 0" if invalid else ""
-        if status[k] != OK:
-            reason[k] = str(status[k]) or "status is empty"
+        against = f"{' and '.join(invalid)} not a number > 0" if invalid else ""
+        reason[k] = against if status == OK else str(status) or "status is empty"
     return {"run": run, **values, "reason": reason}
 
 

@@ -6,7 +6,8 @@ Module            Responsibility                                             Equ
 ``surface``       runs -> surface of each arc and their average; the table   Figs. 12 and 13
 ``curves``        runs -> curves over the force per arc and speed            ln mu over ln f_N
 ``average``       mean over the arcs on a common grid, standard errors       random effects
-``laws``          parametric friction laws fitted to the surface             generalised l. sq.
-``plateau_laws``  friction laws fitted to cell forces opposite a weight      capstan, local mu
+``scattered``     runs that are no grid -> one smooth surface                mixed model
+``laws``          parametric friction laws fitted to the surface             mixed model
+``plateau_laws``  friction law fitted to cell forces opposite a weight      capstan, local mu
 ================  =========================================================  =====================
 """

@@ -1,7 +1,8 @@
 """Friction surface from the reduced runs of the friction rig (paper, section 2.2, Figs. 12 and 13).
 
 Each contact arc and speed setting gives a curve over the normal force. Each arc gives a surface
-over the range that it covers at all speeds. Simulations use the average over the arcs.
+over the range that it covers at all speeds. Simulations use the average over the arcs. Runs that
+are no grid of settings give one smooth surface.
 """
 
 from __future__ import annotations
@@ -15,15 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
 from beltid.identify.surface.average import SurfaceGrid, average
-from beltid.identify.surface.curves import Points, build_curves
+from beltid.identify.surface.curves import Points, grid_of
+from beltid.identify.surface.scattered import scattered_grid
 from beltid.laws.friction_surface import FrictionSurface
-
-__all__ = [
-    "SurfaceGrid",
-    "SurfaceResult",
-    "build_surface",
-    "surface_from_columns",
-]
 
 Array = NDArray[np.float64]
 
@@ -50,12 +45,6 @@ class SurfaceResult:
         relative = self.average.mu_spread / self.average.mu
         finite = relative[np.isfinite(relative)]
         return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
-
-    @property
-    def max_arc_spread(self) -> float:
-        """Largest relative spread between arcs at a node [-]; nan for one arc."""
-        relative = self.average.mu_spread / self.average.mu
-        return float(np.fmax.reduce(relative, axis=None))
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
         """Build the surface table: a row per node, the average (``arc_deg`` nan) first."""
@@ -101,24 +90,34 @@ def build_surface(
     points, set_aside, notes, errors_known = _valid_points(
         arc_deg, normal_force_N_m, slip_speed_m_s, mu, mu_se
     )
-    curves = build_curves(points)
-    notes += curves.notes
-    grid, grid_notes = average(curves, errors_known)
+    grid, grid_notes = grid_through(points, errors_known)
     notes += grid_notes
-    arcs = []
-    for arc in () if curves.joined else curves.arcs_deg:
-        of_arc = curves.with_curves(c for c in curves.curves if c.arc_deg == arc)
-        try:
-            arc_grid, arc_notes = average(of_arc, errors_known)
-        except InputError as error:
-            notes += [f"arc {arc:g}°: no surface of this arc alone, {p}" for p in error.problems]
-            continue
-        arcs.append(arc_grid)
-        notes += [f"arc {arc:g}°: {line}" for line in (*arc_notes, *arc_grid.to_surface().notes)]
+    arcs, curves = [], grid_of(points)
+    for number, arc in enumerate(() if curves is None else curves.arcs_deg):
+        alone = curves.of_arc(number) if curves is not None else None
+        if alone is None:
+            notes.append(f"arc {arc:g}°: no surface of this arc alone, its speeds share no force")
+        else:
+            arcs.append(average(alone, errors_known)[0])
     if grid.n_arcs.max() < 2:
         notes.append("no node was measured on two arcs: the spread between arcs is not known")
     notes += [f"averaged surface: {line}" for line in grid.to_surface().notes]
     return SurfaceResult(grid, tuple(arcs), points.f.size, tuple(set_aside), tuple(notes))
+
+
+def grid_through(points: Points, errors_known: bool = True) -> tuple[SurfaceGrid, tuple[str, ...]]:
+    """Return the averaged surface through points, with notes: of a grid, or of scattered runs.
+
+    Raises
+    ------
+    InputError
+        If there are too few points for a surface.
+    """
+    curves = grid_of(points)
+    if curves is not None:
+        return average(curves, errors_known)
+    grid, note = scattered_grid(points)
+    return grid, (note,)
 
 
 def _valid_points(
