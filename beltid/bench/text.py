@@ -39,6 +39,7 @@ TOP: Final = 1 << 20
 """Bytes in which the header is searched."""
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
+Bytes = bytes | bytearray
 BLOCK: Final = 4 << 20
 """Bytes that Arrow reads at a time."""
 _BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
@@ -53,16 +54,18 @@ def read(
 
     A first line with two of the `known` names is the header.
     """
-    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
-        file.readinto(body)
-    body, encoding, notes = as_utf8(body, place, dialect["encoding"])
-    top = _top(body, place)
+        file.readinto(data)
+    data, encoding, notes = as_utf8(data, place, dialect["encoding"])
+    top = _top(data, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect, known)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
-    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    body: Bytes = data
+    del data
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -181,7 +184,7 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _first_cells(body: bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
+def _first_cells(body: Bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column, without remarks and repeated headers.
 
     A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
@@ -219,7 +222,7 @@ def _signs(
     return signs
 
 
-def _lines(body: bytes, first_line: int) -> Sequence[int] | np.ndarray:
+def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
     """Return the line of every row that is not blank."""
     if b"\n\n" not in body and body[:1] != b"\n":
         return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
@@ -230,7 +233,7 @@ def _lines(body: bytes, first_line: int) -> Sequence[int] | np.ndarray:
 
 
 def _by_arrow(
-    body: bytes,
+    body: Bytes,
     names: Sequence[str],
     numeric: Collection[str],
     signs: tuple[str, str],
