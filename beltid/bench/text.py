@@ -35,7 +35,7 @@ from beltid.errors import InputError, Problems
 
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
-TOP: Final = 1 << 20
+TOP: Final = 1 << 18
 """Bytes in which the header is searched."""
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
@@ -82,17 +82,17 @@ def read(
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     misfits = list[Any]()
-    frame = _by_arrow(body, names, plain, (separator, signs.decimal), misfits) if plain else None
+    lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
+    frame = _by_arrow(body, names, plain, written, len(lines), misfits) if plain else None
     if frame is None:  # the header may be repeated among the rows, a cell may be no number
         for line in above:
             body = re.sub(rb"(?m)^%s$" % re.escape(line.encode()), b"", body)
-        tries = (
-            _by_arrow(body, names, n, (separator, signs.decimal), misfits) for n in (plain, ())
-        )
+        lines = _lines(body, head.first_row + 1)
+        tries = (_by_arrow(body, names, n, written, len(lines), misfits) for n in (plain, ()))
         frame = next((frame for frame in tries if frame is not None), None)
     if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    lines, rows = _lines(body, head.first_row + 1), [row.number - 1 for row in misfits]
+    rows = [row.number - 1 for row in misfits]
     told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
     problems.add_alike(
         range(len(told)),
@@ -237,6 +237,7 @@ def _by_arrow(
     names: Sequence[str],
     numeric: Collection[str],
     signs: tuple[str, str],
+    n_rows: int,
     misfits: list[Any],
 ) -> pd.DataFrame | None:
     """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
@@ -244,7 +245,6 @@ def _by_arrow(
     `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
     """
     misfits.clear()
-    n_rows = len(_lines(body, 1))
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
     texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}
