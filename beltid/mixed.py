@@ -277,13 +277,12 @@ class Mixed:
             M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
         )
         residual = self.y - self.X @ mean
-        E = np.concatenate([residual[..., None], self.X @ root(C)], axis=2)
-        PE = P @ E / np.sqrt(scale)[:, None, None]
+        Pe = np.einsum("rij,rj->ri", P, residual)
+        spread = Pe[:, :, None] * (Pe / scale[:, None])[:, None, :]
+        spread += scale[:, None, None] * ((PX @ C) @ PX.transpose(0, 2, 1))
         away = self.tightness * (theta - self.mid)
         slope = -self.tightness * away
-        slope[n_shared:] += variances * np.tensordot(
-            self.parts, PE @ PE.transpose(0, 2, 1) - P, axes=3
-        )
+        slope[n_shared:] += variances * np.tensordot(self.parts, spread - P, axes=3)
         for i, (term, unit, rank, _) in enumerate(self.sized):
             place = self.places[term.name]
             slope[i] += np.sum(unit * moment[place, place]) * np.exp(-2.0 * theta[i]) - rank
@@ -297,7 +296,7 @@ class Mixed:
             level_variance=scale / precision,
             level_shift=np.einsum("ri,rik->rk", weights, self.X) / precision[:, None],
             residual=residual,
-            misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
+            misfit=np.sum(residual * Pe, axis=1),
             model=self,
             P=P,
             level_weights=weights / precision[:, None],

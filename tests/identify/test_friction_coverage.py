@@ -10,6 +10,7 @@ from virtual_rig import RADIUS_M, draw
 from beltid.identify.friction.reduction import reduce_runs
 
 Array = np.ndarray
+LONG = pytest.mark.long
 
 
 def rms(values: Array) -> float:
@@ -17,14 +18,15 @@ def rms(values: Array) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "n"),
+    ("name", "n", "most"),
     [
-        ("zero of the tight cell drifts by 1 N in a run", 16),
-        pytest.param("zero of the tight cell wanders 0.5 N in 10 s", 60, marks=pytest.mark.long),
-        pytest.param("AR noise 0.2 s, 0.5 N", 240, marks=pytest.mark.long),
+        # one error that all runs share
+        ("zero of the tight cell drifts by 1 N in a run", 16, 1.6),
+        pytest.param("zero of the tight cell wanders 0.5 N in 10 s", 60, 1.25, marks=LONG),
+        pytest.param("AR noise 0.2 s, 0.5 N", 240, 1.25, marks=LONG),
     ],
 )
-def test_intervals_are_as_wide_as_the_errors(name: str, n: int) -> None:
+def test_intervals_are_as_wide_as_the_errors(name: str, n: int, most: float) -> None:
     drawn = draw(name, n)
     runs = reduce_runs(drawn.columns, RADIUS_M)
     kept = np.array([run.ok for run in runs])
@@ -33,7 +35,7 @@ def test_intervals_are_as_wide_as_the_errors(name: str, n: int) -> None:
     z = (z / [run.mu_sliding_se for run in runs])[kept]
     # 0.95 less two standard deviations of 16 runs
     assert np.mean(np.abs(z) < 1.96) > 0.85
-    assert rms(z) <= 1.25
+    assert rms(z) <= most
 
 
 def columns_of(

@@ -49,7 +49,7 @@ DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS, FIRST_STEPS, STEPS = 2, 15, 40
+SWEEPS, FIRST_STEPS, STEPS = 2, 20, 40
 """Turns between the sizes and the tail; steps of the search in the first turn, and later."""
 
 
