@@ -111,7 +111,7 @@ class Outcome(Generic[Result]):
         from beltid.report.charts import pictures_of
         from beltid.report.results import sheet_of
 
-        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.kind, self.as_artifact()))}
+        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.as_artifact()))}
         name = figure or next(iter(figures), "")
         if name not in figures:
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")

@@ -13,7 +13,6 @@ from beltid.config import Config
 from beltid.errors import BeltidError, NumericsError, counted, percent
 from beltid.notes import log, progress
 from beltid.params import OperatingPoint
-from beltid.rig.compiler import COMPILING, compile_ahead
 from beltid.rig.mesh import swinging_share
 from beltid.rig.model import Bench
 from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
@@ -111,8 +110,6 @@ def simulated(
     stated = differing or measured is None or not measured.size
     origin = "as the config states" if stated else "at the settings measured"
     log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
-    if compile_ahead(["rig"]):
-        log.info("%s", COMPILING)
     press = press_law(law, config)
     campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
     failed = campaign.failures
@@ -222,7 +219,7 @@ def simulated_group(
     bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings
 ) -> list[RunResult | BeltidError]:
     """Return the results of a few runs in their order; a single call of a worker."""
-    return [result for _, result in rig_campaign(bench, points, settings, jobs=1)]
+    return [result for _, result in rig_campaign(bench, points, settings)]
 
 
 def guided_weight(config: Config, points: Sequence[OperatingPoint]) -> list[str]:

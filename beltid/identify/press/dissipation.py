@@ -40,12 +40,12 @@ class Dissipation:
     def statement(self) -> str:
         """Result in plain words."""
         return (
-            f"Dissipation: {self.energy_J_m:.3g} J per metre and cycle, "
-            f"{100 * self.loss_ratio:.2g} % of the work put in; at the press's "
-            f"{self.approach_speed_m_s * 1e6:.3g} µm/s a damper on approach loses as much with "
-            f"C_P = {self.C_P_N_s_m:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:g} mm "
-            "(the paper's 300 N s/m are for numerical calm). Rubber's hysteresis hardly depends on "
-            "the rate, so no single C_P describes it."
+            f"Each cycle loses {self.energy_J_m:.3g} J per metre of belt, "
+            f"{100 * self.loss_ratio:.2g} % of the work put in. To lose this at the press's "
+            f"{self.approach_speed_m_s * 1e6:.3g} µm/s, the damper of Eq. (1) needs C_P = "
+            f"{self.C_P_N_s_m:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:g} mm (the "
+            "paper takes 300 N s/m to calm the computation). The loss of rubber hardly depends on "
+            "the speed: at another speed C_P would be another."
         )
 
 
