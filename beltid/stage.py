@@ -198,7 +198,7 @@ class Input:
 
         besides = [table for of, table in config.run_tables.items() if of == kind]
         seen = signature_of(path)
-        return cls(path, kind, name, besides, seen, content_of(path, besides).sha256)
+        return cls(path, kind, name, besides, seen, content_of(path, besides))
 
     @property
     def is_recording(self) -> bool:
@@ -211,7 +211,7 @@ class Input:
 
         if signature_of(self.path) == self.seen:
             return False
-        return content_of(self.path, self.besides).sha256 != self.sha256
+        return content_of(self.path, self.besides) != self.sha256
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from logging.handlers import QueueHandler
 from multiprocessing import resource_tracker
 from typing import Any, Final
@@ -28,9 +29,9 @@ Work = Callable[..., Belt]
 def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
     """Yield what becomes of belts as they end, each in a process, `jobs` at the same time.
 
-    If a process is killed, the belts that have not ended are tried once more, one after the other:
-    what they had finished is up to date, and the belt to blame is known. `work` is a module-level
-    function, `calls` has its arguments by the name of the belt.
+    If a process is killed, the belts that have not ended are tried once more, each in one of its
+    own: what they had finished is up to date, and the belt to blame is known. `work` is a
+    module-level function, `calls` has its arguments by the name of the belt.
     """
     left = dict(calls)
     try:
@@ -40,22 +41,31 @@ def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int
         return
     except BrokenProcessPool:
         log.warning("a process was killed (out of memory?), once more: %s", ", ".join(left))
-    for name, call in left.items():
-        try:
-            yield from _ended(work, {name: call}, 1)
-        except BrokenProcessPool:
-            belt = Belt(name)
-            text = f"{name}: was killed twice (out of memory?); run again, with fewer --jobs"
-            belt.failed("process", BeltidError(text))
-            yield belt
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from pool.map(partial(_alone, work), left.items())
+
+
+def _alone(work: Work, call: tuple[str, tuple[Any, ...]]) -> Belt:
+    try:
+        (belt,) = _ended(work, dict([call]), 1)
+    except BrokenProcessPool:
+        belt = Belt(call[0])
+        text = f"{belt.name}: was killed twice (out of memory?); run again, with fewer --jobs"
+        belt.failed("process", BeltidError(text))
+    return belt
 
 
 def _ended(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
     with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
         with _signals_blocked():
-            ends = [pool.submit(work, *call) for call in calls.values()]
+            ends = [pool.submit(_with_warnings, work, call) for call in calls.values()]
         for end in as_completed(ends):
             yield end.result()
+
+
+def _with_warnings(work: Work, call: tuple[Any, ...]) -> Belt:
+    with python_warnings():
+        return work(*call)
 
 
 def _begin(notes: Any) -> None:
@@ -63,7 +73,6 @@ def _begin(notes: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     log.setLevel(logging.DEBUG)
     log.addHandler(QueueHandler(notes))
-    python_warnings().__enter__()  # for as long as the process lives
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

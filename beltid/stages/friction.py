@@ -135,7 +135,8 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
         kind = replace(kind, cells=PERFECT)
-        if config.rig.kind == "dead_weight":
+        if config.rig.kind == "dead_weight" or config.rig.states_weight:
+            kind = replace(kind, measures="dead_weight")
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
         else:
             kind = replace(kind, measures="two_cells")

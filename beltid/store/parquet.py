@@ -102,7 +102,8 @@ def _problems(cells: np.ndarray, column: Column, name: str) -> list[str]:
     if column.dtype == "bool":
         return []
     if column.dtype == "string":
-        wrong, missing = np.zeros(len(cells), dtype=bool), np.equal(cells, None)
+        missing = np.array([cell is None for cell in cells], dtype=bool)
+        wrong = np.zeros_like(missing)
     else:
         wrong, missing = np.isinf(cells) | outside(cells, column), np.isnan(cells)
     if not column.nullable:
@@ -149,16 +150,9 @@ def _arrow_type(column: Column) -> pa.DataType:
 
 
 def _from_arrow(chunked: pa.ChunkedArray, column: Column) -> Any:
-    """Return the cells, with nan for null; Arrow's own ways to do so import pandas."""
-    import pyarrow as pa
-
-    if column.dtype in ("list", "string"):
+    """Return the cells, with None for null; Arrow's own ways to numpy import pandas."""
+    if column.dtype in ("list", "string", "bool") or chunked.null_count:
         return chunked.to_pylist()
-    if column.dtype == "float64":
-        nan = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
-        chunked = chunked.fill_null(nan)
-    elif column.dtype == "bool":  # Arrow packs eight into a byte
-        chunked = chunked.cast("uint8")
     return np.from_dlpack(chunked.combine_chunks()).copy()
 
 

@@ -10,11 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from beltid.config import Config, load_config
-from beltid.config.writing import template_text
 
 
 @pytest.fixture(autouse=True)
@@ -68,27 +65,6 @@ def test_every_line_of_a_new_config_is_valid_once_its_sign_is_taken_away(beltid:
     Path("all.yaml").write_text(text.replace("\n  # ", "\n  "))
     assert load_config("all.yaml").model_dump() == load_config("new.yaml").model_dump()
     assert len(load_config("all.yaml").uncertainty.model_fields_set) > 10
-
-
-@settings(max_examples=12, deadline=None)
-@given(
-    name=st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,20}", fullmatch=True),
-    belt_type=st.from_regex(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}", fullmatch=True),
-    radius=st.floats(0.002, 5.0),
-    arcs=st.lists(st.floats(0.1, 359.0), min_size=1, max_size=4, unique=True),
-)
-def test_any_values_come_back(name: str, belt_type: str, radius: float, arcs: list[float]) -> None:
-    config = Config.model_validate(
-        {
-            "belt": {"name": name, "type": belt_type},
-            "rig": {"pulley_radius_m": radius, "arcs_deg": arcs},
-        }
-    )
-    stated = dict.fromkeys(
-        ("belt.name", "belt.type", "rig.pulley_radius_m", "rig.arcs_deg"), "from a test"
-    )
-    Path("any.yaml").write_text(template_text(config, stated), encoding="utf-8")
-    assert load_config("any.yaml") == config
 
 
 def test_init_replaces_nothing_without_force(beltid: Any) -> None:
