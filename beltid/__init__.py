@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from beltid.laws.penalty import NormalLaw
     from beltid.stage import Outcome
     from beltid.stages.inputs import load_law, load_stiffness, load_surface
-    from beltid.stages.simulated_runs import simulate_campaign, simulate_rig
+    from beltid.stages.rig import simulate_campaign, simulate_rig
     from beltid.stages.steps import (
         build_surface,
         compare,
@@ -105,7 +105,7 @@ _PUBLIC = {
     "laws.penalty": "NormalLaw",
     "stage": "Outcome",
     "stages.inputs": "load_law load_stiffness load_surface",
-    "stages.simulated_runs": "simulate_campaign simulate_rig",
+    "stages.rig": "simulate_campaign simulate_rig",
     "stages.steps": "build_surface compare compare_drive cross_validate fit_friction fit_slip "
     "fit_stiffness plan_runs read_press read_rig read_speedloss refine_surface simulate_drive",
 }

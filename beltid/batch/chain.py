@@ -15,7 +15,7 @@ from beltid.errors import EXIT_DONE, EXIT_OUT_OF_TOLERANCE, BeltidError, TooFewS
 from beltid.notes import Prefix, log, prefixed
 from beltid.report.view import summary_of
 from beltid.stage import STAGES, Stage
-from beltid.stages.named_recordings import WITHOUT, lacking
+from beltid.stages.about import WITHOUT, lacking
 from beltid.stages.page_mark import NAME, OnPage, keep_curves, made_from, up_to_date
 from beltid.stages.workers import Workers
 
@@ -188,7 +188,9 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
                     _say(logging.WARNING, step.name, error.problems)
                 except BeltidError as error:
                     belt.failed(step.name, error)
-    belt.made = sorted(files)
+    # what lacks a recording is hidden as such, whoever writes the page
+    lacks = {step.makes for step in chain if belt.states[step.name] == "no recording"}
+    belt.made = sorted({*files, *lacks})
     return belt
 
 

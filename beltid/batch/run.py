@@ -26,7 +26,7 @@ from beltid.config.loading import ENVIRONMENT_VARIABLE, named_by_environment
 from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError, InputError
 from beltid.notes import log
 from beltid.report.summary import Summary
-from beltid.stages.named_recordings import wrong_recordings
+from beltid.stages.about import wrong_recordings
 from beltid.stages.page_mark import (
     NAME,
     OnPage,

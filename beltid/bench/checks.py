@@ -96,13 +96,14 @@ class Checker:
         """Report runs whose numbers are in another unit than those of the others."""
         values, idle = self.columns[column.name], self.columns.get("idle")
         runs = pd.Series(values).groupby(self.codes)
-        sizes = runs.agg(
-            lambda x: (x.max() - x.min()) / 2 if column.unit == "mm" else x.abs().max()
-        )
+        low, high = runs.min(), runs.max()
+        sizes = (high - low) / 2 if column.unit == "mm" else np.maximum(low.abs(), high.abs())
+        largest = sizes.max()
         for run, rows in runs.indices.items():
+            if not 0.0 < OTHER_RUN * sizes[run] < largest:
+                continue
             guess = other_unit(column, self.table.kind, values[rows])
-            small = 0.0 < OTHER_RUN * sizes[run] < sizes.max()
-            if small and guess and (idle is None or "true" not in idle[rows]):
+            if guess and (idle is None or "true" not in idle[rows]):
                 where = f"{self.name}, {self.table.label} {self.label[rows[0]]}"
                 advice = f"is this run alone in {guess}? If it is not, say so"
                 self._report_unit(where, column, values[rows], advice, column.unit)

@@ -92,27 +92,14 @@ def _shown(path: PurePath) -> str:
     return str(path).encode(errors="surrogateescape").decode(errors="replace")
 
 
-@dataclass(frozen=True, slots=True)
-class Content:
-    """Checksum of a file, or of names and contents of several, and whether it is one of Parquet."""
-
-    sha256: str
-    is_parquet: bool
-
-
-def content_of(path: Path, besides: Sequence[Path] = ()) -> Content:
-    """Return the content of one or several files, without those in `besides`."""
+def content_of(path: Path, besides: Sequence[Path] = ()) -> str:
+    """Return the checksum of a file, or of names and contents of several without `besides`."""
     if not is_many(path):
-        return _file_content(path)
+        with opened(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     sources = sources_of(path, besides)
-    lines = [f"{s.inside.as_posix()}\0{_file_content(s.path).sha256}\n" for s in sources]
-    return Content(sha256("".join(lines).encode(errors="surrogateescape")), is_parquet=False)
-
-
-def _file_content(path: Path) -> Content:
-    with opened(path) as file:
-        is_parquet = file.peek(4)[:4] == b"PAR1"
-        return Content(hashlib.file_digest(file, "sha256").hexdigest(), is_parquet)
+    lines = [f"{s.inside.as_posix()}\0{content_of(s.path)}\n" for s in sources]
+    return sha256("".join(lines).encode(errors="surrogateescape"))
 
 
 Signature = tuple[tuple[str, int, int, int], ...]

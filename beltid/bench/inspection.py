@@ -100,8 +100,8 @@ def inspect_recording(
     if not kind:
         held = ", ".join(c.name for c in channels[:12]) or "none"
         problem = (
-            f"{path}: the channels found are {held}: they do not tell which bench this is; "
-            f"say so with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
+            f"{path}: the channels do not tell which bench this is (found: {held}); state it "
+            f"with --kind {', '.join(KINDS[:-1])} or {KINDS[-1]}"
         )
         return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
     needs = Needs(options[kind].table(kind), options[kind])

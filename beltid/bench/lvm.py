@@ -31,7 +31,7 @@ Header = dict[str, list[str]]
 
 def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
     """Read a LabVIEW measurement; segments without a gap between them are one table."""
-    data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
+    data, encoding, notes = as_utf8(bytearray(path.read_bytes()), place, dialect["encoding"])
     text = data.decode()
     found = _SEPARATOR.search(text, 0, 10_000)
     sign = found[1] if found else "\t"

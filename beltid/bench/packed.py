@@ -97,7 +97,7 @@ def _stream(file: IO[bytes], member: str) -> IO[bytes]:
     return zipfile.ZipFile(file).open(member) if member else cast(IO[bytes], gzip.open(file))
 
 
-def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, list[str]]:
+def as_utf8(data: bytearray, place: str, stated: str | None) -> tuple[bytearray, str, list[str]]:
     """Return a text as UTF-8 with single line feeds, its encoding, and notes.
 
     A file that is not UTF-8 is read as latin-1 only if all western European encodings that
@@ -111,7 +111,7 @@ def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, li
         encoding, data = "utf-8", data[3:]
     if encoding != "utf-8" or not data.isascii():
         try:
-            data = data.decode(encoding).encode()
+            data = bytearray(data.decode(encoding).encode())
         except UnicodeDecodeError as error:
             is_windows = any(0x80 <= byte < 0xA0 for byte in data.translate(None, bytes(128)))
             if stated or is_windows or b"\0" in data:
@@ -121,7 +121,7 @@ def as_utf8(data: bytes, place: str, stated: str | None) -> tuple[bytes, str, li
                     f"{place}:{line}: byte 0x{data[error.start]:02X} is not "
                     f"{stated or 'UTF-8'}{hint}; if it is no text, export it to CSV"
                 ) from None
-            data, encoding = data.decode("latin-1").encode(), "latin-1"
+            data, encoding = bytearray(data.decode("latin-1").encode()), "latin-1"
             notes.append("not UTF-8, read as latin-1")
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1

@@ -46,41 +46,48 @@ def read(
 
     A first line with two of the `known` names is the header.
     """
-    data, encoding, notes = as_utf8(path.read_bytes(), place, dialect["encoding"])
-    top = _top(data, place)
+    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    with path.open("rb") as file:
+        file.readinto(body)
+    body, encoding, notes = as_utf8(body, place, dialect["encoding"])
+    top = _top(body, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect, known)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
-    body = data[sum(len(line.encode()) + 1 for line in top[: head.first_row]) :]
-    del data
+    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
-    body = _without_asides(body, top[max(head.row, 0) : head.first_row], separator, len(names))
     if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
     if separator == " " or b'"' in body:
         body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
-    cells = _first_cells(body, separator)
+    above = [line for line in top[max(head.row, 0) : head.first_row] if line.strip()]
+    cells = _first_cells(body, separator, above)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
-    lines, misfits = _lines(body, head.first_row + 1), list[Any]()
-    for numeric in (plain, ()):
-        frame = _by_arrow(body, names, numeric, (separator, signs.decimal), len(lines), misfits)
-        if frame is not None:
-            break
-    else:
+    misfits = list[Any]()
+    frame = _by_arrow(body, names, plain, (separator, signs.decimal), misfits) if plain else None
+    if frame is None:  # the header may be repeated among the rows, a cell may be no number
+        for line in above:
+            body = re.sub(rb"(?m)^%s$" % re.escape(line.encode()), b"", body)
+        tries = (
+            _by_arrow(body, names, n, (separator, signs.decimal), misfits) for n in (plain, ())
+        )
+        frame = next((frame for frame in tries if frame is not None), None)
+    if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    rows = [row.number - 1 for row in misfits]
+    lines, rows = _lines(body, head.first_row + 1), [row.number - 1 for row in misfits]
+    told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
     problems.add_alike(
-        range(len(rows)),
-        lambda i: f"{misfits[i].actual_columns} cells, must be {len(names)}",
-        lambda i: (f"{place}:{lines[rows[i]]}", int(lines[rows[i]])),
+        range(len(told)),
+        lambda i: f"{told[i].actual_columns} cells, must be {len(names)}",
+        lambda i: (f"{place}:{lines[told[i].number - 1]}", int(lines[told[i].number - 1])),
     )
     yield Raw(
         place,
@@ -104,7 +111,7 @@ def _program(top: Sequence[str]) -> str:
     return "Zwick testXpert text" if words else "CSV"
 
 
-def _top(data: bytes, place: str) -> list[str]:
+def _top(data: bytearray, place: str) -> list[str]:
     """Return the first lines; a line that no table has is refused."""
     end = data.find(b"\n", TOP) + 1 or len(data)
     top = data[:end].removesuffix(b"\n").split(b"\n")
@@ -167,32 +174,22 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _without_asides(body: bytes, head: Sequence[str], separator: str, width: int) -> bytes:
-    """Blank comments, repeated headers and lines of blanks among the rows.
+def _first_cells(body: bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the cells of the first rows, column by column, without remarks and repeated headers.
 
-    A comment begins with # and has fewer cells than a row, since a label may begin with #, too.
+    A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
     """
-    lines = {line.encode() for line in head if line.strip()}
-    for line in re.findall(rb"^#[^\n]*", body, re.MULTILINE) if b"#" in body else ():
-        if line.count(separator.encode()) + 1 < max(width, 2):
-            lines.add(line)
-    for line in lines:
-        if body.startswith(line) or b"\n" + line in body:
-            body = re.sub(rb"(?m)^%s$" % re.escape(line), b"", body)
-    if body[:1] in b" \t" or b"\n " in body or b"\n\t" in body:
-        body = re.sub(rb"(?m)^[ \t]+$", b"", body)
-    return body
-
-
-def _first_cells(body: bytes, separator: str) -> list[tuple[str, ...]]:
-    """Return the cells of the first rows, column by column."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
-    rows = [cells_of(line, separator) for line in lines]
+    if not lines:
+        return []
+    full = max(line.count(separator) for line in lines)
+    kept = [t for t in lines if t not in above and (t[0] != "#" or t.count(separator) == full)]
+    kept = kept or lines
+    rows = [cells_of(line, separator) for line in kept]
     columns = [*itertools.zip_longest(*rows, fillvalue="")]
-    row = [lines[0].split()] if separator == " " else csv.reader(lines[:1], delimiter=separator)
-    width = len(next(iter(row)))
-    return columns + [("",)] * (width - len(columns))
+    first = [kept[0].split()] if separator == " " else csv.reader(kept[:1], delimiter=separator)
+    return columns + [("",)] * (len(next(iter(first))) - len(columns))
 
 
 def _signs(
@@ -230,7 +227,6 @@ def _by_arrow(
     names: Sequence[str],
     numeric: Collection[str],
     signs: tuple[str, str],
-    n_rows: int,
     misfits: list[Any],
 ) -> pd.DataFrame | None:
     """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
@@ -238,6 +234,7 @@ def _by_arrow(
     `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
     """
     misfits.clear()
+    n_rows = len(_lines(body, 1))
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
     texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}

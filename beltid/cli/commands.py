@@ -75,10 +75,10 @@ def init(name: str, files: list[Path] | None = None, *, common: Common) -> None:
     --------
     beltid init 6pk press.csv rig.csv
     """
-    from beltid.stages import new_config
+    from beltid.stages.inspect_file import new_config
 
     def work() -> Summary:
-        return new_config.run(name, files or [], common.out, force=common.force)
+        return new_config(name, files or [], common.out, force=common.force)
 
     finish(work, common, kept="no config was written")
 

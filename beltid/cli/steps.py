@@ -31,8 +31,6 @@ beltid inspect FILE shows how.
 def kind_of(stage: Stage, role: str) -> str:
     """Return the kind of an input as the help names it: of several, the first."""
     kind = stage.reads[role]
-    if callable(kind):
-        return kind(**{p.name: p.default for p in stage.options})
     return kind if isinstance(kind, str) else kind[0]
 
 

@@ -10,11 +10,9 @@ Module         Responsibility                                                   
 ``loop``       Span forces, flow of belt and tensioner of the closed loop           (D7) to (D9)
 ``rods``       The same loop with a rod on each pulley                              (D12), (D15)
 ``results``    Speed loss and its parts, hub forces, reserve, losses, status        (D10), (D11)
-``profile``    Line force and sliding speed along the arcs of a result
 ``limits``     Torque at which adhesion ends, and slip limit
 ``tolerance``  The drive with belts of least, mean and largest length
 ``agreement``  Predicted against measured speed losses; what a recording resolves
-``first_call`` Compiles the kernels ahead
 =============  ===================================================================  ==============
 
 The equations are on the theory page, sections on the belt drive.

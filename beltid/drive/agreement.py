@@ -7,8 +7,7 @@ loss hardly depends on friction, so that it is not tested unless a pulley slides
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,7 @@ ENOUGH: Final = 0.5
 """Share of the points to be judged that must have a prediction."""
 
 
-@dataclass(frozen=True, slots=True)
-class LossPoints:
+class LossPoints(NamedTuple):
     """Measured and predicted speed losses of the same points, arrays (n,) [rad/s].
 
     Attributes
@@ -55,8 +53,7 @@ class LossPoints:
     usable: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class LossAgreement:
+class LossAgreement(NamedTuple):
     """Agreement of predicted and measured losses.
 
     Attributes
@@ -67,10 +64,15 @@ class LossAgreement:
         Points that count.
     asked : int
         Number of points that should count; those without a prediction do not.
-    rms_relative : float
-        Root mean square of difference over measured loss [-].
-    rms_over_u : float
-        Root mean square of difference over its standard uncertainty [-].
+    difference, u_validation : ndarray (n,)
+        Predicted less measured loss, and its standard uncertainty [rad/s].
+    rms_relative, rms_over_u : float
+        Root mean square of difference over measured loss, and over its standard uncertainty [-].
+    prominence : dict of str to float
+        Largest size of each part of the loss over the uncertainty of the difference [-]. Points of
+        unknown uncertainty do not count; a part over zero uncertainty is infinite.
+    largest_arc_share : float
+        Largest share of an arc that slides, over the judged points [-].
     passed : bool
         Whether `rms_relative` is within tolerance, with predictions for at least half of `asked`.
     """
@@ -78,38 +80,13 @@ class LossAgreement:
     points: LossPoints
     judged: NDArray[np.bool_]
     asked: int
+    difference: Array
+    u_validation: Array
     rms_relative: float
     rms_over_u: float
+    prominence: dict[str, float]
+    largest_arc_share: float
     passed: bool
-
-    @property
-    def difference(self) -> Array:
-        """Predicted less measured loss [rad/s]."""
-        return self.points.predicted - self.points.measured
-
-    @property
-    def u_validation(self) -> Array:
-        """Standard uncertainty of the difference [rad/s]."""
-        return np.hypot(self.points.measured_u, self.points.predicted_u)
-
-    @property
-    def prominence(self) -> dict[str, float]:
-        """Largest size of each part of the loss over the uncertainty of the difference [-].
-
-        Points of unknown uncertainty do not count; a part over zero uncertainty is infinite.
-        """
-        u, points = self.u_validation, self.points
-        parts = {"creep": points.creep, "seating": points.seating, "slip": points.slip}
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return {
-                name: float(np.nanmax(np.abs(part / u)[self.judged], initial=0.0))
-                for name, part in parts.items()
-            }
-
-    @property
-    def largest_arc_share(self) -> float:
-        """Largest share of an arc that slides, over the judged points [-]."""
-        return float(np.nanmax(self.points.arc_share[self.judged], initial=0.0))
 
 
 def compare_losses(
@@ -130,14 +107,28 @@ def compare_losses(
     eligible = points.usable & (torque >= min_torque_share * np.nanmax(torque, initial=0.0))
     eligible &= points.measured != 0.0
     judged = eligible & np.isfinite(points.predicted) & np.isfinite(points.predicted_u)
-    difference = points.predicted[judged] - points.measured[judged]
-    u = np.hypot(points.measured_u, points.predicted_u)[judged]
+    difference = points.predicted - points.measured
+    u = np.hypot(points.measured_u, points.predicted_u)
 
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
-    relative = rms(difference / points.measured[judged])
+    relative = rms(difference[judged] / points.measured[judged])
     enough = judged.sum() >= ENOUGH * eligible.sum() and bool(judged.any())
-    passed = bool(enough and relative <= max_rms_relative_error)
-    over_u = rms(np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0.0))
-    return LossAgreement(points, judged, int(eligible.sum()), relative, over_u, passed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        prominence = {
+            name: float(np.nanmax(np.abs(getattr(points, name) / u)[judged], initial=0.0))
+            for name in ("creep", "seating", "slip")
+        }
+    return LossAgreement(
+        points,
+        judged,
+        int(eligible.sum()),
+        difference,
+        u,
+        relative,
+        rms(np.divide(difference, u, out=np.full(u.size, np.nan), where=u > 0.0)[judged]),
+        prominence,
+        float(np.nanmax(points.arc_share[judged], initial=0.0)),
+        bool(enough and relative <= max_rms_relative_error),
+    )

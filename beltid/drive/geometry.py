@@ -93,11 +93,26 @@ def layout(drive: Drive, arm_angle: float | None = None) -> Layout:
         moved = drive.tensioner.pulley
         x, y = arm_end(drive.tensioner, arm_angle)
         pulleys[moved] = replace(pulleys[moved], x=x, y=y)
-    _check_overlaps(pulleys)
-    laid = _find_layout(pulleys)
-    if laid is None:
-        raise InputError(_explain_misfit(pulleys))
-    return laid
+    overlaps = [
+        f"pulleys {a.name} and {b.name} overlap: their centres are "
+        f"{math.hypot(b.x - a.x, b.y - a.y):g} m apart, must be more than {a.R + b.R:g} m"
+        for a, b in combinations(pulleys, 2)
+        if math.hypot(b.x - a.x, b.y - a.y) <= a.R + b.R
+    ]
+    if overlaps:
+        raise InputError(overlaps)
+    # the rib pulleys usually turn in the sense of the pulley order
+    area = sum(
+        a.x * b.y - b.x * a.y for a, b in zip(pulleys, [*pulleys[1:], pulleys[0]], strict=True)
+    )
+    for sense in (math.copysign(1.0, area), -math.copysign(1.0, area)):
+        laid = _lay(pulleys, sense)
+        if _turns_once(laid) and not _crosses_itself(laid):
+            return laid
+    raise InputError(
+        "the belt crosses itself or does not reach a pulley: the pulleys must be listed in the "
+        "order of the belt, each with its centre and the side of the belt that touches it"
+    )
 
 
 def arm_end(tensioner: Tensioner, angle: float) -> tuple[float, float]:
@@ -116,29 +131,9 @@ def arm_lever(tensioner: Tensioner, laid: Layout, P: Array) -> float:
 def spring_moment(tensioner: Tensioner, angle: float, side: float) -> float:
     """Return the moment of the spring on the arm [N m], anticlockwise > 0.
 
-    Parameters
-    ----------
-    tensioner : Tensioner
-        Preload and rate.
-    angle : float
-        Angle of the arm [rad].
-    side : float
-        +1 if the arm works anticlockwise from its free angle, -1 if clockwise.
+    ``side`` is +1 if the arm works anticlockwise from its free angle, -1 if clockwise.
     """
     return -side * tensioner.preload - tensioner.rate * (angle - tensioner.free_angle)
-
-
-def _check_overlaps(pulleys: list[Pulley]) -> None:
-    problems = []
-    for a, b in combinations(pulleys, 2):
-        distance = math.hypot(b.x - a.x, b.y - a.y)
-        if distance <= a.R + b.R:
-            problems.append(
-                f"pulleys {a.name} and {b.name} overlap: their centres are "
-                f"{distance:g} m apart, must be more than {a.R + b.R:g} m"
-            )
-    if problems:
-        raise InputError(problems)
 
 
 def _lay(pulleys: list[Pulley], sense: float) -> Layout:
@@ -157,40 +152,6 @@ def _lay(pulleys: list[Pulley], sense: float) -> Layout:
     starts = centres - offsets[:, None] * normals
     ends = starts + spans[:, None] * directions
     return Layout(centres, starts, ends, spans, directions, wraps, senses)
-
-
-def _find_layout(pulleys: list[Pulley]) -> Layout | None:
-    """Lay the belt on in both senses; return the path that does not cross itself, if any."""
-    # the rib pulleys usually turn in the sense of the pulley order
-    area = sum(
-        a.x * b.y - b.x * a.y for a, b in zip(pulleys, [*pulleys[1:], pulleys[0]], strict=True)
-    )
-    likely = -1.0 if area < 0.0 else 1.0
-    layouts = (_lay(pulleys, sense) for sense in (likely, -likely))
-    valid = (laid for laid in layouts if _turns_once(laid) and not _crosses_itself(laid))
-    return next(valid, None)
-
-
-def _explain_misfit(pulleys: list[Pulley]) -> str:
-    """Explain why no path fits: the belt misses a pulley, or crosses itself.
-
-    A belt that would have to turn back to touch a pulley turns by nearly a revolution there, and
-    can be laid on without that pulley.
-    """
-    for i, pulley in enumerate(pulleys):
-        others = pulleys[:i] + pulleys[i + 1 :]
-        fits = _find_layout(others) if len(others) > 1 else None
-        if fits is not None:
-            sense = fits.senses[0] if others[0].ribs else -fits.senses[0]
-            if _lay(pulleys, float(sense)).wraps[i] > 1.5 * np.pi:
-                return (
-                    f"the belt does not reach pulley {pulley.name}: it runs past it on the other "
-                    "side; check the pulley's centre and the side of the belt that touches it"
-                )
-    return (
-        "the belt crosses itself: the pulleys must be listed in the order of the belt, "
-        "each with the side of the belt that touches it"
-    )
 
 
 def _turns_once(laid: Layout) -> bool:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 
-from beltid.drive.loop import Loop, LoopState, solve_loop
+from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import DrivePoint
 from beltid.drive.results import Simulator
-from beltid.drive.string import StringLevel
 from beltid.errors import ConvergenceError
-
-Array = NDArray[np.float64]
 
 TOLERANCE: Final = 2e-5
 """Relative tolerance of a limit of a string."""
@@ -26,13 +23,14 @@ ROD_TOLERANCE: Final = 3e-3
 BELOW: Final = (0.999, 0.97, 0.9)
 """Shares of a limit of rods at which they are solved next."""
 MOST_ROUNDS: Final = 4
+STEP: Final = 1.5
+"""Ratio of two factors at which a limit is bracketed."""
 LARGEST_FACTOR: Final = 2.0**20
 SMALLEST_FACTOR: Final = 2.0**-20
 MOST_RESERVE: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class SlipLimit:
+class SlipLimit(NamedTuple):
     """Torque limits of an operating point, with all torques and powers scaled together.
 
     Attributes
@@ -66,15 +64,23 @@ def slip_limit(simulator: Simulator, point: DrivePoint) -> SlipLimit:
     if point.omega < 0.0:
         forwards = replace(point.reversed(), omega=-point.omega)
         return slip_limit(simulator.backwards, forwards)
-    return SlipLimit(_largest(simulator, point, False), _largest(simulator, point, True))
+    state = simulator.solve(point.scaled(0.0)).state
+    adhesion, state = _largest(simulator, point, False, state, 0.0)
+    if not 0.0 < adhesion < math.inf:
+        return SlipLimit(adhesion, adhesion)
+    return SlipLimit(adhesion, _largest(simulator, point, True, state, adhesion)[0])
 
 
-def _largest(simulator: Simulator, point: DrivePoint, with_slip: bool) -> float:
-    """Find the largest factor at which every pulley keeps room for what its forces need."""
-    state, factor = simulator.solve(point.scaled(0.0)).state, 0.0
+def _largest(
+    simulator: Simulator, point: DrivePoint, with_slip: bool, state: LoopState, factor: float
+) -> tuple[float, LoopState]:
+    """Find the largest factor at which every pulley keeps room for what its forces need.
+
+    It is sought from a state at a smaller factor, 0: not known; that state is returned, too.
+    """
     for _ in range(MOST_ROUNDS):
-        last, factor = factor, _of_loop(simulator, point, with_slip, state, factor)
-        is_exact = simulator.method == "string" or not math.isfinite(factor)
+        last, factor = factor, _of_level(simulator, point, with_slip, state, factor or 1.0)
+        is_exact = simulator.method == "string" or not 0.0 < factor < math.inf
         if is_exact or abs(factor - last) <= ROD_TOLERANCE * factor:
             break
         for share in BELOW:
@@ -83,70 +89,43 @@ def _largest(simulator: Simulator, point: DrivePoint, with_slip: bool) -> float:
                 if below.state.rods:
                     state = below.state
                     break
-    return factor
+    return factor, state
 
 
-def _of_loop(
-    simulator: Simulator, point: DrivePoint, with_slip: bool, state: LoopState, guess: float
+def _of_level(
+    simulator: Simulator, point: DrivePoint, with_slip: bool, near: LoopState, guess: float
 ) -> float:
-    """Find the factor with the belt on its pulleys as in a state.
+    """Find the factor with the belt on its pulleys as in a state, bracketed about a guess."""
+    rest, level = simulator.at_rest(point), near.level
 
-    It is one more unknown of the loop, from a state near the limit that is bracketed if no guess
-    is known.
-    """
-    drive, rest, level = simulator.drive, simulator.at_rest(point), state.level
-    string, near = StringLevel(drive), state
-
-    def margin(found: LoopState) -> float:
+    @functools.cache
+    def margin(factor: float) -> float:
         """Room over the arc that is needed, less 1, of the pulley with the least."""
+        nonlocal near
+        try:
+            found = solve_loop(point.scaled(factor), level, rest, near)
+        except ConvergenceError:
+            return -1.0
         if found.slack or found.v0 <= 0.0:
             return -1.0
         needed = found.arcs.needed
         if with_slip:
             forces = zip(found.P_in.tolist(), found.P.tolist(), strict=True)
-            arcs = [string.arcs_by_speed(i, *P, found.v0) for i, P in enumerate(forces)]
+            arcs = [level.arcs_by_speed(i, *P, found.v0) for i, P in enumerate(forces)]
             needed = np.array([of_pulley.min() for of_pulley in arcs])
         # bounded: the infinite reserve of an idling pulley could not be interpolated
         most = found.arcs.room / np.maximum(needed, found.arcs.room / MOST_RESERVE)
+        if most.min() > 1.0:
+            near = found
         return float(most.min()) - 1.0
 
-    def margin_at(factor: float) -> float:
-        nonlocal near
-        try:
-            found = solve_loop(drive, point.scaled(factor), level, rest, near)
-        except ConvergenceError:
-            return -1.0
-        excess = margin(found)
-        if excess > 0.0:
-            near = found
-        return excess
-
-    loop = Loop(drive, point, level, rest)
-
-    def residual(unknowns: Array) -> Array:
-        loop.factor = float(unknowns[-1])
-        return np.append(loop.residual(unknowns[:-1]), margin(loop.last))
-
-    def from_near(low: float, high: float) -> float | None:
-        if drive.tensioner is not None and np.isfinite(drive.tensioner.stops).any():
-            return None
-        found = root(residual, np.append(loop.start(near), low), tol=1e-9)
-        solved = np.abs(found.fun).max() < TOLERANCE and low <= found.x[-1] <= high
-        return float(found.x[-1]) if solved else None
-
-    exact = from_near(0.8 * guess, 1.25 * guess) if guess > 0.0 else None
-    if exact is not None:
-        return exact
-    low = high = 1.0
-    while margin_at(high) > 0.0:
-        low, high = high, 2.0 * high
+    low = high = guess
+    while margin(high) > 0.0:
+        low, high = high, STEP * high
         if high > LARGEST_FACTOR:
             return math.inf
-    while low == high or margin_at(low) <= 0.0:  # the limit is below 1
-        low, high = 0.5 * low, low
+    while low == high or margin(low) <= 0.0:
+        low, high = low / STEP, low
         if low < SMALLEST_FACTOR:
             return 0.0
-    exact = from_near(low, high)
-    if exact is not None:
-        return exact
-    return float(brentq(margin_at, low, high, xtol=TOLERANCE * high, rtol=TOLERANCE))
+    return float(brentq(margin, low, high, xtol=TOLERANCE * high, rtol=TOLERANCE))

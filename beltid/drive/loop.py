@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
 from beltid.drive.geometry import Layout, arm_lever, layout, preceding, spring_moment
-from beltid.drive.model import Drive, DrivePoint
+from beltid.drive.model import DrivePoint
 from beltid.drive.rest import RestState, arm_side
-from beltid.drive.string import Arcs
+from beltid.drive.string import Arcs, Level
 from beltid.errors import ConvergenceError, InputError
-
-if TYPE_CHECKING:
-    from beltid.rig.flow import FlowState
+from beltid.rig.flow import FlowState
 
 Array = NDArray[np.float64]
 
@@ -36,18 +34,6 @@ LARGEST: Final = 1e4
 """Largest scaled force, flow or angle that is tried."""
 SLOWEST: Final = 1e-3
 """Smallest flow for which the belt on the pulleys is computed, over that of the driver."""
-
-
-class Level(Protocol):
-    """Model of the belt on the pulleys."""
-
-    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
-        """Compute the belt on every pulley from the effective forces before and after it."""
-        ...
-
-    def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return the stress-free length of the loop beyond that of spans and arcs [m]."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,30 +79,24 @@ class Loop:
     """Equations of an operating point; forces are scaled by T_0, the flow by the driver.
 
     They hold for negative forces, too, with the friction of a belt that is nearly slack, so that a
-    solution is found and its status told from it.
+    solution is found and its status told from it. ``held`` is the angle of an arm at its stop.
     """
 
     def __init__(
-        self,
-        drive: Drive,
-        point: DrivePoint,
-        level: Level,
-        rest: RestState,
-        held: float | None = None,
+        self, point: DrivePoint, level: Level, rest: RestState, held: float | None
     ) -> None:
-        self.drive, self.level, self.rest, self.held = drive, level, rest, held
-        self.R = np.array([p.R for p in drive.pulleys])
-        self.drag, self.torque = np.array([p.drag for p in drive.pulleys]), np.array(point.torque)
+        self.drive, self.level, self.rest, self.held = level.drive, level, rest, held
+        self.R = np.array([p.R for p in self.drive.pulleys])
+        self.torque = np.array(point.torque) + [p.drag for p in self.drive.pulleys]
         self.power = np.array(point.power) if point.power else np.zeros(self.R.size)
         self.omega = abs(point.omega)
-        self.flow = self.omega * self.R[drive.driver]  # of a belt that does not stretch [m/s]
-        self.arm_is_free = drive.tensioner is not None and held is None
-        self.factor = 1.0  # on torques and powers
+        self.flow = self.omega * self.R[self.drive.driver]  # of a belt that does not stretch [m/s]
+        self.arm = self.drive.tensioner if held is None else None
 
     def state(self, u: Array) -> LoopState:
         """Unpack the unknowns and compute the belt on its pulleys."""
         n = self.R.size
-        angle = float(u[n + 1]) if self.arm_is_free else self.held
+        angle = float(u[n + 1]) if self.arm else self.held
         laid = self.rest.laid if angle == self.rest.arm_angle else layout(self.drive, angle)
         P, v0 = u[:n] * self.rest.T_0, float(u[n]) * self.flow
         pull, v = np.maximum(P, SLACK * self.rest.T_0), max(v0, SLOWEST * self.flow)
@@ -128,7 +108,7 @@ class Loop:
         try:
             if not np.abs(u).max() < LARGEST:
                 return np.full(u.size, 1e3)
-            state = self.last = self.state(u)
+            state = self.state(u)
         except InputError:  # no belt path fits at this angle of the arm
             return np.full(u.size, 1e3)
         drive, rest, arcs, driver, n = self.drive, self.rest, state.arcs, self.drive.driver, u.size
@@ -138,8 +118,7 @@ class Loop:
         speeds = arcs.W * v + arcs.rate * (state.v0 - v)
         r = np.empty(n)
         n = self.R.size
-        loads = self.drag + self.factor * (self.torque + self.power / speeds)
-        r[:n] = (torque + loads) / (rest.T_0 * self.R)
+        r[:n] = (torque + self.torque + self.power / speeds) / (rest.T_0 * self.R)
         r[driver] = speeds[driver] / self.omega - 1.0
         if drive.installation == "slack_force":
             r[n] = state.P[driver] / rest.T_0 - 1.0
@@ -147,10 +126,10 @@ class Loop:
             length = (state.laid.spans / drive.stretch(state.P, v)).sum() + arcs.length.sum()
             length += self.level.extra_length(state.laid, pull)
             r[n] = (length / rest.belt_length - 1.0) * drive.belt.EA / rest.T_0
-        if drive.tensioner is not None and state.arm_angle is not None and self.arm_is_free:
-            moment = arm_lever(drive.tensioner, state.laid, state.P)
-            moment += spring_moment(drive.tensioner, state.arm_angle, arm_side(drive))
-            r[n + 1] = moment / (rest.T_0 * drive.tensioner.arm)
+        if self.arm and state.arm_angle is not None:
+            moment = arm_lever(self.arm, state.laid, state.P)
+            moment += spring_moment(self.arm, state.arm_angle, arm_side(drive, self.arm))
+            r[n + 1] = moment / (rest.T_0 * self.arm.arm)
         return r
 
     def start(self, near: LoopState | None) -> Array:
@@ -158,75 +137,52 @@ class Loop:
 
         The forces of the latter change by steps of M/R about the mean T_0.
         """
-        arm = [self.rest.arm_angle] if self.arm_is_free else []
         if near is not None:
-            arm = [near.arm_angle] if self.arm_is_free else []
-            return np.array([*(near.P / self.rest.T_0), near.v0 / self.flow, *arm])
-        drive = self.drive
-        loads = self.drag + self.torque + self.power * self.R / self.flow
-        steps = loads / self.R
-        steps[drive.driver] = 0.0
-        steps[drive.driver] = -steps.sum()
-        P = np.cumsum(steps) / self.rest.T_0
-        P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
-        stretch = float(drive.stretch(self.rest.T_0, 0.0))
-        return np.array([*np.maximum(P, 0.05), 1.0 / stretch, *arm])
+            P, flow, angle = near.P / self.rest.T_0, near.v0 / self.flow, near.arm_angle
+        else:
+            drive, angle = self.drive, self.rest.arm_angle
+            steps = (self.torque + self.power * self.R / self.flow) / self.R
+            steps[drive.driver] = 0.0
+            steps[drive.driver] = -steps.sum()
+            P = np.cumsum(steps) / self.rest.T_0
+            P += 1.0 - (P.mean() if drive.installation == "fixed_centres" else P[drive.driver])
+            P, flow = np.maximum(P, 0.05), 1.0 / float(drive.stretch(self.rest.T_0, 0.0))
+        return np.array([*P, flow, *([angle] if self.arm else [])])
 
 
 def solve_loop(
-    drive: Drive,
-    point: DrivePoint,
-    level: Level,
-    rest: RestState,
-    near: LoopState | None = None,
+    point: DrivePoint, level: Level, rest: RestState, near: LoopState | None = None
 ) -> LoopState:
     """Find the steady state of an operating point.
 
-    Parameters
-    ----------
-    drive : Drive
-        The drive, its belt running in the order of the pulleys.
-    point : DrivePoint
-        The operating point; only the magnitude of its speed is used.
-    level : Level
-        Model of the belt on the pulleys.
-    rest : RestState
-        The belt at rest.
-    near : LoopState, optional
-        State of a similar drive, from which the iteration starts.
-
-    Raises
-    ------
-    ConvergenceError
-        If no steady state was found.
+    Of the point only the magnitude of its speed is used: the belt runs in the order of the pulleys.
+    The iteration starts from the state of a similar drive, if there is one ``near``. Without a
+    steady state a ConvergenceError is raised.
     """
     if near is not None and (near.slack or near.v0 <= 0.0):
         near = None
-    held = rest.arm_angle if rest.at_stop else None
-    state = _solved(Loop(drive, point, level, rest, held), point, near)
-    if drive.tensioner is not None and state.arm_angle is not None:
-        stop = float(np.clip(state.arm_angle, *drive.tensioner.stops))
-        if stop != state.arm_angle and not state.slack:
-            state = _solved(Loop(drive, point, level, rest, stop), point, near)
+    held, arm = rest.arm_angle if rest.at_stop else None, level.drive.tensioner
+    state = _solved(Loop(point, level, rest, held), near)
+    if arm is not None and state.arm_angle is not None and not state.slack:
+        stop = float(np.clip(state.arm_angle, *arm.stops))
+        if stop != state.arm_angle:
+            state = _solved(Loop(point, level, rest, stop), near)
     return state
 
 
-def _solved(loop: Loop, point: DrivePoint, near: LoopState | None) -> LoopState:
+def _solved(loop: Loop, near: LoopState | None) -> LoopState:
     """Solve the equations of a loop; if that fails, once more in small steps."""
     residual = math.inf
     for start, factor in ((near, 100.0), (None, DAMPED)):
         found = root(loop.residual, loop.start(start), tol=1e-10, options={"factor": factor})
         residual = float(np.abs(found.fun).max())
         if residual <= TOLERANCE:
-            break
-    else:
-        raise ConvergenceError(
-            f"drive at {point.omega:g} rad/s: no steady state found; largest residual "
-            f"{residual:.3g} of the scaled equations, must be below {TOLERANCE:g}",
-            iterations=int(found.nfev),
-            residual=residual,
-        )
-    state = loop.state(found.x)
-    if np.min(state.P) < SLACK * max(loop.rest.T_0, np.max(state.P)):
-        return replace(state, slack=True)
-    return state
+            state = loop.state(found.x)
+            slack = np.min(state.P) < SLACK * max(loop.rest.T_0, np.max(state.P))
+            return replace(state, slack=bool(slack))
+    raise ConvergenceError(
+        f"drive at {loop.omega:g} rad/s: no steady state found; largest residual {residual:.3g} of "
+        f"the scaled equations, must be below {TOLERANCE:g}",
+        iterations=int(found.nfev),
+        residual=residual,
+    )

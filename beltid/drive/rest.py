@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from beltid.drive.geometry import Layout, arm_lever, layout, spring_moment
-from beltid.drive.model import Drive
+from beltid.drive.model import Drive, Tensioner
+from beltid.drive.string import Level
 from beltid.errors import InputError
-
-if TYPE_CHECKING:
-    from beltid.drive.loop import Level
 
 Array = NDArray[np.float64]
 
@@ -52,21 +50,9 @@ class RestState:
 def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
     """Tighten the belt at rest, which determines its length, or its tension if that is stated.
 
-    Parameters
-    ----------
-    drive : Drive
-        Pulleys and installation.
-    level : Level
-        Model of the belt on the pulleys.
-    T_0 : float
-        Tension at rest [N]; nan if the length of the belt, or the mean position of a tensioner,
-        determines it.
-
-    Raises
-    ------
-    InputError
-        If no belt path fits, a required tension is missing, or the arm of the tensioner has no
-        equilibrium.
+    The tension ``T_0`` [N] is nan if the length of the belt, or the mean position of a tensioner,
+    determines it. An InputError says that no belt path fits, or that the arm of the tensioner has
+    no equilibrium.
     """
 
     def laid_at(tension: float, angle: float | None) -> RestState:
@@ -83,54 +69,43 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
         """Tighten the belt of stated length with fixed pulleys."""
         low, high = 1e-6 * drive.belt.EA, 0.2 * drive.belt.EA
         if too_long(low, angle) * too_long(high, angle) >= 0.0:
-            at = laid_at(low, angle).belt_length
             raise InputError(
-                f"drive.belt_length_m = {drive.belt_length:g}: the path of the belt is {at:.5g} m "
-                "long, must be longer than the belt, by less than 20 %"
+                f"drive.belt_length_m = {drive.belt_length:g}: the path of the belt is "
+                f"{laid_at(low, angle).belt_length:.5g} m long, must be longer than the belt, by "
+                "less than 20 %"
             )
         tension = brentq(too_long, low, high, args=(angle,), xtol=1e-9, rtol=1e-13)
         return replace(laid_at(tension, angle), belt_length=drive.belt_length)
 
     arm = drive.tensioner
-    stated = math.isfinite(drive.belt_length) and math.isnan(T_0)
+    by_length = math.isfinite(drive.belt_length) and math.isnan(T_0)
     if arm is None:
-        if stated:
-            return tightened(None)
-        if math.isnan(T_0):
-            raise InputError("initial tension: must be stated if there is no tensioner")
-        state = laid_at(T_0, None)
+        state = tightened(None) if by_length else laid_at(T_0, None)
         given = drive.installation == "slack_force"
         return replace(state, belt_length=math.nan) if given else state
-    mean, (low, high) = mean_angle(drive), arm.stops
+    mean, side = mean_angle(drive, arm), arm_side(drive, arm)
+
+    def moment(angle: float, tension: float) -> float:
+        """Moment of belt and spring on the arm [N m]."""
+        laid = layout(drive, angle)
+        belt = arm_lever(arm, laid, np.full(laid.spans.size, tension))
+        return belt + spring_moment(arm, angle, side)
 
     def balance(angle: float) -> float:
         """Tension of the belt that balances the spring [N]."""
-        laid = layout(drive, angle)
-        per_newton = arm_lever(arm, laid, np.ones(laid.spans.size))
-        return -spring_moment(arm, angle, arm_side(drive)) / per_newton
+        spring = moment(angle, 0.0)
+        return -spring / (moment(angle, 1.0) - spring)
 
-    if math.isfinite(T_0):
-        # where the arm, let go in its mean position, comes to rest
-        def moment(angle: float) -> float:
-            laid = layout(drive, angle)
-            belt = arm_lever(arm, laid, np.full(laid.spans.size, T_0))
-            return belt + spring_moment(arm, angle, arm_side(drive))
-
-        step = math.copysign(ARM_STEP, moment(mean))
-        angle = _walked(moment, mean, step)
-        if angle is None:
+    if not by_length and math.isnan(T_0):
+        tension = balance(mean)
+        if not 0.0 < tension < drive.belt.EA:
             raise InputError(
-                f"tensioner: no equilibrium with a belt tension of {T_0:g} N at rest, from "
-                f"{math.degrees(mean):.4g} deg on"
+                f"tensioner: no equilibrium in its mean position ({math.degrees(mean):.4g} deg): "
+                f"its spring asks for a belt tension of {tension:.4g} N"
             )
-        if not low <= angle <= high:
-            raise InputError(
-                f"tensioner: a belt tension of {T_0:g} N at rest needs its arm at "
-                f"{math.degrees(angle):.4g} deg, must be from {math.degrees(low):.4g} to "
-                f"{math.degrees(high):.4g} deg, its stops"
-            )
-        return laid_at(T_0, angle)
-    if stated:
+        return laid_at(tension, mean)
+    low, high = arm.stops
+    if by_length:
         found = [
             _walked(lambda angle: too_long(balance(angle), angle), mean, step)
             for step in (ARM_STEP, -ARM_STEP)
@@ -139,36 +114,32 @@ def rest_state(drive: Drive, level: Level, T_0: float) -> RestState:
         if angles and low <= angles[0] <= high:
             return laid_at(balance(angles[0]), angles[0])
         stops = [stop for stop in (low, high) if math.isfinite(stop)]
-        nearest = min(stops, key=lambda stop: abs(stop - (angles or [mean])[0]), default=None)
-        if nearest is None:
-            raise InputError(
-                f"drive.belt_length_m = {drive.belt_length:g}: the tensioner has no equilibrium "
-                "with a belt of this length; its mean position has one of "
-                f"{laid_at(balance(mean), mean).belt_length:.5g} m"
-            )
-        return replace(tightened(nearest), at_stop=True)
-    tension = balance(mean)
-    if not 0.0 < tension < drive.belt.EA:
-        raise InputError(
-            f"tensioner: no equilibrium in its mean position ({math.degrees(mean):.4g} deg): "
-            f"its spring asks for a belt tension of {tension:.4g} N"
-        )
-    return laid_at(tension, mean)
+        if stops:
+            nearest = min(stops, key=lambda stop: abs(stop - (angles or [mean])[0]))
+            return replace(tightened(nearest), at_stop=True)
+    else:  # where the arm, let go in its mean position, comes to rest
+        step = math.copysign(ARM_STEP, moment(mean, T_0))
+        angle = _walked(lambda angle: moment(angle, T_0), mean, step)
+        if angle is not None and low <= angle <= high:
+            return laid_at(T_0, angle)
+    what = f"of {drive.belt_length:g} m" if by_length else f"with a tension of {T_0:g} N at rest"
+    raise InputError(
+        f"tensioner: no equilibrium with a belt {what}; in its mean position, "
+        f"{math.degrees(mean):.4g} deg, the tension is {balance(mean):.4g} N, the length "
+        f"{laid_at(balance(mean), mean).belt_length:.5g} m"
+    )
 
 
-def mean_angle(drive: Drive) -> float:
+def mean_angle(drive: Drive, arm: Tensioner) -> float:
     """Return the mean arm angle, towards the stated pulley [rad], within pi of the free angle."""
-    arm = drive.tensioner
-    assert arm is not None
     pulley = drive.pulleys[arm.pulley]
     angle = math.atan2(pulley.y - arm.pivot[1], pulley.x - arm.pivot[0])
     return arm.free_angle + math.remainder(angle - arm.free_angle, 2.0 * math.pi)
 
 
-def arm_side(drive: Drive) -> float:
+def arm_side(drive: Drive, arm: Tensioner) -> float:
     """Return the sense in which the arm has left its free angle: +1 anticlockwise."""
-    assert drive.tensioner is not None
-    return math.copysign(1.0, mean_angle(drive) - drive.tensioner.free_angle)
+    return math.copysign(1.0, mean_angle(drive, arm) - arm.free_angle)
 
 
 def _walked(f: Callable[[float], float], start: float, step: float) -> float | None:

@@ -15,13 +15,12 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.drive.first_call import compiled
 from beltid.drive.geometry import preceding
 from beltid.drive.loop import LoopState, solve_loop
 from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.rest import RestState, rest_state
 from beltid.drive.rods import RodLevel, adhesion_arc
-from beltid.drive.string import StringLevel
+from beltid.drive.string import Level
 
 Array = NDArray[np.float64]
 
@@ -32,9 +31,11 @@ FULL_SLIP: Final = "full slip"
 GROSS_SLIP: Final = "gross slip"
 SLACK: Final = "slack"
 
+PLACES: Final = 60
+"""Number of points along the sliding arc of the string."""
 
-@dataclass(frozen=True, slots=True)
-class SpeedLoss:
+
+class SpeedLoss(NamedTuple):
     """Loss of angular speed of every pulley against idling, all arrays (n,) [rad/s].
 
     Attributes
@@ -42,12 +43,8 @@ class SpeedLoss:
     total : ndarray
         Speed when idling less speed under load, at the same speed of the driver; positive if a
         pulley falls behind.
-    creep : ndarray
-        Part due to the strains of the belt.
-    seating : ndarray
-        Part due to the penetrations.
-    slip : ndarray
-        Part due to pulleys that slide as a whole.
+    creep, seating, slip : ndarray
+        Parts due to the strains of the belt, the penetrations, and pulleys that slide as a whole.
     """
 
     total: Array
@@ -80,6 +77,24 @@ class SlidingShares(NamedTuple):
     below_speed_range: Array
     outside_force_range: Array
     steady_states: NDArray[np.int64]
+
+
+class ArcProfile(NamedTuple):
+    """Contact along the arc of a pulley, starting at the entry; arrays of equal length.
+
+    Attributes
+    ----------
+    angle : ndarray
+        Angle from the tangent point of the entering span [rad].
+    normal_force : ndarray
+        Line force [N/m].
+    slip_speed : ndarray
+        Speed of the pulley's surface against the belt [m/s], > 0 where the pulley is ahead.
+    """
+
+    angle: Array
+    normal_force: Array
+    slip_speed: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,26 +155,25 @@ class DriveResult:
     @property
     def tensions(self) -> tuple[Array, Array]:
         """Axial forces of the belt before and after each pulley [N]."""
-        leaving = self.drive.belt.EA * (self.drive.stretch(self.state.P, self.state.v0) - 1.0)
-        leaving = np.where(self.state.slack, np.nan, leaving)
+        strain = self.drive.stretch(self.state.P, self.state.v0) - 1.0
+        leaving = self._known(self.drive.belt.EA * strain)
         return preceding(leaving), leaving
 
     @property
     def hub_force(self) -> Array:
         """Force of the belt on the axis of each pulley [N], shape (n, 2)."""
-        forces = self.state.laid.hub_forces(self.state.P)
-        return np.where(self.state.slack, np.nan, forces)
+        return self._known(self.state.laid.hub_forces(self.state.P))
 
     @property
     def span_frequency(self) -> Array:
         """Lowest natural frequency of the span behind each pulley, sqrt(P/m)/(2 L) [Hz]."""
         speed = np.sqrt(np.maximum(self.state.P, 0.0) / self.drive.belt.rhoA)  # of waves
-        return np.where(self.state.slack, np.nan, speed / (2.0 * self.state.laid.spans))
+        return self._known(speed / (2.0 * self.state.laid.spans))
 
     @property
     def torque(self) -> Array:
         """Torque at each pulley [N m]: delivered by the driver, taken off by the others."""
-        on_belt = np.where(self.state.slack, np.nan, self.state.arcs.torque)
+        on_belt = self._known(self.state.arcs.torque)
         return np.where(np.arange(on_belt.size) == self.drive.driver, on_belt, -on_belt)
 
     @property
@@ -172,12 +186,14 @@ class DriveResult:
     def reserve(self) -> Array:
         """Arc on which the belt can slide over the arc that the change of force needs.
 
-        Below 1 the whole pulley slides; infinite on an idler.
+        Below 1 the whole pulley slides; infinite on an idler. A rod can slide where it sticks.
         """
-        arcs = self.state.arcs
-        idler = np.full(arcs.needed.size, np.inf)
-        reserve = np.divide(arcs.room, arcs.needed, out=idler, where=arcs.needed > 0.0)
-        return np.where(self.state.slack, np.nan, reserve)
+        needed, room = self.state.arcs.needed, self.state.arcs.room.copy()
+        for i, rod in enumerate(self.state.rods):
+            if rod is not None and self.state.arcs.slip[i] == 0.0:
+                room[i] = needed[i] + adhesion_arc(rod)
+        idler = np.full(needed.size, np.inf)
+        return self._known(np.divide(room, needed, out=idler, where=needed > 0.0))
 
     @property
     def arc_used(self) -> Array:
@@ -186,12 +202,12 @@ class DriveResult:
         for i, rod in enumerate(self.state.rods):
             if rod is not None:
                 used[i] = self.state.laid.wraps[i] - adhesion_arc(rod)
-        return np.where(self.state.slack, np.nan, used)
+        return self._known(used)
 
     @property
     def shares(self) -> SlidingShares:
         """Sliding speeds, line forces, shares outside the measured range; nan if slack."""
-        state, string = self.state, StringLevel(self.drive)
+        state, level = self.state, self.state.level
         n = state.P.size
         if state.slack:
             nan = np.full(n, np.nan)
@@ -199,14 +215,14 @@ class DriveResult:
         rows = []
         for i, (P_in, P_out) in enumerate(zip(state.P_in.tolist(), state.P.tolist(), strict=True)):
             x = float(state.arcs.slip[i])
-            f, v, _ = string.along_arc(i, np.array([P_in, P_out]), state.v0, x)
-            slides = string.arcs_by_speed(i, P_in, P_out, state.v0) > state.arcs.room[i]
+            f, v, _ = level.along_arc(i, np.array([P_in, P_out]), state.v0, x)
+            slides = level.arcs_by_speed(i, P_in, P_out, state.v0) > state.arcs.room[i]
             states = int(not slides[0]) + np.count_nonzero(slides[1:] != slides[:-1])
-            outside = string.outside(i, P_in, P_out, state.v0, x)
+            outside = level.outside(i, P_in, P_out, state.v0, x)
             rod = state.rods[i] if state.rods else None
             if rod is not None:
-                touches = rod.line_force > 0.0
-                f, v = rod.line_force[touches], np.abs(rod.slip_speed[touches])
+                points = rod.points[rod.points["f_N"] > 0.0]
+                f, v = points["f_N"], points["speed"]
             rows.append((v.max(), f.min(), f.max(), *outside, states))
         v_max, f_min, f_max, below, beyond, counts = np.array(rows).T
         return SlidingShares(v_max, f_min, f_max, below, beyond, counts.astype(np.int64))
@@ -218,10 +234,43 @@ class DriveResult:
         The power of the shaft less the power that the belt carries away; the sum over all pulleys
         equals that of torque times speed.
         """
+        state, belt = self.state, self.drive.belt
+        # (1 + eps) dP, integrated: energy that the belt carries, per stress-free length
+        carried = (
+            0.5 * (belt.EA - belt.rhoA * state.v0**2) * self.drive.stretch(state.P, state.v0) ** 2
+        )
+        taken_along = state.v0 * (preceding(carried) - carried)
+        return self._known(state.arcs.torque * self._magnitude(state) - taken_along)
+
+    def arc_profiles(self) -> list[ArcProfile | None]:
+        """Compute the contact of each pulley; None without a steady state."""
         state = self.state
-        taken_along = self._energy_flow(state.P_in) - self._energy_flow(state.P)
-        power = state.arcs.torque * self._magnitude(state) - state.v0 * taken_along
-        return np.where(state.slack, np.nan, power)
+        profiles: list[ArcProfile | None] = []
+        for i, rod in enumerate(state.rods or (None,) * state.P.size):
+            if state.slack or math.isnan(state.arcs.slip[i]):
+                profiles.append(None)
+            elif rod is None:
+                profiles.append(self._along_string(i))
+            else:
+                points = rod.points[rod.points["f_N"] > 0.0]
+                angle = points["theta"] + 0.5 * float(self.rest.laid.wraps[i])
+                profiles.append(ArcProfile(angle, points["f_N"], points["slip"]))
+        return profiles
+
+    def _along_string(self, i: int) -> ArcProfile:
+        """Join the adhesion arc and the sliding arc, with (D4) summed over steps of ln P."""
+        state, level = self.state, self.state.level
+        P = np.geomspace(state.P_in[i], state.P[i], PLACES)
+        force, slip, mu = level.along_arc(i, P, state.v0, float(state.arcs.slip[i]))
+        steps = 0.5 * (1.0 / mu[1:] + 1.0 / mu[:-1]) * np.abs(np.diff(np.log(P)))
+        from_exit = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+        angle = np.append(0.0, np.maximum(state.laid.wraps[i] - from_exit, 0.0))
+        ahead = math.copysign(1.0, P[0] - P[-1])
+        return ArcProfile(angle, np.append(force[0], force), ahead * np.append(slip[0], slip))
+
+    def _known(self, values: Array) -> Array:
+        """Return values, or nan for a slack drive, which has no numbers."""
+        return np.where(self.state.slack, np.nan, values)
 
     def _magnitude(self, state: LoopState) -> Array:
         """Return the absolute speeds of the pulleys [rad/s]."""
@@ -239,12 +288,6 @@ class DriveResult:
         rate = state.arcs.rate
         with np.errstate(invalid="ignore", divide="ignore"):  # in gross slip nothing is known
             return np.log(stretch), np.log(rate / stretch), np.log(state.arcs.W / rate)
-
-    def _energy_flow(self, P: Array) -> Array:
-        """Integrate (1 + eps) dP: energy that the belt carries, per stress-free length [N]."""
-        stretch = self.drive.stretch(P, self.state.v0)
-        stiffness = self.drive.belt.EA - self.drive.belt.rhoA * self.state.v0**2
-        return 0.5 * stiffness * (stretch**2 - 1.0)
 
 
 class Simulator:
@@ -264,11 +307,9 @@ class Simulator:
     """
 
     def __init__(self, drive: Drive, method: Method = "string") -> None:
-        compiled()
-        self.drive, self.method = drive, method
-        self.level = StringLevel(drive)
-        self._rods = RodLevel(drive, self.level) if method == "rod" else None
-        self._rest: dict[float | None, RestState] = {}
+        self.drive, self.method, self.strings = drive, method, Level.of(drive)
+        self._rods = RodLevel(drive, self.strings) if method == "rod" else None
+        self._rest: dict[float | None, tuple[RestState, Level]] = {}
         self._idle: dict[tuple[float, float | None], LoopState] = {}
 
     def solve(self, point: DrivePoint, near: DriveResult | None = None) -> DriveResult:
@@ -308,24 +349,28 @@ class Simulator:
         InputError
             If the belt cannot be laid on or tightened as stated.
         """
-        T_0 = _rest_key(point)
-        if T_0 not in self._rest:
-            self._rest[T_0] = rest_state(self.drive, self._rods or self.level, point.T_0)
-        return self._rest[T_0]
+        key = _rest_key(point)
+        if key not in self._rest:
+            self._rest[key] = (
+                (rest_state(self.drive, self.strings, point.T_0), self.strings)
+                if self._rods is None
+                else self._rods.at_rest(point.T_0)
+            )
+        return self._rest[key][0]
 
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
-        rest, T_0 = self.at_rest(point), _rest_key(point)
-        if (point.omega, T_0) not in self._idle:
-            idle = None if near is None else near.idle
-            self._idle[point.omega, T_0] = self._loop(point.scaled(0.0), rest, idle)
-        state = self._loop(point, rest, None if near is None else near.state)
-        return DriveResult(point, self.drive, rest, state, self._idle[point.omega, T_0])
+        rest, key = self.at_rest(point), (point.omega, _rest_key(point))
+        if key not in self._idle:
+            self._idle[key] = self._loop(point.scaled(0.0), None if near is None else near.idle)
+        state = self._loop(point, None if near is None else near.state)
+        return DriveResult(point, self.drive, rest, state, self._idle[key])
 
-    def _loop(self, point: DrivePoint, rest: RestState, near: LoopState | None) -> LoopState:
+    def _loop(self, point: DrivePoint, near: LoopState | None) -> LoopState:
+        rest, level = self._rest[_rest_key(point)]
         if self._rods is None:
-            return solve_loop(self.drive, point, self.level, rest, near)
-        return self._rods.solve(point, rest, near)
+            return solve_loop(point, level, rest, near)
+        return self._rods.solve(point, rest, level, near)
 
 
 def _rest_key(point: DrivePoint) -> float | None:

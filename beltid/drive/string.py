@@ -4,19 +4,20 @@ Strain, penetration, angular rate and line force follow from the effective span 
 P = N - m v0^2 (1 + eps) (D1). Where the belt slides, P itself is the coordinate along the arc (D4),
 so an arc is an integral over ln P. On the adhesion arc the belt keeps its angular rate at the
 entry; a pulley that slides as a whole runs ahead of the belt, or behind it, by the sliding speed x
-at its entry (D5).
+at its entry (D5). What rods differ by from strings is added here (D12), (D15).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from beltid.drive.geometry import Layout
+from beltid.drive.geometry import Layout, following
 from beltid.drive.model import Drive
 from beltid.laws import penalty
 from beltid.laws.friction_surface import FrictionSurface
@@ -28,8 +29,8 @@ Array = NDArray[np.float64]
 
 _x, _w = np.polynomial.legendre.leggauss(8)
 GAUSS_NODES, GAUSS_WEIGHTS = 0.5 * (1.0 + _x), 0.5 * _w  # on (0, 1)
-FEWEST_PANELS, MOST_PANELS, PANEL = 4, 32, 0.15  # number, and width in ln P
-SLIP_GRID = 24  # number of sliding speeds of the search for full slip
+FEWEST_PANELS, MOST_PANELS, PANEL = 2, 32, 0.25  # number, and width in ln P
+SLIP_GRID = 24  # number of sliding speeds of the search for full slip, if mu falls with the speed
 SLOWEST_SLIP = 0.02  # first speed of the grid, over the lowest measured speed
 
 elastic_energy = kernel(penalty.elastic_energy)
@@ -98,7 +99,7 @@ def seat(P: float, v0: float, s: Section) -> tuple[float, float]:
         slope = elastic_stiffness(delta, s.k_linear, s.k_quadratic) * (s.R - delta) - f
         step = (f * (s.R - delta) - P * stretch) / slope
         delta -= step
-        if abs(step) <= 1e-15 * s.R:
+        if abs(step) <= 1e-9 * s.R:  # the next one would be its square
             break
     return stretch, s.R - delta
 
@@ -146,20 +147,16 @@ def sliding_arc(P_in: float, P_out: float, v0: float, x: float, s: Section) -> t
 
 
 @kernel
-def full_slip(P_in: float, P_out: float, v0: float, wrap: float, falls: bool, s: Section) -> float:
-    """Find the sliding speed at the entry at which the arc (D4) equals the whole wrap, (D5).
+def full_slip(P_in: float, P_out: float, v0: float, room: float, s: Section) -> float:
+    """Find the smallest sliding speed at the entry [m/s] at which the arc equals the room, (D5).
 
-    Returns
-    -------
-    float
-        The smallest such speed [m/s]; nan if there is none within the measured speeds.
+    It is nan if there is none within the measured speeds.
     """
-    low, at_low = 0.0, sliding_arc(P_in, P_out, v0, 0.0, s)[0] - wrap
-    high, at_high = low, at_low
-    # without friction that falls with the speed there is one such speed at most
-    for k in range(0 if falls else max(s.speeds.size - 1, 0), s.speeds.size):
+    low, high, at_low = 0.0, 0.0, sliding_arc(P_in, P_out, v0, 0.0, s)[0] - room
+    at_high = at_low
+    for k in range(s.speeds.size):
         high = s.speeds[k]
-        at_high = sliding_arc(P_in, P_out, v0, high, s)[0] - wrap
+        at_high = sliding_arc(P_in, P_out, v0, high, s)[0] - room
         if at_high <= 0.0:
             break
         low, at_low = high, at_high
@@ -170,20 +167,20 @@ def full_slip(P_in: float, P_out: float, v0: float, wrap: float, falls: bool, s:
     low, high = math.log1p(low / v), math.log1p(high / v)
     for _ in range(60):
         y = (low * at_high - high * at_low) / (at_high - at_low)
-        at_y = sliding_arc(P_in, P_out, v0, v * math.expm1(y), s)[0] - wrap
+        at_y = sliding_arc(P_in, P_out, v0, v * math.expm1(y), s)[0] - room
         if at_y * at_high <= 0.0:
             low, at_low = high, at_high
         else:
             at_low *= 0.5
         high, at_high = y, at_y
-        if abs(at_high) < 1e-12 * wrap or abs(high - low) < 1e-13 * high:
+        if abs(at_high) < 1e-12 * room or abs(high - low) < 1e-13 * high:
             break
     return v * math.expm1(high)
 
 
 @kernel
 def arc(
-    P_in: float, P_out: float, v0: float, wrap: float, room: float, falls: bool, s: Section
+    P_in: float, P_out: float, v0: float, wrap: float, room: float, s: Section
 ) -> tuple[float, float, float, float, float, float, float]:
     """Return the values of :class:`Arcs` for one pulley with a ``wrap`` [rad]."""
     stretch, radius = seat(P_in, v0, s)
@@ -194,7 +191,7 @@ def arc(
     if needed <= room:
         length += (wrap - needed) * radius / stretch
     else:
-        slip = full_slip(P_in, P_out, v0, room, falls, s)
+        slip = full_slip(P_in, P_out, v0, room, s)
         # in gross slip the torque sets the forces, with mu at the fastest measured speed
         x = slip
         if math.isnan(slip):
@@ -205,33 +202,58 @@ def arc(
     return torque, W, rate, length, needed, slip, room
 
 
-class StringLevel:
-    """The pulleys of a drive at string level.
+@dataclass(frozen=True, slots=True)
+class Level:
+    """The pulleys of a drive with the belt on them: strings, and what rods differ by from them.
 
     Parameters
     ----------
     drive : Drive
         Belt, laws and pulleys.
+    sections : tuple of Section
+        Belt, bed and friction on every pulley.
+    torque, speed, room, length
+        Differences of the rods, (D12): added to the torques (n,) [N m], factors on the speeds
+        (n,) [-], added to the arcs on which the belt can slide (n,) [rad], and added to the length
+        of the loop [m].
+    EI : float
+        Bending stiffness of the spans [N m²]; that of a string is 0.
+    ends : ndarray (n,)
+        Length at one end of an arc beyond that of a string, over ``(EI/P)**1.5``, (D15) [1/m²].
     """
 
-    def __init__(self, drive: Drive) -> None:
-        law, belt = drive.law, drive.belt
-        rigid = (math.inf, 0.0)
-        soft = rigid if law is None else (law.k_linear_N_m2, law.k_quadratic_N_m3)
-        back = FrictionSurface.constant(drive.back_friction)
-        self.measured = [drive.surface if p.ribs else back for p in drive.pulleys]
-        self.falls = [surface.falls_with_speed for surface in self.measured]
-        self.sections = []
-        for pulley, surface in zip(drive.pulleys, self.measured, strict=True):
-            k_linear, k_quadratic = map(float, soft if pulley.ribs else rigid)
-            tables = drive.friction if pulley.ribs else back.tables()
-            R, speeds = float(pulley.R), _slip_speeds(surface)
-            section = Section(belt.EA, belt.rhoA, k_linear, k_quadratic, R, tables, speeds)
-            self.sections.append(section)
+    drive: Drive
+    sections: tuple[Section, ...]
+    torque: Array | float = 0.0
+    speed: Array | float = 1.0
+    room: Array | float = 0.0
+    length: float = 0.0
+    EI: float = 0.0
+    ends: Array | float = 0.0
 
-    def arcs(
-        self, P_in: Array, P_out: Array, v0: float, wraps: Array, room: Array | None = None
-    ) -> Arcs:
+    @classmethod
+    def of(cls, drive: Drive) -> Level:
+        """Return a drive of strings."""
+        sections, belt = [], drive.belt
+        back = FrictionSurface.constant(drive.back_friction)
+        for pulley in drive.pulleys:
+            k_linear, k_quadratic = math.inf, 0.0
+            if pulley.ribs and drive.law is not None:
+                k_linear, k_quadratic = drive.law.k_linear_N_m2, drive.law.k_quadratic_N_m3
+            sections.append(
+                Section(
+                    belt.EA,
+                    belt.rhoA,
+                    float(k_linear),
+                    float(k_quadratic),
+                    float(pulley.R),
+                    drive.friction if pulley.ribs else back.tables(),
+                    _slip_speeds(drive.surface if pulley.ribs else back),
+                )
+            )
+        return cls(drive, tuple(sections))
+
+    def arcs(self, P_in: Array, P_out: Array, v0: float, wraps: Array) -> Arcs:
         """Compute the state of the belt on every pulley.
 
         Parameters
@@ -242,20 +264,32 @@ class StringLevel:
             Stress-free length of belt per second [m/s], > 0.
         wraps : ndarray (n,)
             Arcs between tangent points [rad].
-        room : ndarray (n,), optional
-            Part of them on which the belt can slide [rad]; by default the whole arc.
         """
-        most = wraps if room is None else room
-        given = P_in.tolist(), P_out.tolist(), wraps.tolist(), most.tolist()
+        room = wraps + self.room
+        given = zip(P_in.tolist(), P_out.tolist(), wraps.tolist(), room.tolist(), strict=True)
         rows = [
-            arc(P, Q, v0, wrap, most, falls, s)
-            for P, Q, wrap, most, falls, s in zip(*given, self.falls, self.sections, strict=True)
+            arc(P, Q, v0, wrap, most, s)
+            for (P, Q, wrap, most), s in zip(given, self.sections, strict=True)
         ]
-        return Arcs(*np.array(rows).T)
+        arcs = Arcs(*np.array(rows).T)
+        return arcs._replace(
+            torque=arcs.torque + self.torque, W=arcs.W * self.speed, rate=arcs.rate * self.speed
+        )
 
     def extra_length(self, laid: Layout, P: Array) -> float:
-        """Return zero: a string has no length beyond that of spans and arcs."""
-        return 0.0
+        """Return the stress-free length of the loop beyond that of spans and arcs [m], (D15).
+
+        A belt that resists bending leaves the circle early and enters a span that runs further out
+        than the tangent of the circle, the more so the looser the span.
+        """
+        if self.EI == 0.0:
+            return self.length
+        ends = self.ends * np.ones(P.size)
+        at_ends = (ends + following(ends)) * (self.EI / P) ** 1.5
+        # both ends of the span move outwards, each to its side; the span tilts by the sum
+        outwards = laid.senses / np.array([pulley.R for pulley in self.drive.pulleys])
+        tilts = (self.EI / (2.0 * P) * (outwards - following(outwards))) ** 2 / (2.0 * laid.spans)
+        return self.length + float(np.sum(at_ends - tilts))
 
     def along_arc(self, i: int, P: Array, v0: float, x: float) -> tuple[Array, Array, Array]:
         """Return line force [N/m], sliding speed [m/s] and mu on pulley i at forces P (n,) [N].
@@ -271,9 +305,7 @@ class StringLevel:
     def arcs_by_speed(self, i: int, P_in: float, P_out: float, v0: float) -> Array:
         """Return the arcs (D4) of pulley i without slip at the entry and at measured speeds."""
         s = self.sections[i]
-        # friction that does not fall with the speed needs the least arc at the fastest one
-        speeds = (0.0, *s.speeds.tolist()[0 if self.falls[i] else -1 :])
-        return np.array([sliding_arc(P_in, P_out, v0, x, s)[0] for x in speeds])
+        return np.array([sliding_arc(P_in, P_out, v0, x, s)[0] for x in (0.0, *s.speeds.tolist())])
 
     def outside(
         self, i: int, P_in: float, P_out: float, v0: float, x: float
@@ -282,9 +314,9 @@ class StringLevel:
 
         Both change monotonically along the arc.
         """
-        if P_in == P_out:
+        if P_in == P_out or not self.drive.pulleys[i].ribs:
             return 0.0, 0.0
-        s, validity = self.sections[i], self.measured[i].validity
+        s, validity = self.sections[i], self.drive.surface.validity
         stretch, radius = seat(P_in, v0, s)
 
         def share_below(limit: float, of_speed: int) -> float:
@@ -306,8 +338,13 @@ class StringLevel:
 
 
 def _slip_speeds(surface: FrictionSurface) -> Array:
-    """Return the sliding speeds of the search for full slip [m/s], none without a dependence."""
+    """Return the sliding speeds of the search for full slip [m/s], none without a dependence.
+
+    Without friction that falls with the speed there is one such speed at most, up to the fastest.
+    """
     fastest = surface.validity["slip_speed_m_s"][1]
     if surface.slip_speed_m_s.size == 1:
         return np.zeros(0)
+    if not surface.falls_with_speed:
+        return np.array([fastest])
     return np.geomspace(SLOWEST_SLIP * surface.tables().v_ref, fastest, SLIP_GRID)

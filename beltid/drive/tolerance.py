@@ -23,17 +23,7 @@ LENGTHS: Final = (("min", -1.0), ("mean", 0.0), ("max", 1.0))
 
 @dataclass(frozen=True, slots=True)
 class InstalledBelt:
-    """A drive with a belt of one of the lengths.
-
-    Attributes
-    ----------
-    name : str
-        "min", "mean" or "max".
-    length : float
-        Stress-free length of the belt [m].
-    result : DriveResult
-        State at rest, and at the operating point.
-    """
+    """A drive with a belt of one of the lengths: name, stress-free length [m], solved point."""
 
     name: str
     length: float
@@ -76,8 +66,7 @@ def installed_belts(
         If there is no steady state.
     """
     mean = Simulator(drive, method).solve(point).rest.belt_length
-    point = replace(point, T_0=np.nan)
-    found = []
+    point, found = replace(point, T_0=np.nan), []
     for name, share in LENGTHS:
         length = mean + share * tolerance
         result = Simulator(replace(drive, belt_length=length), method).solve(point)

@@ -20,7 +20,7 @@ from pydantic import (
 from beltid.config.checks import FOLDER_NAME, PLAIN_WORDS, complain, folder_name, plain_words
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
-from beltid.store.artifact import Origin
+from beltid.store.artifact import Origin, plain
 
 FORMAT: Final = "beltlaw"
 VERSION: Final = 1
@@ -189,15 +189,12 @@ class ContactLaw(Part):
     provenance: Provenance
 
     def __repr__(self) -> str:
-        said = {
-            "origin": self.origin or "not stated",
-            "normal": self.normal_law,
-            "friction": f"{self.friction.method}, {self.surface!r}",
-            "validity": self.validity,
-            "written by": self.provenance.software,
-        }
-        lines = [f"  {name}: {value}" for name, value in said.items()]
-        return "\n".join([f"contact law of the belt {self.belt.name}", *lines])
+        return (
+            f"contact law of the belt {self.belt.name}, {self.origin or 'origin not stated'}\n"
+            f"  normal: {self.normal_law}\n"
+            f"  friction: {self.friction.method}, {self.surface!r}\n"
+            f"  validity: {self.validity}"
+        )
 
     @property
     def surface(self) -> FrictionSurface:
@@ -241,25 +238,26 @@ def friction_part(
     sticking : tuple of float, optional
         Ratio of sticking peak and sliding coefficient: mean and standard deviation of the runs.
     """
-    tables, se = surface.tables(), surface.mu_se_nodes
-    factor = surface.factor
-    values: dict[str, Any] = {
+    tables, factor = surface.tables(), surface.factor
+    known = {} if factor is None else {"factor": factor}
+    if factor is not None:
+        known["mu_u"] = surface.mu_nodes * np.linalg.norm(factor, axis=2)
+    if surface.mu_se_nodes is not None:
+        known["mu_se"] = surface.mu_se_nodes
+    values = {
         "method": method,
-        "normal_force_N_m": surface.normal_force_N_m.tolist(),
-        "slip_speed_m_s": surface.slip_speed_m_s.tolist(),
-        "mu": surface.mu_nodes.tolist(),
-        "mu_se": None if se is None else [[None if u != u else u for u in row] for row in se],
+        "normal_force_N_m": surface.normal_force_N_m,
+        "slip_speed_m_s": surface.slip_speed_m_s,
+        "mu": surface.mu_nodes,
         "budget": budget,
         "sources": surface.sources,
-        "x_nodes": tables.x_nodes.tolist(),
-        "y_nodes": tables.y_nodes.tolist(),
-        "f_ref_N_m": tables.f_ref if np.isfinite(tables.f_ref) else None,
-        "v_ref_m_s": tables.v_ref if np.isfinite(tables.v_ref) else None,
-        "patches": tables.C.tolist(),
+        "sticking_ratio": sticking[0] if sticking else None,
+        "sticking_ratio_sd": sticking[1] if sticking else None,
+        "x_nodes": tables.x_nodes,
+        "y_nodes": tables.y_nodes,
+        "f_ref_N_m": tables.f_ref,
+        "v_ref_m_s": tables.v_ref,
+        "patches": tables.C,
+        **known,
     }
-    if factor is not None:
-        values["mu_u"] = (surface.mu_nodes * np.linalg.norm(factor, axis=2)).tolist()
-        values["factor"] = factor.tolist()
-    if sticking is not None:
-        values["sticking_ratio"], values["sticking_ratio_sd"] = sticking
-    return FrictionPart.model_validate(values)
+    return FrictionPart.model_validate({name: plain(value) for name, value in values.items()})

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from typing import Any, Final
 
 from pydantic import ValidationError
 
 from beltid.config.messages import problem
-from beltid.errors import ArtifactError, InputError
+from beltid.errors import SHOWN, ArtifactError, InputError
 from beltid.export.law import FORMAT, SCHEMA_ID, VERSION, ContactLaw
 
 SEAL: Final = "content_sha256"
 SUFFIX: Final = ".beltlaw.json"
-SHOWN: Final = 20
 
 
 def law_text(law: ContactLaw) -> str:
@@ -42,7 +42,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise ArtifactError(
             f'{name}: not a contact law: the key "format" must be "{FORMAT}"; '
-            "`beltid export json` writes one",
+            "`beltid export json` writes one"
         )
     if values.get("version") != VERSION:
         raise ArtifactError(
@@ -52,8 +52,7 @@ def law_from_text(text: str, name: str) -> ContactLaw:
     values.pop("$schema", None)
     if seal is not None and seal != _seal(values):
         raise ArtifactError(
-            f"{name}: was changed after beltid wrote it; if this is intended, remove its key "
-            f"{SEAL}",
+            f"{name}: was changed after beltid wrote it; if this is intended, remove its key {SEAL}"
         )
     if isinstance(values.get("friction"), dict):
         values["friction"].pop("ensemble", None)  # of earlier files, nearly always null
@@ -70,10 +69,8 @@ def law_from_text(text: str, name: str) -> ContactLaw:
 
 def validation_problems(error: ValidationError, name: str) -> list[str]:
     """List the validation errors of a law, one line per problem."""
-    details = error.errors(include_url=False)
-    problems = [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
-    hidden = len(problems) - SHOWN
-    return [*problems[:SHOWN], f"{name}: and {hidden} more"] if hidden > 0 else problems
+    details = error.errors(include_url=False)[:SHOWN]
+    return [f"{name}: {problem(detail, tuple(detail['loc']))}" for detail in details]
 
 
 def schema() -> dict[str, Any]:
@@ -100,15 +97,9 @@ def _seal(values: dict[str, Any]) -> str:
     ).hexdigest()
 
 
-def _indented(value: Any, indent: str = "") -> str:
+def _indented(values: dict[str, Any]) -> str:
     """Format JSON with one key per line, and one line per list of plain values."""
-    inner = indent + "  "
-    if isinstance(value, dict) and value:
-        lines = [f"{json.dumps(key)}: {_indented(item, inner)}" for key, item in value.items()]
-        opening, closing = "{}"
-    elif isinstance(value, list) and any(isinstance(item, (dict, list)) for item in value):
-        lines = [_indented(item, inner) for item in value]
-        opening, closing = "[]"
-    else:
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
-    return f"{opening}\n{inner}" + f",\n{inner}".join(lines) + f"\n{indent}{closing}"
+    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
+    # raw line breaks stand between values only
+    innermost = re.compile(r"\[\n *([^\[\]{}]*?)\n *\]")
+    return innermost.sub(lambda found: "[" + re.sub(r"\n *", " ", found[1]) + "]", text)

@@ -8,7 +8,6 @@ in its logarithmic coordinates ln(1 + x/x_ref).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -20,11 +19,9 @@ from beltid.export.law import ContactLaw
 from beltid.laws.friction_surface import FrictionSurface
 
 Array = NDArray[np.float64]
-
 TABLE: Final = "straight lines between nodes"
 LINEAR: Final = "linear normal law"
 CONSTANT: Final = "constant mu"
-
 SAMPLES: Final = 121
 TABLE_TOLERANCE: Final = 1.0e-3
 FINEST: Final = 8
@@ -34,8 +31,7 @@ FEWEST: Final = 4
 PENETRATIONS: Final = 65
 
 
-@dataclass(frozen=True, slots=True)
-class Deviation:
+class Deviation(NamedTuple):
     """Root mean square and largest magnitude of (reduction - law)/law [-], and its place."""
 
     rms: float
@@ -111,8 +107,7 @@ def friction_table(surface: FrictionSurface) -> FrictionTable:
     """
     at_f, at_v = _samples(surface)
     for parts in range(1, FINEST + 1):
-        f = _finer(surface.normal_force_N_m, parts)
-        v = _finer(surface.slip_speed_m_s, parts)
+        f, v = (_finer(n, parts) for n in (surface.normal_force_N_m, surface.slip_speed_m_s))
         mu = surface.mu(f[:, None], v[None, :])
         along_v = np.array([np.interp(at_v[0], v, row) for row in mu])
         lines = np.array([np.interp(at_f[:, 0], f, column) for column in along_v.T]).T
@@ -153,8 +148,8 @@ def _even(nodes: Array, count: int) -> Array:
     if nodes.size == 1:
         return nodes if nodes[0] > 0.0 else np.ones(1)
     reference = nodes[nodes > 0.0][0]
-    even = np.linspace(math.log1p(nodes[0] / reference), math.log1p(nodes[-1] / reference), count)
-    return np.concatenate([nodes[:1], reference * np.expm1(even[1:-1]), nodes[-1:]])
+    first, *_, last = np.log1p(nodes / reference)
+    return np.clip(reference * np.expm1(np.linspace(first, last, count)), nodes[0], nodes[-1])
 
 
 def _finer(nodes: Array, parts: int) -> Array:

@@ -181,13 +181,12 @@ def _mat_file(values: dict[str, Any], readme: str) -> bytes:
     from scipy.io import savemat
 
     law, part = values["law"], values["friction"]
-    unknown, origin = np.full(np.shape(part.mu), np.nan), law.origin or "not stated"
-    nodes = part.model_dump(
-        include={"method", "normal_force_N_m", "slip_speed_m_s", "mu", "x_nodes", "y_nodes"}
-    )
-    content = nodes | {
+    arrays = {"normal_force_N_m", "slip_speed_m_s", "mu", "mu_u", "mu_se"}
+    known = part.model_dump(include=arrays | {"x_nodes", "y_nodes", "patches"}, exclude_none=True)
+    content = {name: np.array(value, dtype=float) for name, value in known.items()} | {
         "readme": readme.rstrip("\n"),
-        "origin": origin,
+        "origin": law.origin or "not stated",
+        "method": part.method,
         "belt": law.belt.name,
         "k_linear_N_m2": law.normal.k_linear_N_m2,
         "k_quadratic_N_m3": law.normal.k_quadratic_N_m3,
@@ -195,11 +194,8 @@ def _mat_file(values: dict[str, Any], readme: str) -> bytes:
         "penetration_m": values["delta"],
         "force_N_m": values["line_force"],
         "extrapolated": np.array(values["line_force"]) > values["press_end"] * (1.0 + 1e-9),
-        "mu_u": part.mu_u or unknown,
-        "mu_se": np.array(part.mu_se or unknown, dtype=float),
         "f_ref_N_m": part.f_ref_N_m or np.inf,
         "v_ref_m_s": part.v_ref_m_s or np.inf,
-        "patches": part.patches,
         "table_normal_force_N_m": values["f"],
         "table_slip_speed_m_s": values["v"],
         "table_mu": values["mu"],

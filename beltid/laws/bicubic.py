@@ -27,19 +27,10 @@ _HERMITE = np.array(
 
 
 def bounded_patches(x: Array, y: Array, z: Array) -> Array:
-    """Compute the coefficients of the bounded bicubic.bounded_patches through the values ``z``.
+    """Compute the coefficients of bounded patches through values z (nx, ny) at x (nx,), y (ny,).
 
-    Parameters
-    ----------
-    x, y : ndarray (nx,), (ny,)
-        Strictly increasing. With fewer than four nodes the spline has a lower degree.
-    z : ndarray (nx, ny)
-        Values at the nodes.
-
-    Returns
-    -------
-    ndarray (max(nx - 1, 1), max(ny - 1, 1), 4, 4)
-        As ``C`` in :class:`beltid.laws.surface_tables.SurfaceTables`.
+    They are those of :class:`beltid.laws.surface_tables.SurfaceTables`. With fewer than four nodes
+    the spline has a lower degree.
     """
     if x.size == 1:  # represent a constant direction by one cell of width 1 with equal values
         x, z = np.array([0.0, 1.0]), np.repeat(z, 2, axis=0)
@@ -67,7 +58,7 @@ def bounded_cubic(x: Array, z: Array, at: Array) -> Array:
 
 
 def hermite_patches(x: Array, y: Array, z: Array, zx: Array, zy: Array, zxy: Array) -> Array:
-    """Compute bicubic.bounded_patches from the values and slopes (nx, ny) at the nodes."""
+    """Compute patches from the values and slopes (nx, ny) at the nodes."""
     hx, hy = np.diff(x)[:, None], np.diff(y)[None, :]
     corner = np.empty((x.size - 1, y.size - 1, 4, 4))
     for a, rows in enumerate((slice(None, -1), slice(1, None))):

@@ -45,23 +45,13 @@ class Spans:
     clamped: bool = False
 
     def turn(self, T: ArrayLike, R: float) -> Array:
-        """Compute the angle between the force of a span and the tangent of the pulley [rad].
+        """Compute the angle between the force T [N] of a span and the tangent of the pulley [rad].
 
         The line of force of a bent belt passes the axis at a distance of ``R + EI / (2 R T)``. A
         pinned support on the tangent turns this line by ``EI / (2 R T L)``. A clamp bends the belt
-        over a length of ``sqrt(EI / T)`` and acts as if the span were shorter by this length.
-
-        Parameters
-        ----------
-        T : array_like
-            Tension of the span [N].
-        R : float
-            Radius of the belt's centreline on the pulley [m].
-
-        Returns
-        -------
-        ndarray
-            At most `LARGEST_TURN`, also where T is not positive: a slack belt has no line of force.
+        over a length of ``sqrt(EI / T)`` and acts as if the span were shorter by this length. The
+        angle is at most `LARGEST_TURN`, also where T is not positive: a slack belt has no line of
+        force.
         """
         tension = np.asarray(T, dtype=float)
         if self.EI == 0.0:
@@ -103,7 +93,7 @@ def friction_coefficient(T_tight: ArrayLike, T_slack: ArrayLike, beta: ArrayLike
 def tensions_by_torque(
     M: ArrayLike, R: float, *, T_tight: ArrayLike | None = None, T_slack: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Compute both tensions from the torque of the belt on the pulley and one of the tensions.
+    """Compute tight and slack tension [N] from the torque on the pulley and one of them.
 
     Uses the moment balance about the pulley's axis, ``T_tight - T_slack = M / R``.
 
@@ -115,25 +105,15 @@ def tensions_by_torque(
         Radius of the belt's centreline on the pulley [m].
     T_tight, T_slack : array_like
         Tension of the measured span [N]; give exactly one.
-
-    Returns
-    -------
-    tuple of ndarray
-        Tight and slack tension [N].
-
-    Raises
-    ------
-    TypeError
-        If neither or both tensions are given.
     """
     difference = np.asarray(M, dtype=float) / R
-    if T_tight is not None and T_slack is None:
+    if (T_tight is None) == (T_slack is None):
+        raise TypeError("tensions_by_torque takes one of T_tight and T_slack")
+    if T_tight is not None:
         tight = np.asarray(T_tight, dtype=float)
         return tight, tight - difference
-    if T_slack is not None and T_tight is None:
-        slack = np.asarray(T_slack, dtype=float)
-        return slack + difference, slack
-    raise TypeError("tensions_by_torque takes one of T_tight and T_slack")
+    slack = np.asarray(T_slack, dtype=float)
+    return slack + difference, slack
 
 
 def hub_force(
@@ -144,16 +124,7 @@ def hub_force(
     ``H² = s² sin²(b/2) + d² cos²(b/2)`` with the sum s and the difference d of the tensions and the
     angle b between the forces of the spans: the contact arc plus the turn of both by bending.
 
-    Parameters
-    ----------
-    T_tight, T_slack : array_like
-        Tensions [N].
-    beta : array_like
-        Contact arc [rad].
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    spans : Spans
-        Stiffness, length and supports of the spans.
+    Tensions [N] on a contact arc beta [rad] of the radius R [m].
     """
     tight, slack = np.asarray(T_tight, dtype=float), np.asarray(T_slack, dtype=float)
     half = 0.5 * (np.asarray(beta, dtype=float) + spans.turn(tight, R) + spans.turn(slack, R))
@@ -171,14 +142,10 @@ def tensions_by_hub_force(
 
     Parameters
     ----------
-    M : array_like
-        Torque of the belt on the pulley [N m] without bearing drag.
-    H : array_like
-        Force of the belt on the pulley's axis [N].
-    beta : array_like
-        Contact arc [rad].
-    R : float
-        Radius of the belt's centreline on the pulley [m].
+    M, H : array_like
+        Torque of the belt on the pulley without bearing drag [N m], and force on its axis [N].
+    beta, R : array_like, float
+        Contact arc [rad], radius of the belt's centreline on the pulley [m].
     spans : Spans
         Stiffness, length and supports of the spans.
 
@@ -207,16 +174,8 @@ def tensions_by_hub_force(
 def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
     """Compute the tension that presses a moving belt onto the pulley, ``T - m v_b²`` [N].
 
-    The remaining ``m v_b²`` turns the belt's momentum. Replaces T in Eqs. (5), (6) and (8).
-
-    Parameters
-    ----------
-    T : array_like
-        Tension of the span [N].
-    m : float
-        Mass per length of the belt [kg/m].
-    v_b : array_like
-        Speed of the belt [m/s].
+    The remaining ``m v_b²`` of the mass m [kg/m] at the speed v_b [m/s] turns the belt's momentum.
+    Replaces T in Eqs. (5), (6) and (8).
     """
     return np.asarray(T, dtype=float) - m * np.square(np.asarray(v_b, dtype=float))
 
@@ -224,31 +183,14 @@ def pressing_tension(T: ArrayLike, m: float, v_b: ArrayLike) -> Array:
 def sliding_speed(omega: Number, R: float) -> Number:
     """Compute the speed of the pulley's surface under a belt at rest, Eq. (7) [m/s].
 
-    The same formula gives the sliding speed of a drive from its angular-speed loss. The function
-    can be compiled unchanged.
-
-    Parameters
-    ----------
-    omega : float or ndarray
-        Angular speed, or loss of angular speed [rad/s].
-    R : float
-        Radius of the belt's centreline on the pulley [m].
+    The same formula gives the sliding speed of a drive from its loss of angular speed omega
+    [rad/s]; R [m] is the radius of the belt's centreline. Kernels compile it unchanged.
     """
     return omega * R
 
 
 def running_sliding_speed(omega: ArrayLike, R: float, v_b: ArrayLike) -> Array:
-    """Compute the speed of the pulley's surface relative to a moving belt [m/s], > 0 if faster.
-
-    Parameters
-    ----------
-    omega : array_like
-        Angular speed of the pulley [rad/s].
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    v_b : array_like
-        Speed of the belt [m/s].
-    """
+    """Compute the speed of the pulley's surface relative to a belt at v_b [m/s], > 0 if faster."""
     return np.asarray(omega, dtype=float) * R - np.asarray(v_b, dtype=float)
 
 
@@ -259,12 +201,9 @@ def normal_force(phi: ArrayLike, T_tight: ArrayLike, mu_ref: ArrayLike, R: float
     ----------
     phi : array_like
         Angle from the tight end [rad], 0 <= phi <= beta.
-    T_tight : array_like
-        Tension of the tight span [N].
-    mu_ref : array_like
-        Coefficient of friction of the sliding plateau [-].
-    R : float
-        Radius of the belt's centreline on the pulley [m].
+    T_tight, mu_ref, R : array_like, array_like, float
+        Tension of the tight span [N], coefficient of friction of the sliding plateau [-], radius of
+        the belt's centreline on the pulley [m].
     """
     decay = np.exp(-np.asarray(mu_ref, dtype=float) * np.asarray(phi, dtype=float))
     return np.asarray(T_tight, dtype=float) * decay / R

@@ -146,24 +146,10 @@ class FrictionSurface:
         }
 
     def mu(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
-        """Evaluate the friction coefficient; outside the range, at the nearest measured point.
+        """Evaluate mu [-]; outside the range, at the nearest measured point.
 
-        Parameters
-        ----------
-        normal_force_N_m : array_like
-            Normal force per length [N/m].
-        slip_speed_m_s : array_like
-            Sliding speed [m/s] of either sign, broadcast against the force.
-
-        Returns
-        -------
-        ndarray
-            mu [-] in the broadcast shape, nan where an input is nan.
-
-        Raises
-        ------
-        InputError
-            If an argument is not numeric, or the shapes cannot be broadcast.
+        Forces per length [N/m] and sliding speeds [m/s] of either sign are broadcast; the result is
+        nan where an input is nan.
         """
         (i, s, _), (j, t, _) = self._places(*_points(normal_force_N_m, slip_speed_m_s))
         mu, _, _ = evaluate_cell(self._tables.C, i, j, s, t)
@@ -222,12 +208,8 @@ class FrictionSurface:
     def factor_at(self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike) -> Array:
         """Interpolate the rows of the factor of ln mu bilinearly between nodes, shape (..., r).
 
-        The covariance of two points is the product of their rows, ``cov = row_1 . row_2``.
-
-        Raises
-        ------
-        InputError
-            If the surface has no factor.
+        The covariance of two points is the product of their rows, ``cov = row_1 . row_2``. A
+        surface without a factor raises an InputError.
         """
         if self.factor is None:
             raise InputError("the surface has no covariance: it was built without uncertainties")
@@ -236,14 +218,9 @@ class FrictionSurface:
     def band(
         self, normal_force_N_m: ArrayLike, slip_speed_m_s: ArrayLike, level: float = 0.95
     ) -> tuple[Array, Array]:
-        """Compute the limits of mu [-] that cover the truth with a probability of `level`.
+        """Compute the limits of mu [-] that cover the truth with a probability `level` in (0, 1).
 
         Based on the combined standard uncertainty of ln mu, so that the lower limit is positive.
-
-        Raises
-        ------
-        InputError
-            If the level is not in (0, 1).
         """
         if not 0.0 < level < 1.0:
             raise InputError(f"level = {level!r}, must be in (0, 1)")
@@ -302,14 +279,9 @@ class FrictionSurface:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        if self.mu_nodes.size == 1 and not math.isfinite(_range_of(self.normal_force_N_m)[1]):
-            return f"FrictionSurface.constant({float(self.mu_nodes[0, 0])!r})"
-        (f0, f1), (v0, v1), (m0, m1) = self.validity.values()
-        return (
-            f"FrictionSurface({self.normal_force_N_m.size} x {self.slip_speed_m_s.size} nodes, "
-            f"normal_force_N_m {f0:.6g}..{f1:.6g}, slip_speed_m_s {v0:.6g}..{v1:.6g}, "
-            f"mu {m0:.4g}..{m1:.4g}{', with mu_se' if self.mu_se_nodes is not None else ''})"
-        )
+        sizes = f"{self.normal_force_N_m.size} x {self.slip_speed_m_s.size} nodes"
+        spans = (f"{name} {low:.6g}..{high:.6g}" for name, (low, high) in self.validity.items())
+        return f"FrictionSurface({sizes}, {', '.join(spans)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # rebuild from the nodes: unpickled arrays would be writable
@@ -343,10 +315,7 @@ def _value_problems(
         for k in np.argwhere(wrong)
     ]
     if values.shape != shape:
-        problems.append(
-            f"{name}: shape {values.shape}, must be {shape}: a row per force node, a column per "
-            "speed node"
-        )
+        problems.append(f"{name}: shape {values.shape}, must be {shape} (forces, speeds)")
     return problems
 
 

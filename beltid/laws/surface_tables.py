@@ -52,14 +52,8 @@ def log_nodes(nodes: Array) -> tuple[Array, float]:
 def locate(nodes: Any, reference: float, value: Any) -> tuple[Any, Any, Any]:
     """Find the cell and the local coordinate of values on one axis; outside, of the nearest node.
 
-    Parameters
-    ----------
-    nodes : ndarray (n,)
-        Coordinates of the nodes [-].
-    reference : float
-        ``f_ref`` or ``v_ref`` of the axis.
-    value : float or ndarray
-        Force [N/m] or magnitude of the speed [m/s].
+    ``nodes`` (n,) and ``reference`` are those of the axis; a value is a force [N/m] or the
+    magnitude of a speed [m/s].
 
     Returns
     -------

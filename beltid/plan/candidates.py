@@ -121,13 +121,10 @@ class Settings:
     tensions: tuple[float, ...]
     omegas: tuple[float, ...]
 
-    def combined(self) -> list[tuple[float, float, float]]:
-        """List arc [deg], tension and speed of every combination; the speed varies fastest."""
-        return list(itertools.product(self.arcs_deg, self.tensions, self.omegas))
-
     def points(self) -> list[OperatingPoint]:
-        """List the combinations as operating points in SI units."""
-        return [OperatingPoint(math.radians(arc), T_0, w) for arc, T_0, w in self.combined()]
+        """List every combination as operating points in SI units; the speed varies fastest."""
+        every = itertools.product(self.arcs_deg, self.tensions, self.omegas)
+        return [OperatingPoint(math.radians(arc), T_0, w) for arc, T_0, w in every]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Format names and values of results for people: words, units, sensible digits."""
+"""Names and values of results in words, units and sensible digits."""
 
 from __future__ import annotations
 
@@ -24,26 +24,25 @@ UNITS: Final[tuple[tuple[str, str], ...]] = (
     ("_s", "s"),
     ("_m", "m"),
 )
-# the one name whose suffix is not a force per length
-TORQUE: Final = "torque_N_m"
+QUANTITIES: Final = {
+    "mu": ("friction coefficient µ", "-", 1.0),
+    "normal_force": ("normal force per length", "N/m", 1.0),
+    "line_force": ("normal force per length", "N/m", 1.0),
+    "slip_speed": ("sliding speed v", "mm/s", 1e3),
+    "penetration": ("penetration δ", "µm", 1e6),
+    "torque": ("torque", "N m", 1.0),
+    "speed_loss": ("speed loss", "rad/s", 1.0),
+    "loss": ("speed loss", "rad/s", 1.0),
+    "initial_tension": ("belt tension at rest T₀", "N", 1.0),
+    "tension": ("tension", "N", 1.0),
+    "arc_position": ("position along the arc from the tight side", "mm", 1e3),
+    "time": ("time", "s", 1.0),
+}
+"""What a column in a chart is, by the beginning of its name: words with symbol, unit, scale."""
 RANGES: Final = ("range", "valid", "measured")
 # residuals of equations, of which only the order of magnitude matters
 MAGNITUDES: Final = ("residual", "slip_m", "cone")
 MISSING: Final = "-"
-MILLI: Final = 1e3
-MICRO: Final = 1e6
-QUANTITIES: Final = {
-    "mu": ("friction coefficient µ", "-"),
-    "normal_force_N_m": ("normal force per length", "N/m"),
-    "slip_speed_m_s": ("sliding speed v", "mm/s"),
-    "penetration_m": ("penetration δ", "µm"),
-    "torque_N_m": ("torque", "N m"),
-    "speed_loss_rad_s": ("speed loss", "rad/s"),
-    "tension_N": ("tension", "N"),
-    "initial_tension_N": ("belt tension at rest T₀", "N"),
-    "time_s": ("time", "s"),
-}
-"""Words with symbol, and unit in charts, of the quantities on their axes."""
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
@@ -53,14 +52,13 @@ def name_and_unit(name: str) -> tuple[str, str]:
     --------
     >>> name_and_unit("normal_force_N_m")
     ('normal force', 'N/m')
-    >>> name_and_unit("mu_sliding")
-    ('mu sliding', '')
+    >>> name_and_unit("torque_N_m")
+    ('torque', 'N m')
     """
-    if name.endswith(TORQUE):
-        return name[: -len("_N_m")].replace("_", " "), "N m"
     for ending, unit in UNITS:
-        if name.endswith(ending) and len(name) > len(ending):
-            return name[: -len(ending)].replace("_", " "), unit
+        if name.endswith(ending):
+            words = name.removesuffix(ending).replace("_", " ")
+            return words, "N m" if words.endswith("torque") else unit
     return name.replace("_", " "), ""
 
 
@@ -71,9 +69,14 @@ def heading(name: str) -> str:
     return f"{words} [{unit}]" if unit else words
 
 
+def quantity(name: str) -> tuple[str, str, float]:
+    """Return words with symbol, unit and scale with which a column stands in charts."""
+    return next(of for stem, of in QUANTITIES.items() if name.startswith(stem))
+
+
 def axis(name: str) -> str:
     """Return the label of an axis: words with the symbol, and the unit in brackets."""
-    words, unit = QUANTITIES[name]
+    words, unit, _ = quantity(name)
     return f"{words} [{unit}]"
 
 
@@ -94,9 +97,16 @@ def cell(name: str, value: Any) -> str:
     return str(value)
 
 
+def fact(name: str, value: Any) -> tuple[str, str]:
+    """Return the words of a single result, and its value with unit."""
+    (words, unit), text = name_and_unit(name), cell(name, value)
+    return words, f"{text} {unit}" if unit and text != MISSING else text
+
+
 def are_numbers(cells: Iterable[str]) -> bool:
-    """Return whether all cells of a column that are not missing are numbers."""
-    return all(text[-1:].isdigit() or text == MISSING for text in cells)
+    """Return whether all cells of a column that are not missing are numbers or ranges of them."""
+    ends = [text.lstrip("-")[:1] + text[-1:] for text in cells if text != MISSING]
+    return all(len(both) == 2 and both.isdigit() for both in ends)
 
 
 def between(low: str, high: str) -> str:
@@ -104,41 +114,9 @@ def between(low: str, high: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def no_formula(value: Any) -> Any:
-    """Put an apostrophe before a text that a spreadsheet would take for a formula."""
-    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
-    return f"'{value}" if is_formula and value != MISSING else value
-
-
 def sentence(text: str) -> str:
     """Capitalize the first letter of a text."""
     return text[:1].upper() + text[1:]
-
-
-def _number(name: str, value: float) -> str:
-    if math.isnan(value):
-        return MISSING
-    # uncertainties are themselves uncertain: two digits
-    if "_se_" in f"{name}_" or "_u_" in name or name in MAGNITUDES:
-        return f"{value:.2g}"
-    if name.startswith("mu") and math.isfinite(value):
-        return f"{value:.4f}"
-    if name.endswith("_percent"):
-        return f"{value:.2f}"
-    if value == 0.0:
-        return "0"
-    if 1e-3 <= abs(value) < 1e6:
-        digits = max(0, 3 - math.floor(math.log10(abs(value))))
-        text = f"{value:.{digits}f}"
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    return f"{value:.5g}"
-
-
-def fact(name: str, value: Any) -> tuple[str, str]:
-    """Return the words of a single result, and its value with unit."""
-    words, unit = name_and_unit(name)
-    text = cell(name, value)
-    return words, f"{text} {unit}" if unit and text != MISSING else text
 
 
 def scientific(value: float, digits: int = 4) -> str:
@@ -152,3 +130,22 @@ def scientific(value: float, digits: int = 4) -> str:
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"{mantissa}·10{power}"
+
+
+def _number(name: str, value: float) -> str:
+    if math.isnan(value):
+        return MISSING
+    # uncertainties are themselves uncertain: two digits
+    if "_se_" in f"{name}_" or "_u_" in f"{name}_" or name in MAGNITUDES:
+        return f"{value:.2g}"
+    if name.startswith("mu") and math.isfinite(value):
+        return f"{value:.4f}"
+    if name.endswith("_percent"):
+        return f"{round(value, 2) + 0.0:.2f}"  # no -0.00
+    if value == 0.0:
+        return "0"
+    if 1e-3 <= abs(value) < 1e6:
+        digits = max(0, 3 - math.floor(math.log10(abs(value))))
+        text = f"{value:.{digits}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    return f"{value:.5g}"

@@ -1,4 +1,4 @@
-"""List the test conditions at the top of a report."""
+"""The settings of the runs: grouped for charts, and listed as test conditions."""
 
 from __future__ import annotations
 
@@ -9,57 +9,15 @@ import numpy as np
 
 from beltid.identify.estimators.statistics import settings_of as numbered_settings
 from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.report.cells import between
 from beltid.report.results import BeltResults, Sheet
 
-SAME = 0.03
+SAME: Final = 0.03
 """Relative distance within which two values count as one setting."""
-MOST = 12
+MOST: Final = 12
 """Largest number of settings that are listed; for more, the range is given."""
-
 UNKNOWN_TENSION: Final = -1.0
 """Placeholder for an unknown tension [N]."""
-
-
-def conditions(results: BeltResults) -> list[tuple[str, str]]:
-    """List belt, rig, settings, temperatures and config, each with its value.
-
-    Unknown values are left out. The settings are those of the measured runs, not those planned in a
-    config.
-    """
-    friction, stiffness = results.get("friction"), results.get("stiffness")
-    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
-    if friction is not None:
-        radius = friction.pulley_radius_m
-        lines += [
-            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius else ""),
-            ("Contact arcs", _settings(friction, "arc_deg", "°")),
-            ("Initial tensions", _settings(friction, "nominal_tension_N", " N")),
-            ("Sliding speeds v", _settings(friction, "slip_speed_m_s", " mm/s", 1e3)),
-            *_stated(friction),
-            ("Rig temperature", _range(friction["temperature_degC"], " °C")),
-        ]
-    if stiffness is not None:
-        press = stiffness.settings.get("press") or {}
-        length = press.get("segment_length_cm")
-        temperature = stiffness["temperature_degC"]
-        degrees = [f"{t:.3g}" for t in np.unique(temperature[np.isfinite(temperature)])]
-        lines += [
-            ("Press segment", f"{float(length):.4g} cm" if length else ""),
-            ("Press temperatures", _listed(degrees, " °C")),
-        ]
-    configs = {sheet.config for sheet in results.sheets.values()}
-    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
-    return [(name, value) for name, value in lines if value]
-
-
-def _stated(friction: Sheet) -> list[tuple[str, str]]:
-    """List surface condition and side of the belt, if the runs state them."""
-    lines = []
-    for column, words in (("condition", "Surface"), ("side", "Side of the belt")):
-        values = friction[column] if column in friction.columns else ()
-        stated = sorted({str(value) for value in values if value is not None})
-        lines.append((words, ", ".join(stated)))
-    return lines
 
 
 def settings_of(values: np.ndarray) -> list[np.ndarray]:
@@ -71,9 +29,7 @@ def settings_of(values: np.ndarray) -> list[np.ndarray]:
     order = order[np.isfinite(values[order])]
     labels = numbered_settings(values[order], SAME)
     groups = [order[labels == label] for label in np.unique(labels)]
-    if all(is_setting(values[rows]) for rows in groups):
-        return groups
-    return list(order[:, None])
+    return groups if all(is_setting(values[rows]) for rows in groups) else list(order[:, None])
 
 
 def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float], np.ndarray]:
@@ -82,9 +38,10 @@ def series_of(speed: np.ndarray, tension: np.ndarray) -> dict[tuple[float, float
     Unknown tensions form one group, -1.
     """
     tensions = np.nan_to_num(snap_to_settings(tension), nan=UNKNOWN_TENSION)
-    pairs = list(zip(snap_to_settings(speed).tolist(), tensions.tolist(), strict=True))
     rows: dict[tuple[float, float], list[int]] = {}
-    for row, pair in enumerate(pairs):
+    for row, pair in enumerate(
+        zip(snap_to_settings(speed).tolist(), tensions.tolist(), strict=True)
+    ):
         rows.setdefault(pair, []).append(row)
     return {pair: np.array(of_pair) for pair, of_pair in rows.items()}
 
@@ -111,24 +68,65 @@ def class_name(values: np.ndarray, unit: str = "") -> str:
     return f"{float(values.min()):.3g} to {float(values.max()):.3g}{unit}"
 
 
-def _settings(friction: Sheet, column: str, unit: str, scale: float = 1.0) -> str:
-    """List the settings of a column of the measured runs."""
-    values = scale * np.abs(np.asarray(friction[column], dtype=float))
+def load_name(friction: Sheet) -> str:
+    """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
+    rig = f"{friction.rig.get('kind')} {friction.rig.get('holds')}"
+    return "weight" if "weight" in rig else "belt tension"
+
+
+def conditions(results: BeltResults) -> list[tuple[str, str]]:
+    """List belt, rig, settings, temperatures and config, each with its value.
+
+    Unknown values are left out. The settings are those of the measured runs, not those planned in a
+    config.
+    """
+    friction, stiffness = results.get("friction"), results.get("stiffness")
+    lines = [("Belt", ", ".join([results.belt, *results.belt_facts]))]
+    if friction is not None:
+        radius, load = friction.pulley_radius_m, load_name(friction)
+        lines += [
+            ("Pulley radius", f"{1e3 * radius:.4g} mm" if radius > 0.0 else ""),
+            ("Contact arcs", _settings(friction["arc_deg"], "°")),
+            (
+                "Weights" if load == "weight" else "Belt tensions at rest T₀",
+                _settings(friction["nominal_tension_N"], " N"),
+            ),
+            ("Sliding speeds v", _settings(1e3 * friction["slip_speed_m_s"], " mm/s")),
+            ("Surface", _stated(friction, "condition")),
+            ("Side of the belt", _stated(friction, "side")),
+            ("Rig temperature", _range(friction["temperature_degC"], " °C")),
+        ]
+    if stiffness is not None:
+        length = (stiffness.record.settings.get("press") or {}).get("segment_length_cm")
+        degrees = np.unique(stiffness["temperature_degC"])
+        lines += [
+            ("Press segment", f"{float(length):.4g} cm" if length else ""),
+            ("Press temperatures", _listed([f"{t:.3g}" for t in degrees if t == t], " °C")),
+        ]
+    configs = {sheet.record.config for sheet in results.sheets.values()}
+    lines.append(("Config", ", ".join(sorted(filter(None, configs)))))
+    return [(name, value) for name, value in lines if value]
+
+
+def _stated(friction: Sheet, column: str) -> str:
+    values = friction.columns.get(column, ())
+    return ", ".join(sorted({str(value) for value in values if value is not None}))
+
+
+def _settings(column: np.ndarray, unit: str) -> str:
+    values = np.abs(column)
     return _listed([class_name(values[rows]) for rows in settings_of(values)], unit)
 
 
 def _listed(values: Sequence[str], unit: str) -> str:
-    if not values:
-        return ""
     if len(values) > MOST:
         return f"{len(values)} from {values[0]} to {values[-1]}{unit}"
-    return ", ".join(values) + unit
+    return ", ".join(values) + unit if values else ""
 
 
 def _range(values: np.ndarray, unit: str) -> str:
-    finite = np.asarray(values, dtype=float)
-    finite = finite[np.isfinite(finite)]
+    finite = values[np.isfinite(values)]
     if not finite.size:
         return ""
     low, high = float(finite.min()), float(finite.max())
-    return f"{low:.3g}{unit}" if high - low < 0.5 else f"{low:.3g} to {high:.3g}{unit}"
+    return between(f"{low:.3g}", f"{low if high - low < 0.5 else high:.3g}") + unit

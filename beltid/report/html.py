@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-from unicodedata import category
+from typing import Any, Final
 
 from beltid._version import __version__
+from beltid.errors import printable
 from beltid.report.cells import sentence
 from beltid.report.charts import inline_svg
 from beltid.report.page import Page
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 GENERATOR: Final = "beltid"
 TEMPLATES: Final = Path(__file__).parent / "templates"
@@ -21,37 +18,23 @@ MOST_NOTES: Final = 10
 
 
 def rendered(page: Page) -> str:
-    """Render the page as HTML."""
-    from markupsafe import Markup
-
-    template = _environment().get_template("page.html.j2")
-    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
-    words = {"generator": GENERATOR, "version": __version__, "most_notes": MOST_NOTES}
-    return template.render(page=page, css=css, **words) + "\n"
-
-
-def _environment() -> Environment:
+    """Render the page as HTML; unprintable characters in texts from files are escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
+
+    def shown(value: Any) -> Any:
+        return printable(value) if type(value) is str else value  # Markup is this program's
 
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
-        finalize=_sanitized,
+        finalize=shown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters["sentence"] = sentence
-    environment.filters["svg"] = lambda shown: Markup(inline_svg(shown.figure, shown.key))
-    return environment
-
-
-def _sanitized(value: Any) -> Any:
-    """Escape unprintable characters, such as direction overrides, in text from files."""
-    if type(value) is not str or value.isprintable():  # Markup comes from this program
-        return value
-    return "".join(
-        c if c.isprintable() or c in "\n\t" or category(c) == "Zs" else ascii(c)[1:-1]
-        for c in value
-    )
+    environment.filters["svg"] = lambda picture: Markup(inline_svg(picture.figure, picture.key))
+    css = Markup((TEMPLATES / "page.css").read_text("utf-8"))
+    words = {"generator": GENERATOR, "version": __version__, "most_notes": MOST_NOTES}
+    return environment.get_template("page.html.j2").render(page=page, css=css, **words) + "\n"

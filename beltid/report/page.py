@@ -2,63 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.report import tables
+from beltid.report import figures, tables  # noqa: F401  (figures registers the charts)
 from beltid.report.charts import CHARTS, NotDrawn, Picture
 from beltid.report.conditions import conditions
-from beltid.report.figures import belts as belts_charts  # noqa: F401  (registers the charts)
-from beltid.report.results import (
-    COMPARED,
-    HELD_OUT,
-    LABELS,
-    LEFT_OUT,
-    SURFACES,
-    BeltResults,
-    Sheet,
-)
-from beltid.report.tables import Tile, View
+from beltid.report.results import COMPARED, HELD_OUT, LABELS, SURFACES, BeltResults, Sheet
+from beltid.report.tables import Table, Tile
 from beltid.report.verdict import Verdict, verdict_of
+
+Tabulate = Callable[[BeltResults], Table | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A part of the page.
+    """A part of the page: what it shall show, and, once it is filled, what it shows.
 
-    Attributes
-    ----------
-    key, title, lead : str
-        Id within the page, heading, short introduction.
-    pictures : sequence of Picture
-        Charts.
-    absent : sequence of str
-        Charts that were not drawn, and why.
-    tables : sequence of View
-        Tables.
-    notes : sequence of str
-        Notes, a line each.
-    links : sequence of (str, str)
-        Links: address and text.
-    tiles : sequence of Tile
-        Runs over time as small pictures.
-    folded : bool
-        Whether it is folded on screen and left out on paper.
+    `charts`, `tabulates` and `notes_of` name its charts, the functions that make its tables, and
+    the artifacts whose notes it has; `absent` are charts that were not drawn, and why; `links` are
+    addresses and texts. What is `folded` is left out on paper.
     """
 
     key: str
     title: str
     lead: str = ""
+    charts: tuple[str, ...] = ()
+    tabulates: tuple[Tabulate, ...] = ()
+    notes_of: tuple[str, ...] = ()
+    folded: bool = False
     pictures: Sequence[Picture] = ()
     absent: Sequence[str] = ()
-    tables: Sequence[View] = ()
+    tables: Sequence[Table] = ()
     notes: Sequence[str] = ()
     links: Sequence[tuple[str, str]] = ()
     tiles: Sequence[Tile] = ()
-    folded: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,141 +55,97 @@ class Page:
     made_from: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A section before it is filled: its charts, tables, and the artifacts whose notes it has."""
-
-    key: str
-    title: str
-    lead: str
-    charts: tuple[str, ...] = ()
-    tables: tuple[Any, ...] = ()
-    notes: tuple[str, ...] = ()
-    folded: bool = False
-
-
-def _table(name: str) -> Any:
-    return lambda results: tables.of_artifact(results.sheets[name]) if results.get(name) else None
-
-
-def _agreement(name: str) -> Any:
-    """Tabulate the differences between simulation and measurement by group of points."""
-
-    def table(results: BeltResults) -> View | None:
-        sheet = results.prediction if name == HELD_OUT else results.get(name)
-        if sheet is None:
-            return None
-        of = f"{LABELS.get(name)} surface"
-        if name == HELD_OUT:
-            setting = LEFT_OUT[sheet.facts["hold_out"]].partition(" ")[2]
-            of = f"{setting} left out, predicted from the others"
-        return tables.view(f"Simulated less measured µ, {of}", sheet.rows("groups"))
-
-    return table
-
-
-def _nodes(name: str) -> Any:
-    return lambda results: (
-        tables.nodes(results.sheets[name], LABELS[name]) if results.get(name) else None
-    )
-
-
-def _effects(results: BeltResults) -> View | None:
-    best = results.best_surface
-    title = (
-        "Effects besides force and speed, in percent of µ, and what force and speed explain of them"
-    )
-    return tables.view(title, best.rows("effects")) if best else None
+def _of(tabulate: Callable[[Sheet], Table | None], *names: str) -> Tabulate:
+    """Return what tabulates the first artifact of some."""
+    return lambda results: tabulate(sheet) if (sheet := results.first(*names)) else None
 
 
 SECTIONS: Final = (
-    Plan(
+    Section(
         "surface",
         "The friction law",
         "µ over normal force per length and sliding speed. With the refined surface the simulated "
         "rig gives the measured tensions; the published one averages the runs at their mean force.",
         ("map-{name}", "cuts", "surface-space"),
     ),
-    Plan(
+    Section(
         "stiffness",
         "The normal contact law",
         "Force per length of belt over penetration, Eq. (3).",
         ("press-law",),
-        (_table("stiffness"),),
+        (_of(tables.stiffness, "stiffness"),),
     ),
-    Plan(
+    Section(
         "proof",
         "The proof: the rig, simulated",
         "Every run repeated on a simulated copy of the rig; both recordings go through the same "
         "reduction. What was left out comes first.",
         ("averaged:{name}",),
-        tuple(_agreement(name) for name in (HELD_OUT, *COMPARED)),
+        tuple(_of(tables.agreement, name) for name in (HELD_OUT, *COMPARED)),
     ),
-    Plan("trust", "How far to trust it", ""),
-    Plan(
+    Section("trust", "How far to trust it"),
+    Section(
         "drive",
         "The belt drive, predicted",
         "From the identified laws; nothing was fitted to the speed-loss bench.",
         ("comparison", "drawing", "loss"),
     ),
-    Plan(
+    Section(
         "friction",
         "Friction of every run",
         "A coefficient per run by Eq. (6), at its sliding speed and the mean force of Eq. (8).",
         ("friction", "run", "arc", "simulated:{name}"),
-        (_table("friction"), *map(_nodes, SURFACES), _effects),
+        (
+            _of(tables.of_artifact, "friction"),
+            *(_of(tables.nodes, name) for name in SURFACES),
+            _of(tables.effects, *SURFACES),
+        ),
         ("friction", *SURFACES, *COMPARED, HELD_OUT),
         folded=True,
     ),
-    Plan(
+    Section(
         "press",
         "The press and temperature",
         "Loading and unloading at each temperature.",
-        ("press-temperature", "press-deviation"),
-        notes=("stiffness",),
+        ("press-temperature",),
+        notes_of=("stiffness",),
         folded=True,
     ),
-    Plan(
+    Section(
         "slip",
         "Sliding in service",
         "Sliding speeds of the belt in a drive: the friction rig must cover them.",
         ("slip",),
-        notes=("slip",),
+        notes_of=("slip",),
         folded=True,
     ),
-    Plan(
-        "differences",
-        "Differences run by run",
-        "",
-        ("differences", "validation"),
-        folded=True,
+    Section(
+        "differences", "Differences run by run", charts=("differences", "validation"), folded=True
     ),
-    Plan(
+    Section(
         "forces",
         "Forces of the drive",
         "",
-        ("arcs", "along-arcs", "slip-limit"),
-        (_table("drive"),),
+        ("along-arcs", "slip-limit"),
+        (_of(tables.of_artifact, "drive"),),
         ("drive", "compare_drive"),
         folded=True,
     ),
-    Plan(
+    Section(
         "uncertainty",
         "Uncertainty budget",
         "Standard uncertainties (k = 1), relative to the value. Assumed ones can be stated in the "
         "config, section uncertainty.",
-        ("budget-{name}-{item}",),
+        ("budget-{name}",),
         (tables.budget,),
         folded=True,
     ),
-    Plan(
-        "set-aside", "Set aside, and why", "", ("aside-{item}",), (tables.set_aside,), folded=True
-    ),
-    Plan(
+    Section("set-aside", "Set aside, and why", tabulates=(tables.set_aside,), folded=True),
+    Section(
         "provenance",
         "Provenance",
         "The same inputs, settings and sources give the same files, byte for byte.",
-        tables=(tables.provenance, tables.settings),
+        tabulates=(tables.provenance,),
         folded=True,
     ),
 )
@@ -227,14 +164,18 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
         Hash of all inputs of the page.
     """
     verdict = verdict_of(results)
-    has_drive = results.get("drive") is not None
+    sections = [_filled(section, results) for section in SECTIONS]
+    own = {
+        "trust": verdict.trust,
+        "provenance": [f"Missing, damaged or not shown: {line}" for line in results.problems],
+    }
     return Page(
         kind="Contact parameters between a V-ribbed belt and a pulley",
         title=f"Belt {results.belt}",
         sections=[
-            _filled(plan, results, verdict)
-            for plan in SECTIONS
-            if has_drive or plan.key not in OF_DRIVE
+            replace(section, notes=own.get(section.key, section.notes))
+            for section in sections
+            if section.key not in OF_DRIVE or results.get("drive")
         ],
         verdict=verdict,
         conditions=conditions(results),
@@ -243,27 +184,15 @@ def belt_page(results: BeltResults, made_from: str) -> Page:
     )
 
 
-def _filled(plan: Plan, results: BeltResults, verdict: Verdict) -> Section:
-    drawn = [drawn for key in plan.charts for drawn in CHARTS[key].pictures(results)]
-    notes = _notes([sheet for name in plan.notes if (sheet := results.get(name))])
-    if plan.key == "trust":
-        notes = list(verdict.trust)
-    elif plan.key == "provenance":
-        notes = [f"Missing, damaged or not shown: {line}" for line in results.problems]
-    shown = [view for table in plan.tables if (view := table(results))]
-    lead = plan.lead
-    if plan.key == "set-aside" and not shown:
-        lead = "Nothing was set aside."
-    return Section(
-        plan.key,
-        plan.title,
-        lead,
-        [picture for picture in drawn if isinstance(picture, Picture)],
-        [why for why in drawn if isinstance(why, str)],
-        shown,
-        notes,
-        tiles=tables.tiles(results) if plan.key == "friction" else (),
-        folded=plan.folded,
+def _filled(section: Section, results: BeltResults) -> Section:
+    drawn = [drawn for key in section.charts for drawn in CHARTS[key].pictures(results)]
+    return replace(
+        section,
+        pictures=[picture for picture in drawn if isinstance(picture, Picture)],
+        absent=[why for why in drawn if isinstance(why, str)],
+        tables=[shown for tabulate in section.tabulates if (shown := tabulate(results))],
+        notes=_notes([sheet for name in section.notes_of if (sheet := results.get(name))]),
+        tiles=list(tables.tiles(results)) if section.key == "friction" else (),
     )
 
 
@@ -274,14 +203,14 @@ def _notes(sheets: Sequence[Sheet]) -> list[str]:
     """
     lines: dict[str, list[Sheet]] = {}
     for sheet in sheets:
-        for line in (*(f"Warning: {line}" for line in sheet.warnings), *sheet.notes):
+        warnings = [f"Warning: {line}" for line in sheet.record.warnings]
+        for line in (*warnings, *sheet.record.notes):
             lines.setdefault(line, []).append(sheet)
     notes = []
     for line, of in lines.items():
         kin = [sheet for sheet in sheets if sheet.kind == of[0].kind]
-        label = LABELS.get(of[0].name, "")
-        alone = label and len(of) < len(kin)
-        notes.append(f"{label} surface: {line}" if alone else line)
+        alone = of[0].name in LABELS and len(of) < len(kin)
+        notes.append(f"{LABELS[of[0].name]} surface: {line}" if alone else line)
     return sorted(dict.fromkeys(notes), key=lambda line: "Warning: " not in line)
 
 
@@ -291,7 +220,6 @@ AGREEMENT: Final = {
     HELD_OUT: "predicted_rms_percent",
 }
 """Comparison -> column of the table of belts."""
-OF_BELTS: Final = ("belts-force", "belts-speed", "belts-law")
 
 
 def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: str) -> Page:
@@ -307,22 +235,22 @@ def belts_page(belts: Sequence[BeltResults], links: Sequence[str], made_from: st
         Hash of all inputs of the page.
     """
     pictures, absent = [], []
-    for chart in (CHARTS[key] for key in OF_BELTS):
+    for key in ("belts-force", "belts-speed", "belts-law"):
         try:
-            pictures.append(chart.picture(belts))
+            pictures.append(CHARTS[key].picture(belts))
         except NotDrawn as why:
-            absent.append(f"{chart.title}: {why}")
-    table = tables.view("Results", [_row(belt) for belt in belts])
+            absent.append(f"{CHARTS[key].title}: {why}")
+    results = tables.table("Results", [_row(belt) for belt in belts])
     section = Section(
         "belts",
         "The belts",
         "Identified parameters of each belt, and the difference between the rig simulated with "
         "them and the bench.",
-        pictures,
-        absent,
-        [table] if table else (),
-        [f"{belt.belt}: {line}" for belt in belts for line in (*belt.failures, *belt.problems)],
-        [(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
+        pictures=pictures,
+        absent=absent,
+        tables=[results] if results else (),
+        notes=[f"{belt.belt}: {line}" for belt in belts for line in belt.failures + belt.problems],
+        links=[(href, f"Report of {belt.belt}") for belt, href in zip(belts, links, strict=True)],
     )
     return Page(
         kind="Contact parameters between V-ribbed belts and a pulley",
@@ -349,5 +277,5 @@ def _row(belt: BeltResults) -> dict[str, Any]:
         row["mu_u_percent"] = best.combined_percent
     for name, key in AGREEMENT.items():
         sheet = belt.get(name)
-        row[key] = sheet.judged if sheet else None
+        row[key] = f"{'PASS' if sheet.passed else 'FAIL'} {sheet.rms_percent}" if sheet else None
     return row

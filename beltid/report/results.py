@@ -1,14 +1,14 @@
-"""Results of one belt as the report reads them: tables, and what they say about themselves."""
+"""Results of one belt as the report reads them: artifacts, and what they say about themselves."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.errors import InputError
 from beltid.identify.surface.surface import surface_from_columns
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
@@ -19,64 +19,23 @@ Columns = Mapping[str, np.ndarray]
 Rows = Sequence[Mapping[str, Any]]
 HELD_OUT: Final = "crossvalidation"
 """Comparison with runs that were left out and predicted."""
-LABELS: Final = {
-    "surface_refined": "refined",
-    "surface": "published",
-    "simulated_refined": "refined",
-    "simulated": "published",
-    "compare_refined": "refined",
-    "compare": "published",
-}
-"""Artifact -> the surface that it is, or was simulated with; the refined one first."""
 SURFACES: Final = ("surface_refined", "surface")
 SIMULATED: Final = ("simulated_refined", "simulated")
 COMPARED: Final = ("compare_refined", "compare")
+LABELS: Final = {
+    name: label
+    for names in (SURFACES, SIMULATED, COMPARED)
+    for name, label in zip(names, ("refined", "published"), strict=True)
+}
+"""Artifact -> the surface that it is, or was simulated with; the refined one first."""
 LEFT_OUT: Final = {"arc": "an arc", "speed": "a speed"}
 """Label of the setting that was left out."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sheet:
-    """One artifact, as input of the report.
+class Sheet(Artifact):
+    """An artifact as the report reads it, called by its file."""
 
-    Attributes
-    ----------
-    name, kind : str
-        File name without the suffix, such as "surface_refined"; kind of the table.
-    columns : mapping of str to ndarray
-        The table.
-    facts : mapping
-        What it says about itself, by name.
-    tables : mapping of str to rows
-        Its further tables, by name.
-    settings, inputs : mapping
-        Settings that were used; SHA-256 of the inputs.
-    set_aside : rows
-        What was set aside, and why.
-    notes, warnings : sequence of str
-        What the user should know, and look into.
-    origin : str or None
-        Origin of the data: "measured", "synthetic", None if not stated.
-    config, config_sha256, sha256, software, software_sha256 : str
-        Name and hash of the config; hash of the file; version and hash of the program.
-    """
-
-    name: str
-    kind: str
-    columns: Columns
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    tables: Mapping[str, Rows] = field(default_factory=dict)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    inputs: Mapping[str, str] = field(default_factory=dict)
-    set_aside: Rows = ()
-    notes: Sequence[str] = ()
-    warnings: Sequence[str] = ()
-    origin: str | None = None
-    config: str = ""
-    config_sha256: str = ""
-    sha256: str = ""
-    software: str = ""
-    software_sha256: str = ""
+    __slots__ = ()
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column of the table; all nan if the table does not have it."""
@@ -84,24 +43,30 @@ class Sheet:
             return self.columns[column]
         return np.full(len(next(iter(self.columns.values()))), np.nan)
 
+    @property
+    def name(self) -> str:
+        """File name without the suffix, such as "surface_refined"."""
+        return self.path.stem
+
     def rows(self, name: str) -> Rows:
         """Return a further table; empty if there is none."""
         return self.tables.get(name) or ()
 
     def named(self) -> Sheet:
         """Return the sheet under its name in the chain, whatever its file is called."""
-        name = self.kind
-        if f"{name}_refined" in LABELS and (
-            self.facts.get("method") == "refined" or self.name.endswith("_refined")
-        ):
-            name = f"{name}_refined"
-        return replace(self, name=name)
+        name = f"{self.kind}_refined"
+        refined = self.facts.get("method") == "refined" or self.name.endswith("_refined")
+        return replace(self, path=Path(name if name in LABELS and refined else self.kind))
 
     @property
-    def pulley_radius_m(self) -> float | None:
-        """Pulley radius of the rig used for this artifact [m]; None if unknown."""
-        radius = (self.settings.get("rig") or {}).get("pulley_radius_m")
-        return float(radius) if radius else None
+    def pulley_radius_m(self) -> float:
+        """Pulley radius of the rig used for this artifact [m]; nan if unknown."""
+        return float(self.rig.get("pulley_radius_m") or np.nan)
+
+    @property
+    def rig(self) -> Mapping[str, Any]:
+        """Section `rig` of the config with which it was made."""
+        return self.record.settings.get("rig") or {}
 
     @property
     def surface(self) -> FrictionSurface:
@@ -134,7 +99,7 @@ class Sheet:
     @property
     def passed(self) -> bool:
         """Whether a comparison is within its tolerances."""
-        return bool(self.facts.get("passed"))
+        return bool(self.record.passed)
 
     @property
     def too_few_compared(self) -> bool:
@@ -148,16 +113,6 @@ class Sheet:
         return cell("rms_percent", self.overall.get("rms_percent"))
 
     @property
-    def judged(self) -> str:
-        """Verdict and RMS difference [%] of a comparison, such as "PASS 0.16"."""
-        return f"{'PASS' if self.passed else 'FAIL'} {self.rms_percent}"
-
-    @property
-    def held_out(self) -> bool:
-        """Whether a comparison is with runs that were left out and predicted."""
-        return self.facts.get("hold_out") in LEFT_OUT
-
-    @property
     def over_uncertainty(self) -> float | None:
         """RMS difference in standard uncertainties; None if these are unknown."""
         return (self.facts.get("validation") or {}).get("rms_e_over_u")
@@ -165,59 +120,17 @@ class Sheet:
     @property
     def pooled_row(self) -> int:
         """Row of the pooled law of a stiffness table."""
-        rows = np.flatnonzero(np.isnan(self.columns["temperature_degC"]))
-        if not rows.size:
-            raise InputError("stiffness: no row without temperature_degC, must have the pooled law")
-        return int(rows[0])
+        return int(np.flatnonzero(np.isnan(self.columns["temperature_degC"]))[0])
 
     def law(self, row: int) -> NormalLaw:
         """Return the normal law in a row of a stiffness table."""
         names = ("k_linear_N_m2", "k_quadratic_N_m3")
         return NormalLaw(*(float(self.columns[name][row]) for name in names))
 
-    def check(self) -> None:
-        """Check that the rows form what charts and tables need.
 
-        Raises
-        ------
-        InputError
-            If they do not.
-        """
-        if self.kind == "surface":
-            self.surface  # noqa: B018  (raises if its rows do not form a grid)
-        elif self.kind == "stiffness":
-            self.pooled_row  # noqa: B018  (raises if there is none)
-
-
-def sheet_of(name: str, artifact: Artifact) -> Sheet:
-    """Take what the report reads from an artifact.
-
-    Raises
-    ------
-    InputError
-        If its rows do not form what charts and tables need.
-    """
-    record = artifact.record
-    sheet = Sheet(
-        name,
-        record.kind,
-        artifact.columns,
-        {**record.facts, "passed": record.passed},
-        record.tables,
-        settings=record.settings,
-        inputs=record.inputs,
-        set_aside=record.set_aside,
-        notes=record.notes,
-        warnings=record.warnings,
-        origin=record.origin,
-        config=record.config,
-        config_sha256=record.config_sha256,
-        sha256=artifact.sha256,
-        software=record.software,
-        software_sha256=record.sources,
-    )
-    sheet.check()
-    return sheet
+def sheet_of(artifact: Artifact) -> Sheet:
+    """Read an artifact as a sheet."""
+    return Sheet(artifact.columns, artifact.record, artifact.path, artifact.sha256)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,22 +176,20 @@ class BeltResults:
         """Return an artifact by its name; None if missing."""
         return self.sheets.get(name)
 
-    @property
-    def pulley_radius_m(self) -> float | None:
-        """Radius of the pulley of the friction rig [m]; None if unknown."""
-        friction = self.get("friction")
-        return friction.pulley_radius_m if friction else None
+    def first(self, *names: str) -> Sheet | None:
+        """Return the first artifact that there is; None if none."""
+        return next((sheet for name in names if (sheet := self.get(name))), None)
 
     @property
     def best_surface(self) -> Sheet | None:
         """The refined surface if available, otherwise the published one."""
-        return next((sheet for name in SURFACES if (sheet := self.get(name))), None)
+        return self.first(*SURFACES)
 
     @property
     def prediction(self) -> Sheet | None:
         """The comparison with runs that were left out and predicted."""
         sheet = self.get(HELD_OUT)
-        return sheet if sheet and sheet.held_out else None
+        return sheet if sheet and sheet.facts.get("hold_out") in LEFT_OUT else None
 
     @property
     def origin(self) -> str | None:

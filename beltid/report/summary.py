@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
+Rows = list[dict[str, Any]]
 
-def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> list[dict[str, Any]]:
+
+def rows_of(columns: Mapping[str, np.ndarray], *names: str) -> Rows:
     """Return rows of the named columns of a table as plain values; nan becomes None.
 
     A table may lack a column.
@@ -33,11 +35,9 @@ def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
     """
     import pandas as pd
 
-    from beltid.report.cells import no_formula
-
     frame = pd.DataFrame(
         {
-            name: [no_formula(label) for label in values] if values.dtype == object else values
+            name: [_no_formula(label) for label in values] if values.dtype == object else values
             for name, values in columns.items()
             if values.ndim == 1
         }
@@ -47,16 +47,20 @@ def csv_bytes(columns: Mapping[str, np.ndarray], origin: str | None) -> bytes:
     return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
+def _no_formula(value: Any) -> Any:
+    """Put an apostrophe before a text that a spreadsheet would take for a formula."""
+    is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@"))
+    return f"'{value}" if is_formula else value
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """What a command shows, for people and programs.
 
     Attributes
     ----------
-    stage : str
-        Name of the command, such as ``"fit-friction"``.
-    title : str
-        Title of the table.
+    stage, title : str
+        Name of the command, such as ``"fit-friction"``; title of the table.
     out : Path or None
         The file with the result.
     facts : dict
@@ -67,21 +71,16 @@ class Summary:
         Short form of a long table for the terminal; empty if the table is short.
     shown : tuple of str
         Columns of the complete table that are shown to people; empty for all.
-    extra_tables : dict of str to list of dict
-        Further short tables by title, always shown.
-    details : dict of str to list of dict
-        Further tables by title, shown on request and to programs.
+    extra_tables, details : dict of str to list of dict
+        Further tables by title: short ones, always shown; those shown on request.
     notes, warnings : tuple of str
         Information for the user; problems that the user should check.
-    verdict : str
-        Final line, such as ``"PASS: ..."``; empty if nothing is judged.
-    exit_status : int
-        Exit status of the command line.
+    verdict, exit_status : str, int
+        Final line, such as ``"PASS: ..."``, empty if nothing is judged; status of the command.
     up_to_date : bool
         Whether an earlier artifact from the same inputs was kept.
     origin : str or None
-        Origin of the data: "measured", "synthetic", None if not stated. Synthetic data are always
-        marked as such.
+        Origin of the data: "measured", "synthetic", None if not stated.
     snippet : str
         Lines to copy into a file, such as a section of a config.
     parts : tuple of Summary
@@ -92,11 +91,11 @@ class Summary:
     title: str
     out: Path | None = None
     facts: dict[str, Any] = field(default_factory=dict)
-    table: list[dict[str, Any]] = field(default_factory=list)
-    overview: list[dict[str, Any]] = field(default_factory=list)
+    table: Rows = field(default_factory=list)
+    overview: Rows = field(default_factory=list)
     shown: tuple[str, ...] = ()
-    extra_tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    details: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    extra_tables: dict[str, Rows] = field(default_factory=dict)
+    details: dict[str, Rows] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""

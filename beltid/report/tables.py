@@ -2,195 +2,139 @@
 
 from __future__ import annotations
 
-import base64
-import csv
-import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MISSING, are_numbers, cell, heading, no_formula
-from beltid.report.results import BeltResults, Sheet
+from beltid.report.cells import MISSING, are_numbers, cell, heading, sentence
+from beltid.report.results import LABELS, LEFT_OUT, BeltResults, Sheet
 from beltid.report.summary import rows_of
+from beltid.report.view import COLUMNS, summary_of
 
-COLUMNS: Final = {
-    "stiffness": "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 "
-    "k_quadratic_se_N_m3 hysteresis_ratio max_force_N_m n_samples",
-    "friction": "run arc_deg nominal_tension_N pulley_speed_rad_s slip_speed_m_s tension_tight_N "
-    "tension_slack_N normal_force_N_m mu_sliding mu_sliding_se mu_sticking status",
-    "drive": "run pulley driver_speed_rad_s initial_tension_N torque_N_m speed_loss_rad_s "
-    "speed_loss_u_rad_s tension_in_N tension_out_N hub_force_N hub_angle_deg reserve status",
-    "budget": "artifact quantity source acts_on basis standard_uncertainty unit "
-    "contribution_percent largest_percent share_percent",
+OF_STIFFNESS: Final = (
+    "temperature_degC k_linear_N_m2 k_linear_se_N_m2 k_quadratic_N_m3 k_quadratic_se_N_m3 "
+    "hysteresis_ratio max_force_N_m n_samples"
+)
+SYMBOLS: Final = {
+    "mu": "µ",
+    "k linear": "k₁",
+    "k quadratic": "k₂",
+    "slip speed": "sliding speed v",
+    "se": "standard error",
+    "u": "uncertainty",
 }
-"""Columns of the tables that have more."""
-TITLES: Final = {
-    "stiffness": "The normal law at each temperature",
-    "friction": "Every run of the rig",
-    "drive": "Forces and losses of every pulley",
-}
+"""Words of a heading -> what the page calls them."""
 SHORT_HASH: Final = 12
-LONGEST_NAME: Final = 60
 # names of the runs on the two sides of a comparison
 MEASURED_RUN, SIMULATED_RUN = "run measured ", "run simulated "
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class Table:
     """A formatted table; `numeric` tells which columns contain numbers."""
 
     title: str
-    headings: tuple[str, ...]
-    rows: list[list[str]]
-    numeric: tuple[bool, ...]
-
-    @property
-    def file(self) -> str:
-        """Name of the file to download."""
-        words = re.sub(r"[^a-z0-9]+", "_", self.title.lower()).strip("_")
-        if len(words) > LONGEST_NAME:
-            words = words[:LONGEST_NAME].rpartition("_")[0]
-        return f"{words}.csv"
-
-    @property
-    def csv(self) -> str:
-        """The table as CSV in base64, to download."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.headings)
-        for row in self.rows:
-            cells = zip(row, self.numeric, strict=True)
-            writer.writerow([text if number else no_formula(text) for text, number in cells])
-        return base64.b64encode(text.getvalue().encode()).decode()
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: Sequence[bool]
 
 
-def view(
-    title: str, rows: Sequence[Mapping[str, Any]], names: Sequence[str] = (), words: bool = False
-) -> View | None:
-    """Build a table from named columns of rows, by default of all; None without rows.
-
-    With `words` all columns are text.
-    """
+def table(title: str, rows: Sequence[Mapping[str, Any]], names: str = "") -> Table | None:
+    """Build a table from named columns of rows, by default of all; None without rows."""
     if not rows:
         return None
-    names = names or tuple(rows[0])
-    cells = [[cell(name, row.get(name)) for name in names] for row in rows]
-    numeric = tuple(not words and are_numbers(row[i] for row in cells) for i in range(len(names)))
-    return View(title, tuple(heading(name) for name in names), cells, numeric)
+    chosen = names.split() or list(rows[0])
+    cells = [[cell(name, row.get(name)) for name in chosen] for row in rows]
+    numeric = [are_numbers(column) for column in zip(*cells, strict=True)]
+    words = re.compile(rf"\b({'|'.join(SYMBOLS)})\b")
+    heads = [words.sub(lambda found: SYMBOLS[found[0]], heading(name)) for name in chosen]
+    return Table(title, heads, cells, numeric)
 
 
-def of_artifact(sheet: Sheet) -> View | None:
-    """Tabulate the columns of an artifact that a reader needs."""
-    names = COLUMNS[sheet.kind].split()
-    rows = rows_of(sheet.columns, *names)
-    for row in rows if sheet.kind == "stiffness" else ():
-        if row["temperature_degC"] is None:
-            row["temperature_degC"] = "pooled"
-    return view(TITLES[sheet.kind], rows, names)
+def stiffness(sheet: Sheet) -> Table | None:
+    """Tabulate the normal law at each temperature."""
+    rows = rows_of(sheet.columns, *OF_STIFFNESS.split())
+    rows[sheet.pooled_row]["temperature_degC"] = "pooled"
+    return table("The normal law at each temperature", rows, OF_STIFFNESS)
 
 
-def nodes(sheet: Sheet, of: str) -> View:
+def of_artifact(sheet: Sheet) -> Table | None:
+    """Tabulate the columns that `show` has for people, row by row."""
+    shown = summary_of(sheet)
+    return table(sentence(shown.title), shown.table, " ".join(shown.shown))
+
+
+def agreement(sheet: Sheet) -> Table | None:
+    """Tabulate the differences between simulation and measurement by group of points."""
+    left_out = LEFT_OUT.get(sheet.facts.get("hold_out", ""))
+    of = f"{left_out} left out, predicted from the others" if left_out else ""
+    of = of or f"{LABELS.get(sheet.name)} surface"
+    return table(f"Simulated less measured µ, {of}", sheet.rows("groups"), COLUMNS["groups"])
+
+
+def nodes(sheet: Sheet) -> Table | None:
     """Tabulate the averaged surface, a row per force and a column per speed."""
-    surface, measured = sheet.surface, sheet.measured_force
-    errors = surface.mu_se_nodes
+    surface, (low, high) = sheet.surface, sheet.measured_force or (np.inf, -np.inf)
+    errors = np.full(surface.mu_nodes.shape, np.nan)
+    errors = errors if surface.mu_se_nodes is None else surface.mu_se_nodes
     rows = []
-    for i, force in enumerate(surface.normal_force_N_m):
-        where = MISSING
-        if measured is not None:
-            where = "measured" if measured[0] <= force <= measured[1] else "inferred"
-        row = [cell("normal_force_N_m", float(force)), where]
-        for j in range(surface.slip_speed_m_s.size):
-            known = errors is not None and np.isfinite(errors[i, j])
-            error = f" ± {errors[i, j]:.2g}" if errors is not None and known else ""
-            row.append(cell("mu", float(surface.mu_nodes[i, j])) + error)
+    for force, mu, se in zip(surface.normal_force_N_m, surface.mu_nodes, errors, strict=True):
+        where = "measured" if low <= force <= high else "inferred"
+        row = {"normal_force_N_m": force, "range": MISSING if low > high else where}
+        for v, value, error in zip(surface.slip_speed_m_s, mu, se, strict=True):
+            known = f" ± {error:.2g}" if np.isfinite(error) else ""
+            row[f"{1e3 * v:.3g} mm/s"] = cell("mu", value) + known
         rows.append(row)
-    speeds = [f"{1e3 * v:.3g} mm/s" for v in surface.slip_speed_m_s]
-    return View(
-        f"µ ± {sheet.uncertainty} at the nodes of the {of} surface",
-        (heading("normal_force_N_m"), "range", *speeds),
-        rows,
-        (True, False, *([True] * len(speeds))),
-    )
+    return table(f"µ ± {sheet.uncertainty} at the nodes of the {LABELS[sheet.name]} surface", rows)
 
 
-def budget(results: BeltResults) -> View | None:
+def effects(sheet: Sheet) -> Table | None:
+    """Tabulate what shifts the friction of a surface beside force and speed."""
+    title = "Effects besides force and speed, in percent of µ, and what force and speed explain"
+    return table(title, sheet.rows("effects"))
+
+
+def budget(results: BeltResults) -> Table | None:
     """Tabulate the uncertainty budgets, source by source."""
-    rows = [
-        {**row, "artifact": name}
-        for name, sheet in results.sheets.items()
-        for row in sheet.rows("budget")
-    ]
-    return view("Budget of the uncertainties", rows, COLUMNS["budget"].split())
+    sheets = results.sheets.items()
+    rows = [{**row, "artifact": name} for name, sheet in sheets for row in sheet.rows("budget")]
+    return table("Budget of the uncertainties", rows, f"artifact {COLUMNS['budget']}")
 
 
-def set_aside(results: BeltResults) -> View | None:
-    """List everything that was set aside once, with the reason.
-
-    The comparisons do not repeat runs that `fit-friction` set aside, nor list simulated runs
-    without a measurement.
-    """
+def set_aside(results: BeltResults) -> Table | None:
+    """List everything that was set aside once, with the reason; no run that nobody measured."""
     rows: dict[str, dict[str, str]] = {}
-    if friction := results.get("friction"):
-        for run, status in zip(friction["run"], friction["status"], strict=True):
-            if status != "ok":
-                rows[f"run {run}"] = {"of": "friction", "what": f"run {run}", "why": status}
     for name, sheet in results.sheets.items():
-        for item in sheet.set_aside:
+        for item in sheet.record.set_aside:
             what = " ".join(f"{field} {value}" for field, value in item.items() if field != "why")
-            if sheet.kind in ("compare", "crossvalidation"):
-                if what.startswith(SIMULATED_RUN):
-                    continue
-                what = what.replace(MEASURED_RUN, "run ", 1)
+            if what.startswith(SIMULATED_RUN):
+                continue
+            what = what.replace(MEASURED_RUN, "run ", 1)
             key = f"{name} {what}" if sheet.kind == "simulated" else what
             rows.setdefault(key, {"of": name, "what": what, "why": item.get("why", "")})
-    return view("Set aside", list(rows.values()))
+    return table("Set aside", list(rows.values()))
 
 
-def provenance(results: BeltResults) -> View | None:
+def provenance(results: BeltResults) -> Table | None:
     """Tabulate each artifact's hashes of file, config, inputs and sources, and its version."""
-    rows = [
-        {
-            "artifact": f"{sheet.name}.parquet",
-            "file": _short(sheet.sha256),
-            "config": f"{sheet.config or MISSING} {_short(sheet.config_sha256)}",
-            "inputs": ", ".join(f"{role} {_short(h)}" for role, h in sorted(sheet.inputs.items())),
-            "beltid": sheet.software,
-            "sources": _short(sheet.software_sha256),
-        }
-        for sheet in results.sheets.values()
-    ]
-    return view("Made from (first digits of the SHA-256)", rows, words=True)
-
-
-def settings(results: BeltResults) -> View | None:
-    """Tabulate the settings of the artifacts; values that differ name their artifacts."""
-    merged: dict[str, dict[str, list[str]]] = {}
-    for name, sheet in results.sheets.items():
-        for key, value in _flat(sheet.settings):
-            if value is not None and key != "runs":
-                merged.setdefault(key, {}).setdefault(cell(key, value), []).append(name)
     rows = []
-    for key, values in sorted(merged.items()):
-        named = [f"{text} ({', '.join(names)})" for text, names in values.items()]
-        rows.append({"setting": key, "value": "; ".join(named if len(named) > 1 else values)})
-    return view("Settings", rows, words=True)
-
-
-def _flat(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    pairs: list[tuple[str, Any]] = []
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            pairs += _flat(value, f"{prefix}{key}.")
-        else:
-            pairs.append((f"{prefix}{key}", value))
-    return pairs
-
-
-def _short(digest: str) -> str:
-    return digest[:SHORT_HASH] or MISSING
+    for sheet in results.sheets.values():
+        made = sheet.record
+        inputs = [f"{role} {sha[:SHORT_HASH]}" for role, sha in sorted(made.inputs.items())]
+        rows.append(
+            {
+                "artifact": f"{sheet.name}.parquet",
+                "file": sheet.sha256[:SHORT_HASH],
+                "config": f"{made.config} {made.config_sha256[:SHORT_HASH]}",
+                "inputs": ", ".join(inputs),
+                "beltid": made.software,
+                "sources": made.sources[:SHORT_HASH],
+            }
+        )
+    return table("Made from (first digits of the SHA-256)", rows)
 
 
 WIDTH, HEIGHT = 200.0, 80.0
@@ -200,65 +144,51 @@ MOST_SHOWN: Final = 99.5
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Small picture of a run over time, within `WIDTH` x `HEIGHT`.
+    """Small picture of a run over time: its curve as an SVG path, in `WIDTH` x `HEIGHT`.
 
-    `why` is the reason why the run was set aside, `path` its curve as an SVG path, `level` the
-    vertical position of the sliding coefficient, `end_s` the duration [s] and `highest` the
-    coefficient at the upper edge [-].
+    `why` is the reason why the run was set aside, `level` the height of the sliding coefficient.
     """
 
     key: str
     title: str
     why: str
     path: str
-    level: float | None
-    end_s: float
-    highest: float
+    level: float
 
 
-def tiles(results: BeltResults) -> list[Tile]:
+def tiles(results: BeltResults) -> Iterator[Tile]:
     """Draw every run with a stored curve, in the order of the friction table, at one mu scale."""
     friction, curves = results.get("friction"), results.get("rig_curves")
     if friction is None or curves is None:
-        return []
-    mu = curves["mu"][np.isfinite(curves["mu"])]
-    highest = max(float(np.percentile(mu, MOST_SHOWN)), 0.1) if mu.size else 1.0
-    labels, places = np.unique(curves["run"].astype(str), return_inverse=True)
-    rows_of_run = {label: np.flatnonzero(places == k) for k, label in enumerate(labels.tolist())}
-    drawn = []
+        return
+    highest = float(np.nanpercentile(curves["mu"], MOST_SHOWN))
+    heights = np.clip(HEIGHT * (1.0 - curves["mu"] / highest), 0.0, HEIGHT)
+    of_curve = curves["run"].astype(str)
     for row, run in enumerate(friction["run"].astype(str).tolist()):
-        if run not in rows_of_run:
-            continue
-        rows = rows_of_run[run]
+        rows = np.flatnonzero(of_curve == run)
         rows = rows[np.argsort(curves["time_s"][rows], kind="stable")]
-        time, sliding = curves["time_s"][rows], float(friction["mu_sliding"][row])
+        if not rows.size:
+            continue
+        time = curves["time_s"][rows] - curves["time_s"][rows[0]]
         values = (
             (float(friction["arc_deg"][row]), "°"),
             (float(friction["nominal_tension_N"][row]), " N"),
             (1e3 * float(friction["slip_speed_m_s"][row]), " mm/s"),
+            (float(time[-1]), " s"),
         )
         known = ", ".join(f"{value:.3g}{unit}" for value, unit in values if np.isfinite(value))
         status = str(friction["status"][row])
-        drawn.append(
-            Tile(
-                key=f"tile-{row}",
-                title=f"{run}: {known}",
-                why="" if status == "ok" else status,
-                path=_path(time, curves["mu"][rows], highest),
-                level=HEIGHT * (1.0 - sliding / highest) if 0.0 < sliding < highest else None,
-                end_s=float(np.ptp(time)) if rows.size else 0.0,
-                highest=highest,
-            )
+        yield Tile(
+            f"tile-{row}",
+            f"{run}: {known}",
+            "" if status == "ok" else status,
+            _path(WIDTH * time / max(time[-1], 1e-9), heights[rows]),
+            HEIGHT * (1.0 - float(friction["mu_sliding"][row]) / highest),
         )
-    return drawn
 
 
-def _path(time: np.ndarray, mu: np.ndarray, highest: float) -> str:
-    """Write the curve as an SVG path, with gaps where mu is missing."""
-    if time.size < 2 or time[-1] <= time[0]:
-        return ""
-    x = WIDTH * (time - time[0]) / (time[-1] - time[0])
-    y = np.clip(HEIGHT * (1.0 - mu / highest), 0.0, HEIGHT)
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """Write a curve as an SVG path, with gaps where it is missing."""
     parts, pen = [], "M"
     for at, height in zip(x, y, strict=True):
         if np.isfinite(height):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from beltid.errors import printable
 from beltid.report.cells import are_numbers, cell, fact, heading
@@ -13,23 +13,8 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
     from rich.table import Table
 
-Rows = Sequence[dict[str, Any]]
-
-GAP = 3  # between two columns
-LAST_COLUMN = 24
-SYNTHETIC = "synthetic"
-_WORDS_LEFT = (
-    "status",
-    "run",
-    "runs",
-    "belt",
-    "file",
-    "why",
-    "arc",
-    "group",
-    "verdict",
-    "channel",
-)
+GAP: Final = 3  # between two columns
+LAST_COLUMN: Final = 24  # width of words in the last column, which may wrap
 
 
 def show(summary: Summary, console: Console, *, complete: bool = False) -> None:
@@ -60,7 +45,7 @@ def renderables(
     """Yield the parts of a summary in order: heading, facts, tables, verdict."""
     from rich.text import Text
 
-    suffix = " (synthetic data)" if summary.origin == SYNTHETIC else ""
+    suffix = " (synthetic data)" if summary.origin == "synthetic" else ""
     if summary.title:
         yield Text(f"{summary.stage}{suffix}: {summary.title}", style="bold")
     for part in summary.parts:
@@ -72,17 +57,16 @@ def renderables(
     if complete or not rows:
         shown = summary.shown or tuple(summary.table[0] if summary.table else ())
         rows = [{name: row.get(name) for name in shown} for row in summary.table]
-    if rows:
-        yield table_or_records(rows, console)
-    for name, table in {**summary.extra_tables, **(summary.details if complete else {})}.items():
-        if table:
+    tables = {"": rows, **summary.extra_tables, **(summary.details if complete else {})}
+    for name, table in tables.items():
+        if name and table:
             yield Text(name, style="bold")
-            yield table_or_records(table, console)
+        if table:
+            yield _table_or_records(table, console.width)
     if summary.snippet:
         yield Text(f"\n{summary.snippet}", no_wrap=True)
     if summary.verdict:
-        good = summary.exit_status == 0
-        yield Text(summary.verdict, style="bold green" if good else "bold red")
+        yield Text(summary.verdict, style=f"bold {'red' if summary.exit_status else 'green'}")
     if summary.out is not None:
         # a path must not wrap, so that it can be copied
         yield Text(f"{summary.out}", overflow="ignore", no_wrap=True)
@@ -92,13 +76,12 @@ def _facts(facts: dict[str, Any]) -> Table:
     from rich.table import Table
 
     grid = Table.grid(padding=(0, 2, 0, 2))
-    grid.add_column(overflow="fold")
-    grid.add_column(overflow="fold")
+    for _ in range(2):
+        grid.add_column(overflow="fold")
     for name, value in facts.items():
         items = value if isinstance(value, (list, tuple)) else (value,)
-        if any(isinstance(item, dict) for item in items):
-            continue  # tables within the facts are for programs only
-        grid.add_row(*_texts(fact(name, value)))
+        if not any(isinstance(item, dict) for item in items):  # tables are for programs only
+            grid.add_row(*_texts(fact(name, value)))
     return grid
 
 
@@ -108,63 +91,50 @@ def _texts(cells: Sequence[str]) -> list[Any]:
     return [Text(printable(text)) for text in cells]
 
 
-def table_or_records(rows: Rows, console: Console) -> RenderableType:
+def _table_or_records(rows: Sequence[dict[str, Any]], room: int) -> RenderableType:
     """Render rows as a table if it fits the console, otherwise each row as a record."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     texts = [[cell(name, row.get(name)) for name in names] for row in rows]
-    widths = _fitted(names, texts, console.width)
-    return _table(names, texts, widths) if widths else _records(names, texts)
-
-
-def _fitted(names: list[str], texts: list[list[str]], room: int) -> list[int]:
-    """Fit column widths: numbers stay whole, headings may wrap; empty if there is no room."""
-    cells = [max(len(row[i]) for row in texts) for i in range(len(names))]
-    wanted = [max(len(heading(name)), width) for name, width in zip(names, cells, strict=True)]
-    if names[-1] in _WORDS_LEFT:  # words in the last column may wrap
-        cells[-1] = min(cells[-1], LAST_COLUMN)
-    widths = [
-        max(_longest_word(heading(name)), width) for name, width in zip(names, cells, strict=True)
-    ]
+    numeric = [are_numbers(column) for column in zip(*texts, strict=True)]
+    heads = [heading(name) for name in names]
+    widths = [max(len(text) for text in column) for column in zip(*texts, strict=True)]
+    if not numeric[-1]:
+        widths[-1] = min(widths[-1], LAST_COLUMN)
+    # numbers stay whole, headings may wrap
+    widths = [max(w, *map(len, head.split(" "))) for w, head in zip(widths, heads, strict=True)]
     left = room - sum(widths) - GAP * len(widths)
     if left < 0:
-        return []
+        return _records(heads, texts)
     # unwrapped headings for as many columns as fit
-    for i in sorted(range(len(names)), key=lambda i: wanted[i] - widths[i]):
-        missing = wanted[i] - widths[i]
-        if missing <= left:
-            widths[i] += missing
-            left -= missing
-    return widths
+    missing = [max(len(head) - w, 0) for head, w in zip(heads, widths, strict=True)]
+    for i in sorted(range(len(names)), key=missing.__getitem__):
+        if missing[i] <= left:
+            widths[i] += missing[i]
+            left -= missing[i]
+    return _table(heads, texts, widths, numeric)
 
 
-def _longest_word(text: str) -> int:
-    return max(len(word) for word in text.split(" "))
-
-
-def _table(names: list[str], texts: list[list[str]], widths: list[int]) -> Table:
+def _table(
+    heads: list[str], texts: list[list[str]], widths: list[int], numeric: list[bool]
+) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="bold")
-    for i, name in enumerate(names):
-        left = name in _WORDS_LEFT or not are_numbers(row[i] for row in texts)
-        table.add_column(
-            _texts([heading(name)])[0],
-            justify="left" if left else "right",
-            width=widths[i],
-            overflow="fold",
-        )
+    for head, width, is_number in zip(_texts(heads), widths, numeric, strict=True):
+        justify: Any = "right" if is_number else "left"
+        table.add_column(head, justify=justify, width=width, overflow="fold")
     for row in texts:
         table.add_row(*_texts(row))
     return table
 
 
-def _records(names: list[str], texts: list[list[str]]) -> RenderableType:
+def _records(heads: list[str], texts: list[list[str]]) -> RenderableType:
     from rich.text import Text
 
-    lines = []
-    for row in texts:
-        for i, (name, text) in enumerate(zip(names, row, strict=True)):
-            words, value = heading(name), text
-            lines.append(printable(f"{'  ' if i else '- '}{words}: {value}"))
+    lines = [
+        printable(f"{'  ' if i else '- '}{head}: {text}")
+        for row in texts
+        for i, (head, text) in enumerate(zip(heads, row, strict=True))
+    ]
     return Text("\n".join(lines))

@@ -10,39 +10,26 @@ import numpy as np
 
 from beltid.errors import percent
 from beltid.report.cells import between, cell, scientific, sentence
+from beltid.report.conditions import load_name
 from beltid.report.results import COMPARED, LABELS, LEFT_OUT, BeltResults, Sheet
 
 MOST_UNCERTAINTIES: Final = 2.0
 """Largest RMS error, in standard uncertainties, at which predictions confirm the surface."""
-ENOUGH: Final = {
-    "contact arc": ("arc_deg", 2),
-    "tension": ("nominal_tension_N", 3),
-    "speed": ("slip_speed_m_s", 3),
-}
-"""Settings of the rig -> column, and number required for "proven": a surface over force and speed
-needs three of each to show its shape, and two arcs to show that it is one surface."""
 SAME: Final = 0.05
 """Relative distance within which two values count as one."""
 WORDS: Final = ("no", "one", "two", "three")
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
-    """A main result: its name and value, further lines, and "good", "bad" or "" (not judged)."""
-
-    title: str
-    value: str
-    details: tuple[str, ...] = ()
-    state: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Verdict:
-    """Head of a report: "good", "bad" (out of tolerance) or "open", results, limits of trust."""
+    """Head of a report: headline, "good", "bad" (out of tolerance) or "open", limits of trust.
+
+    `results` are the main results, each with its name.
+    """
 
     headline: str
     state: str
-    cards: tuple[Card, ...]
+    results: tuple[tuple[str, str], ...]
     trust: tuple[str, ...]
 
 
@@ -51,28 +38,29 @@ def verdict_of(results: BeltResults) -> Verdict:
     headline, state = _headline(results)
     if results.failures:
         headline, state = f"Incomplete: {'; '.join(results.failures)}. {headline}", "bad"
-    return Verdict(headline, state, tuple(_cards(results)), tuple(_trust(results)))
+    return Verdict(headline, state, tuple(_main(results)), tuple(_trust(results)))
 
 
 def _headline(results: BeltResults) -> tuple[str, str]:
-    compared = {LABELS[name]: sheet for name in COMPARED if (sheet := results.get(name))}
+    compared = [sheet for name in COMPARED if (sheet := results.get(name))]
     predicted = results.prediction
     if not compared and predicted is None:
         return "Not proven: the simulated rig was not compared with the bench.", "open"
-    statements = []
+    statements, decisive = [], compared[:1]
     if predicted is not None:
-        error = [f"{predicted.rms_percent} % RMS", _in_uncertainties(predicted.over_uncertainty)]
+        decisive.append(predicted)
+        over_u = predicted.over_uncertainty
+        error = "" if over_u is None else f", {over_u:.2g} standard uncertainties"
         statements.append(
             f"friction of {LEFT_OUT[predicted.facts['hold_out']]} that was left out is predicted "
-            f"to {', '.join(filter(None, error))} ({_within(predicted)})"
+            f"to {predicted.rms_percent} % RMS{error} ({_within(predicted)})"
         )
     if compared:
         parts = [
-            f"with the {of} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
-            for of, sheet in compared.items()
+            f"with the {LABELS[sheet.name]} surface by {sheet.rms_percent} % RMS ({_within(sheet)})"
+            for sheet in compared
         ]
         statements.append(f"the simulated rig misses the measured friction {', '.join(parts)}")
-    decisive = [sheet for sheet in (predicted, *list(compared.values())[:1]) if sheet is not None]
     missing = list(_missing_evidence(results))
     if not all(sheet.passed or sheet.too_few_compared for sheet in decisive):
         start, state = "Identified, but out of tolerance", "bad"
@@ -95,12 +83,12 @@ def _number_compared(sheet: Sheet) -> str:
     return f"only {count} of {cell('n', sheet.facts.get('runs_measured'))} runs compared"
 
 
-def _in_uncertainties(over_u: float | None) -> str:
-    return "" if over_u is None else f"{over_u:.2g} standard uncertainties"
-
-
 def _missing_evidence(results: BeltResults) -> Iterator[str]:
-    """Yield what prevents results that agree from counting as proven."""
+    """Yield what prevents results that agree from counting as proven.
+
+    A surface over force and speed needs three of each to show its shape, and two arcs to show that
+    it is one surface.
+    """
     for sheet, without, misses in (
         (
             results.get("compare_refined"),
@@ -109,22 +97,24 @@ def _missing_evidence(results: BeltResults) -> Iterator[str]:
         ),
         (results.prediction, "no runs were left out and predicted", "the predictions miss by"),
     ):
-        over_u = sheet.over_uncertainty if sheet else None
         if sheet is None:
             yield without
         elif sheet.too_few_compared:
             yield _number_compared(sheet)
-        elif over_u is not None and over_u > MOST_UNCERTAINTIES:
+        elif (sheet.over_uncertainty or 0.0) > MOST_UNCERTAINTIES:
             yield (
-                f"{misses} {over_u:.2g} of their standard uncertainties, at most "
+                f"{misses} {sheet.over_uncertainty:.2g} of their standard uncertainties, at most "
                 f"{MOST_UNCERTAINTIES:g} allowed"
             )
-    friction = results.get("friction")
-    for setting, (column, enough) in ENOUGH.items() if friction else ():
-        assert friction is not None
-        n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
-        if n < enough:
-            yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
+    if friction := results.get("friction"):
+        for setting, column, enough in (
+            ("contact arc", "arc_deg", 2),
+            (load_name(friction), "nominal_tension_N", 3),
+            ("sliding speed", "slip_speed_m_s", 3),
+        ):
+            n = _distinct(np.abs(friction[column][friction["status"] == "ok"]))
+            if n < enough:
+                yield f"{WORDS[n]} {setting}{'s' * (n != 1)}, {WORDS[enough]} are needed"
 
 
 def _distinct(values: np.ndarray) -> int:
@@ -136,70 +126,44 @@ def _distinct(values: np.ndarray) -> int:
     return count
 
 
-def _cards(results: BeltResults) -> Iterator[Card]:
+def _main(results: BeltResults) -> Iterator[tuple[str, str]]:
     """Yield the main results that there are, besides those of the headline."""
     if stiffness := results.get("stiffness"):
-        yield _normal_contact(stiffness)
+        yield "Normal contact, N per metre of belt (δ in m)", _normal_contact(stiffness)
     if best := results.best_surface:
-        yield _friction(best)
+        surface, mu = best.surface, best.surface.mu_nodes
+        name = f"Friction surface, {LABELS.get(best.name, 'published')}"
+        yield name, f"µ = {between(f'{mu.min():.3g}', f'{mu.max():.3g}')}"
+        if best.measured_force is not None:
+            yield "measured", _forces(best.measured_force)
+        given = "inferred" if best.name == "surface_refined" else "on the grid"
+        where = f"{_forces(surface.normal_force_N_m)}, {_speeds(surface.slip_speed_m_s)}"
+        yield given, where
     if drive := results.get("compare_drive"):
         rms, ratio = (drive.facts.get(f"rms_{of}") for of in ("relative_error", "over_uncertainty"))
-        yield Card(
-            "Speed loss of the drive, predicted",
-            f"{'PASS' if drive.passed else 'FAIL'} "
-            f"{cell('rms_percent', None if rms is None else 100.0 * rms)} % RMS",
-            (
-                f"{cell('n', drive.facts.get('points_judged'))} points",
-                _in_uncertainties(ratio) or "its uncertainty is unknown",
-            ),
-            "good" if drive.passed else "bad",
-        )
+        error = cell("rms_percent", None if rms is None else 100.0 * rms)
+        over_u = "" if ratio is None else f", {ratio:.2g} standard uncertainties"
+        points = f"{cell('n', drive.facts.get('points_judged'))} points"
+        said = f"{'PASS' if drive.passed else 'FAIL'} {error} % RMS{over_u}, {points}"
+        yield "Speed loss of the drive, predicted", said
     if friction := results.get("friction"):
         good = int(np.count_nonzero(friction["status"] == "ok"))
-        aside = f"{friction['status'].size - good} set aside"
-        yield Card("Runs of the friction rig", f"{good} used", (aside,))
+        yield "Runs", f"{good} used, {friction['status'].size - good} set aside"
 
 
-def _normal_contact(stiffness: Sheet) -> Card:
+def _normal_contact(stiffness: Sheet) -> str:
     row = stiffness.pooled_row
     law = stiffness.law(row)
-    for label, of in (("u", "u"), ("s.e.", "se")):
-        errors = [stiffness[f"k_linear_{of}_N_m2"][row], stiffness[f"k_quadratic_{of}_N_m3"][row]]
-        if np.isfinite(errors).all():
-            values = (law.k_linear_N_m2, law.k_quadratic_N_m3)
-            first, second = (
-                100.0 * u / max(k, 1e-300) for u, k in zip(errors, values, strict=True)
-            )
-            said = f"coefficients ± {percent(first)}, ± {percent(second)} ({label})"
-            break
-    else:
-        said = "the errors of its coefficients are unknown"
+    said = "errors of the coefficients unknown"
+    for of, label in (("se", "standard error"), ("u", "standard uncertainty")):
+        first = stiffness[f"k_linear_{of}_N_m2"][row] / law.k_linear_N_m2
+        second = stiffness[f"k_quadratic_{of}_N_m3"][row] / max(law.k_quadratic_N_m3, 1e-300)
+        if np.isfinite([first, second]).all():
+            said = f"± {percent(100.0 * first)}, ± {percent(100.0 * second)} ({label})"
     depth = 1e6 * float(stiffness["max_penetration_m"][row])
     force = _newtons(float(stiffness["max_force_N_m"][row]))
-    return Card(
-        "Normal contact, N per metre of belt",
-        f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²",
-        (f"δ in m; {said}", f"up to δ = {depth:.3g} µm, {force} N/m"),
-    )
-
-
-def _friction(sheet: Sheet) -> Card:
-    (f0, f1), (v0, v1), (m0, m1) = _ranges(sheet)
-    refined = sheet.name == "surface_refined"
-    lines = [f"{'inferred' if refined else 'on the grid'} {_newton_range((f0, f1))}"]
-    if sheet.measured_force is not None:
-        lines.insert(0, f"measured {_newton_range(sheet.measured_force)}")
-    return Card(
-        f"Friction surface, {LABELS.get(sheet.name, 'published')}",
-        f"µ = {between(f'{m0:.3g}', f'{m1:.3g}')}",
-        (*lines, _speed_range(v0, v1)),
-    )
-
-
-def _ranges(sheet: Sheet) -> tuple[tuple[float, float], ...]:
-    surface = sheet.surface
-    nodes = (surface.normal_force_N_m, surface.slip_speed_m_s, surface.mu_nodes)
-    return tuple((float(np.min(values)), float(np.max(values))) for values in nodes)
+    formula = f"{scientific(law.k_linear_N_m2)} δ + {scientific(law.k_quadratic_N_m3)} δ²"
+    return f"{formula}, {said}; up to {depth:.3g} µm, {force} N/m"
 
 
 def _trust(results: BeltResults) -> Iterator[str]:
@@ -209,56 +173,50 @@ def _trust(results: BeltResults) -> Iterator[str]:
         yield "It is not stated whether the data are measured or synthetic (data.origin)."
     if sheet is None:
         return
-    inferred, (v0, v1), _ = _ranges(sheet)
-    speeds = ("at " if v0 == v1 else "from ") + _speed_range(v0, v1)
-    measured = f"µ is given from {_newton_range(inferred)} and {speeds}."
+    forces, v = sheet.surface.normal_force_N_m, sheet.surface.slip_speed_m_s
+    speeds = f"{'at' if v[0] == v[-1] else 'from'} {_speeds(v)}"
+    measured = f"µ is given from {_forces(forces)} and {speeds}."
     if sheet.measured_force is not None:
-        measured = f"Measured: mean line forces of {_newton_range(sheet.measured_force)}, {speeds}."
+        measured = f"Measured: mean line forces of {_forces(sheet.measured_force)}, {speeds}."
         if sheet.name == "surface_refined":
             measured += (
-                f" Inferred by the refined surface: µ from {_newton_range(inferred)}, the line "
-                "forces that act within the contact of these runs."
+                f" Inferred by the refined surface: µ from {_forces(forces)}, the line forces that "
+                "act within the contact of these runs."
             )
     yield measured
     beyond = "Outside, the nearest µ is taken; friction is never extrapolated."
     if stiffness := results.get("stiffness"):
         pressed = float(stiffness["max_force_N_m"][stiffness.pooled_row])
-        if pressed < inferred[1]:
+        if pressed < forces[-1]:
             beyond += (
                 f" Extrapolated: the normal law beyond {_newtons(pressed)} N/m, where the press "
                 "ended."
             )
     yield beyond
     if results.get("compare_refined") is not None:
-        left_out = (
-            "the runs that were left out show"
-            if results.prediction
-            else "only runs that are left out show"
-        )
+        left_out = "the runs that were left out show"
+        left_out = left_out if results.prediction else "only runs that are left out show"
         yield (
             "The refined surface was fitted to these runs: its agreement shows how well the model "
             f"fits them; {left_out} how well it predicts others."
         )
     total = sheet.combined_percent
-    parts = [
-        (row["contribution_percent"], row)
-        for row in sheet.rows("budget")
-        if row["contribution_percent"] is not None and row["source"] != "combined"
-    ]
+    parts = [row for row in sheet.rows("budget") if row["source"] != "combined"]
     if total is not None and parts:
-        share, largest = max(parts, key=lambda pair: pair[0])
+        largest = max(parts, key=lambda row: row["contribution_percent"] or 0.0)
+        share = percent(largest["contribution_percent"] or 0.0)
         yield (
             f"The combined standard uncertainty of µ is {percent(total)} within the range of the "
-            f"runs, mostly from: {largest['source']} ({percent(share)}, {largest['basis']})."
+            f"runs, mostly from: {largest['source']} ({share}, {largest['basis']})."
         )
 
 
-def _newton_range(span: tuple[float, float]) -> str:
-    return f"{between(*map(_newtons, span))} N/m"
+def _forces(values: np.ndarray | tuple[float, float]) -> str:
+    return f"{between(_newtons(values[0]), _newtons(values[-1]))} N/m"
 
 
-def _speed_range(low: float, high: float) -> str:
-    return f"{between(*(f'{1e3 * speed:.3g}' for speed in (low, high)))} mm/s"
+def _speeds(values: np.ndarray) -> str:
+    return f"{between(f'{1e3 * values[0]:.3g}', f'{1e3 * values[-1]:.3g}')} mm/s"
 
 
 def _newtons(value: float) -> str:

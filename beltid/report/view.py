@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.identify.estimators.statistics import snap_to_settings
 from beltid.report.cells import MISSING, between, cell
-from beltid.report.summary import Summary, rows_of
+from beltid.report.summary import Rows, Summary, rows_of
 from beltid.store.artifact import Artifact
 
 FEW: Final = 16
@@ -26,32 +26,14 @@ MOST_RANGES: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What is shown of a kind.
+    """What is shown of a kind: title of the table, columns whose values group a long one, others.
 
-    Attributes
-    ----------
-    title : str
-        What the table is.
-    by : str
-        Columns whose values group a long table.
-    shown : str
-        Further columns.
-    table : str
-        Further table that stands for the columns; "" for the columns themselves.
-    first : str
-        Further table that people see in its place.
-    pivot : tuple of str
-        Rows, columns and values of the table that people see in its place.
-    always : tuple of str
-        Further tables that are always shown.
+    `always` are the further tables that are always shown.
     """
 
     title: str
     by: str = ""
     shown: str = ""
-    table: str = ""
-    first: str = ""
-    pivot: tuple[str, ...] = ()
     always: tuple[str, ...] = ()
 
 
@@ -61,8 +43,7 @@ COMPARED: Final = (
 VIEWS: Final = {
     "stiffness": View(
         "normal contact law, force = k_linear * penetration + k_quadratic * penetration²",
-        "temperature_degC",
-        "k_linear_N_m2 k_quadratic_N_m3 hysteresis_ratio max_force_N_m",
+        shown="temperature_degC k_linear_N_m2 k_quadratic_N_m3 hysteresis_ratio max_force_N_m",
     ),
     "slip": View(
         "sliding speed of belt on pulley in service, from the loss of angular speed",
@@ -77,26 +58,22 @@ VIEWS: Final = {
     "surface": View(
         "friction coefficient over normal force and sliding speed",
         shown="arc_deg normal_force_N_m slip_speed_m_s mu mu_u",
-        pivot=("normal_force_N_m", "slip_speed_m_s", "mu"),
         always=("budget", "misfit", "effects"),
     ),
     "simulated": View(
         "friction coefficient of every simulated run, sliding",
         "arc_deg pulley_speed_rad_s",
         "normal_force_N_m mu run initial_tension_N status",
-        table="simulated_runs",
     ),
     "compare": View(
         "simulated less measured friction coefficient, relative to measured",
         "arc_deg pulley_speed_rad_s",
         COMPARED,
-        first="groups",
     ),
     "crossvalidation": View(
         "friction of runs that were left out, predicted from the others, less measured",
         "arc_deg pulley_speed_rad_s",
         COMPARED,
-        first="groups",
     ),
     "drive": View(
         "speed loss and forces of a belt drive, predicted from the identified laws",
@@ -131,16 +108,17 @@ TITLES: Final = {
     "statements": "if it were known twice as well",
 }
 """Further table -> its title; the others are called by their names."""
-GROUPS: Final = {
-    "group": "group",
-    "n_points": "runs",
-    "rms_percent": "rms_percent",
-    "mean_percent": "mean_percent",
-    "largest_percent": "largest_percent",
-    "force_low_N_m": "from_force_N_m",
-    "force_high_N_m": "to_force_N_m",
+COLUMNS: Final = {
+    "budget": "quantity source basis standard_uncertainty unit contribution_percent "
+    "largest_percent",
+    "groups": "group n_points rms_percent mean_percent largest_percent force_low_N_m "
+    "force_high_N_m",
 }
-"""Columns of the groups of a comparison -> their names for people."""
+"""Columns of further tables that have more."""
+RUNS: Final = "simulated_runs"
+"""Further table that stands for the columns."""
+GROUPS: Final = "groups"
+"""Further table that people see in place of the columns."""
 FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_tension")
 """What only other stages and the report read."""
 
@@ -148,16 +126,32 @@ FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_ten
 def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int = 4) -> Summary:
     """Return what is shown of an artifact, as of the command that made it."""
     record, view = artifact.record, VIEWS.get(artifact.kind, View(artifact.kind))
-    rows, columns = _rows(artifact, view)
-    names = tuple(n for n in f"{view.by} {view.shown}".split() if n in columns)
+    if RUNS in record.tables:
+        rows = [
+            {name: value for name, value in row.items() if not isinstance(value, dict)}
+            for row in record.tables[RUNS]
+        ]
+        columns = {
+            name: np.array(
+                [row[name] for row in rows], dtype=object if isinstance(value, str) else float
+            )
+            for name, value in (rows or [{}])[0].items()
+        }
+    else:
+        columns = {name: v for name, v in artifact.columns.items() if v.ndim == 1}
+        rows = rows_of(columns, *columns)
+    names = tuple(name for name in f"{view.by} {view.shown}".split() if name in columns)
     names = tuple(dict.fromkeys(("run", *names) if "run" in names else names or columns))
-    titled = {TITLES.get(name, name.replace("_", " ")): name for name in record.tables}
     tables = {
-        title: _budget_cells(record.tables[name]) if name == "budget" else record.tables[name]
-        for title, name in titled.items()
-        if name != view.table and name not in FOR_REPORT
+        name: _chosen(table, name)
+        for name, table in record.tables.items()
+        if name not in (RUNS, *FOR_REPORT)
     }
-    failed = record.passed is False
+
+    def titled(always: bool) -> dict[str, Rows]:
+        names = [name for name in tables if (name in view.always) == always]
+        return {TITLES.get(name, name.replace("_", " ")): tables[name] for name in names}
+
     return Summary(
         stage=record.made_by or artifact.kind,
         title=view.title,
@@ -167,69 +161,50 @@ def summary_of(artifact: Artifact, *, up_to_date: bool = False, fails_with: int 
         table=rows,
         overview=_overview(artifact, view, columns, rows),
         shown=names,
-        extra_tables={t: r for t, r in tables.items() if titled[t] in view.always},
-        details={t: r for t, r in tables.items() if titled[t] not in view.always},
+        extra_tables=titled(True),
+        details=titled(False),
         notes=tuple(record.notes),
         warnings=tuple(record.warnings),
         verdict=record.verdict,
-        exit_status=fails_with if failed else 0,
+        exit_status=fails_with if record.passed is False else 0,
         up_to_date=up_to_date,
         origin=record.origin,
     )
 
 
-def _rows(artifact: Artifact, view: View) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
-    """Return the rows that programs get, and the same as columns."""
-    if view.table:
-        rows = [
-            {k: v for k, v in row.items() if not isinstance(v, dict)}
-            for row in artifact.tables.get(view.table, ())
-        ]
-        names = rows[0] if rows else ()
-        return rows, {name: _array([row[name] for row in rows]) for name in names}
-    flat = {name: values for name, values in artifact.columns.items() if values.ndim == 1}
-    return rows_of(flat, *flat), flat
-
-
-def _array(values: list[Any]) -> np.ndarray:
-    if any(isinstance(value, str) for value in values):
-        return np.array(values, dtype=object)
-    return np.array(values, dtype=float)
+def _chosen(rows: Rows, table: str) -> Rows:
+    names = COLUMNS.get(table, "").split()
+    return [{name: row[name] for name in names} for row in rows] if names else rows
 
 
 def _overview(
-    artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Sequence[Any]
-) -> list[dict[str, Any]]:
+    artifact: Artifact, view: View, columns: Mapping[str, np.ndarray], rows: Rows
+) -> Rows:
     """Return what people see of a long table: an own one, a pivot, or a row per setting."""
-    if view.first:
-        rows = artifact.tables.get(view.first, [])
-        return [{GROUPS[name]: row[name] for name in GROUPS} for row in rows]
-    if view.pivot and (found := pivoted(columns, *view.pivot)):
-        return found
+    if GROUPS in artifact.tables:
+        return _chosen(artifact.tables[GROUPS], GROUPS)
+    if artifact.kind == "surface":
+        return _grid(columns)
     if artifact.kind == "stiffness":
-        names = f"{view.by} {view.shown}".split()
-        return [
-            {**row, view.by: "pooled" if row[view.by] is None else row[view.by]}
-            for row in rows_of(columns, *names)
-        ]
+        shown = rows_of(columns, *view.shown.split())
+        for row in shown:
+            if row["temperature_degC"] is None:
+                row["temperature_degC"] = "pooled"
+        return shown
     if len(rows) <= FEW or not view.by:
         return []
-    return grouped(columns, view.by.split(), view.shown.split())
+    return _grouped(columns, view.by.split(), view.shown.split())
 
 
-def grouped(
-    columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]
-) -> list[dict[str, Any]]:
+def _grouped(columns: Mapping[str, np.ndarray], by: Sequence[str], shown: Sequence[str]) -> Rows:
     """Return a row per setting, with the ranges of the other columns in its rows that are ok."""
-    n = len(columns[by[0]])
-    ok = columns["status"] == "ok" if "status" in columns else np.ones(n, dtype=bool)
+    ok = columns.get("status", np.array(["ok"])) == "ok"
+    ok = np.broadcast_to(ok if ok.any() else True, columns[by[0]].shape)
     # the scatter of motors and weights makes no setting of its own
     keys = [
         (v if v.dtype == object else np.round(snap_to_settings(v), 12)).tolist()
         for v in (columns[name] for name in by)
     ]
-    if not ok.any():  # statuses of another kind
-        ok = np.ones(n, dtype=bool)
     rows: dict[tuple[Any, ...], list[int]] = {}
     for i in np.flatnonzero(ok).tolist():
         rows.setdefault(tuple(key[i] for key in keys), []).append(i)
@@ -252,32 +227,13 @@ def _range(name: str, values: np.ndarray) -> str:
     return between(cell(name, float(finite.min())), cell(name, float(finite.max())))
 
 
-def pivoted(
-    columns: Mapping[str, np.ndarray], down: str, across: str, value: str
-) -> list[dict[str, Any]]:
-    """Return a row per value of a column, with a column per value of another."""
-    mean = np.isnan(columns["arc_deg"])
-    rows: dict[float, dict[str, Any]] = {}
-    for d, a, v in zip(*(columns[name][mean] for name in (down, across, value)), strict=True):
-        rows.setdefault(float(d), {down: float(d)})[f"{value} at {a:.4g} m/s"] = float(v)
+def _grid(columns: Mapping[str, np.ndarray]) -> Rows:
+    """Return a row per force of the averaged surface, with a column per speed."""
+    mean, rows = np.isnan(columns["arc_deg"]), dict[float, dict[str, Any]]()
+    names = ("normal_force_N_m", "slip_speed_m_s", "mu")
+    for f, v, mu in zip(*(columns[name][mean].tolist() for name in names), strict=True):
+        rows.setdefault(f, {"normal_force_N_m": f})[f"mu at {v:.4g} m/s"] = mu
     return list(rows.values())
-
-
-def _budget_cells(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Format the rows of an uncertainty budget for people."""
-    return [
-        {
-            "quantity": row["quantity"],
-            "source": row["source"],
-            "known": row["basis"],
-            "uncertainty": ""
-            if row["standard_uncertainty"] is None
-            else f"{row['standard_uncertainty']:.3g} {row['unit']}",
-            "contribution_percent": row["contribution_percent"],
-            "largest_percent": row["largest_percent"],
-        }
-        for row in rows
-    ]
 
 
 def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
@@ -300,24 +256,19 @@ def shown_of(artifact: Artifact, figures: Sequence[tuple[str, str]]) -> Summary:
         "figure": figure,
         **({"further figures": ", ".join(k for k, _ in figures[1:])} if figures[1:] else {}),
     }
-    pairs = [{"setting": key, "value": value} for key, value in record.settings.items()]
-    return Summary(
+    made_from = [{"input": name, "sha256": sha} for name, sha in record.inputs.items()]
+    settings = [{"setting": key, "value": value} for key, value in record.settings.items()]
+    tables = {"made from": made_from, "set aside": record.set_aside, "settings": settings}
+    return replace(
+        said,
         stage="show",
         title=f"{artifact.path}: {said.title}",
+        out=None,
         facts={**said.facts, **facts},
-        table=said.table,
-        overview=said.overview,
-        shown=said.shown,
-        extra_tables=said.extra_tables,
-        details={
-            **said.details,
-            "made from": [{"input": k, "sha256": sha} for k, sha in record.inputs.items()],
-            "set aside": record.set_aside,
-            "settings": pairs,
-        },
+        details={**said.details, **tables},
         notes=(*record.warnings, *record.notes),
-        verdict=said.verdict,
-        origin=record.origin,
+        warnings=(),
+        exit_status=0,
     )
 
 
@@ -327,8 +278,8 @@ def text_of(artifact: Artifact) -> str:
 
     from beltid.report.terminal import show
 
-    console = Console(file=io.StringIO(), width=100, force_terminal=False, color_system=None)
-    show(summary_of(artifact), console)
-    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    file = io.StringIO()
+    show(summary_of(artifact), Console(file=file, width=100, color_system=None))
+    lines = file.getvalue().splitlines()
     more = [f"... {len(lines) - MOST_FACTS} more lines"] if len(lines) > MOST_FACTS else []
     return "\n".join([*lines[:MOST_FACTS], *more])

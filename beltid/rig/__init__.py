@@ -13,10 +13,9 @@ Module           Responsibility                                                 
 ``transient``    Schedule and results of a run in time
 ``runs``         Entry point: one run or a campaign                              (6), (8)
 ``profile``      Forces, speeds and tension along the arc                        (8)
-``sensitivity``  Exact derivatives of the tensions
+``sensitivity``  Exact derivatives of the tensions by the friction
 ``flow``         The belt flowing over a turning pulley, for the drive
 ``banded``       Banded LU factorisation and solution
-``compiler``     Compiled kernels: plain numba, cached by their sources
-``first_call``   The call that compiles them
+``compiler``     Compiled kernels, cached by their sources
 ===============  ==============================================================  ============
 """

@@ -20,19 +20,10 @@ WIDTH = 3 * HALF + 1
 
 @kernel
 def factorize(A: Array, pivots: NDArray[np.int64]) -> bool:
-    """Factorize a banded matrix in place.
+    """Factorize a banded matrix A (n, WIDTH) in place into L, left of the diagonal, and U.
 
-    Parameters
-    ----------
-    A : ndarray, shape (n, WIDTH)
-        Rows of the matrix; overwritten by L (left of the diagonal) and U.
-    pivots : ndarray of int, shape (n,)
-        Row exchanged with row k in step k (output).
-
-    Returns
-    -------
-    bool
-        False if a pivot vanished: the matrix is singular to working precision.
+    ``pivots`` (n,) are the rows exchanged with row k in step k (output). The result is False if a
+    pivot vanished: the matrix is singular to working precision.
     """
     n = A.shape[0]
     right = 0  # last column reached by the rows exchanged so far

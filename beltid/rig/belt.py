@@ -58,22 +58,8 @@ def add_belt(
 ) -> None:
     """Add the internal forces of the belt, their tangent and their derivative in the stretch.
 
-    Parameters
-    ----------
-    mesh, section : Mesh, Section
-        The belt.
-    q : ndarray, shape (n,)
-        Nodal coordinates.
-    stretch : float
-        Stress-free length over path length [-].
-    old, strains : ndarray, shape (n_e, n_g, 2)
-        Axial strain and curvature at the last step, and now (output).
-    rate : float
-        1/dt [1/s]; 0 in statics.
-    A : ndarray, shape (n, WIDTH)
-        Banded tangent (added to).
-    r, r_s : ndarray, shape (n,)
-        Internal minus external forces [N], and their derivative in the stretch (added to).
+    ``old`` and ``strains`` are axial strain and curvature at the last step, and now (output). The
+    other arguments are those of :class:`beltid.rig.newton.State` and ``Motion``.
     """
     tau = section.damping_time * rate  # time in units of the step
     # strain and strain increment grow together within a step: the law at 1 for both is its slope

@@ -5,6 +5,10 @@ tangential force lies in Coulomb's cone. In a time step, a stick is an elastic s
 the belt, and a slide its plastic flow (return mapping): a sticking point carries the force of its
 spring, a sliding one its limit. Whether a point sticks is kept from iteration to iteration and
 changes only where it breaks the law: beyond its limit it slides, backwards it sticks.
+
+A belt that flows through its shape slides by ``g = R (omega - v0 dtheta/dS)``, S the stress-free
+length. Steady flow has no history: friction is ``mu f_N g / sqrt(g**2 + scale**2)``, and the scale
+goes to zero.
 """
 
 from __future__ import annotations
@@ -59,11 +63,14 @@ POINT: Final = np.dtype(
         ("rho", float),  # distance from the pulley's centre [m]
         ("f_N", float),  # elastic line force [N/m]
         ("F_N", float),  # normal force [N]
-        ("F_T", float),  # friction force [N]
+        ("F_T", float),  # friction force [N], > 0 where the pulley is the faster one
         ("limit", float),  # largest friction force [N]
-        ("slip", float),  # of the pulley's surface over the belt in the step [m]
+        ("slip", float),  # of the pulley over the belt in the step [m]; of a flowing belt g [m/s]
         ("speed", float),  # sliding speed at which mu was looked up [m/s]
-        ("sign", float),  # sense of sliding: 1 if the pulley's surface is the faster one
+        (
+            "sign",
+            float,
+        ),  # sense of sliding; of a flowing belt the share of the friction, linearised
         ("sticks", np.bool_),
     ]
 )
@@ -89,9 +96,9 @@ class Motion(NamedTuple):
 
     rate: float
     omega: float
-    share: float
-    v0: float
-    scale: float
+    share: float = 1.0
+    v0: float = 0.0
+    scale: float = 0.0
 
 
 @kernel
@@ -121,58 +128,72 @@ def friction(surface: SurfaceTables, f: float, v: float) -> tuple[float, float, 
 
 
 @kernel
+def revise_status(point: Any, trial: float, limit: float, slip: float) -> bool:
+    """Change the status of a point that breaks Eq. (11); return whether it changed."""
+    stuck = point.sticks
+    if stuck:
+        point.sticks = abs(trial) <= limit * (1 + CONE_TOLERANCE)
+        point.sign = math.copysign(1.0, trial)
+    else:
+        point.sticks = point.sign * slip < -SLIP_TOLERANCE
+    return bool(stuck != point.sticks)
+
+
+@kernel
 def add_contact(
     mesh: Mesh,
     pulley: Pulley,
     motion: Motion,
     q: Array,
-    stretch: float,
+    u: Array,
     last: Any,
     now: Any,
     revise: bool,
     A: Array,
     r: Array,
     r_s: Array,
+    r_omega: Array,
 ) -> int:
-    """Add the forces of the pulley, their tangent and their derivative in the stretch.
+    """Add the forces of the pulley, their tangent and their derivatives in stretch and speed.
 
-    Parameters
-    ----------
-    mesh, pulley, motion : Mesh, Pulley, Motion
-        Belt, pulley, step. In statics every touching point slides.
-    q, stretch, A, r, r_s
-        As for :func:`beltid.rig.belt.add_belt`.
-    last, now : Points
-        Contact points at the last step, and now (output).
-    revise : bool
-        Whether points that break Eq. (11) change their status.
-
-    Returns
-    -------
-    int
-        Number of points that changed between stick and slide.
+    ``last`` and ``now`` are the contact points at the last step, and now (output); where
+    ``revise``, those that break Eq. (11) change their status, and their number is returned. In
+    statics every touching point slides. The other arguments are those of
+    :class:`beltid.rig.newton.State`.
     """
-    R, rate, changes, G = pulley.R, motion.rate, 0, np.zeros((2, 8))
+    R, rate, stretch, changes = pulley.R, motion.rate, u[0], 0
+    flows, moves = motion.v0 > 0.0, rate > 0.0
+    fall, G = R * motion.v0 / stretch, np.zeros((2, 8))
     for el in range(mesh.h.size):
         for c in range(mesh.w_c.shape[1]):
-            N, point, before = mesh.N[el, c], now[el, c], last[el, c]
-            x = y = 0.0
+            N, N_s, point, before = mesh.N[el, c], mesh.N_s[el, c], now[el, c], last[el, c]
+            x = y = dx = dy = 0.0
             for j in range(4):
                 x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
+                dx, dy = dx + N_s[j] * q[4 * el + 2 * j], dy + N_s[j] * q[4 * el + 2 * j + 1]
             rho = math.sqrt(x * x + y * y)
-            w = mesh.w_c[el, c] * stretch
-            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
             point.rho, point.theta = rho, math.atan2(x, y)
-            if f <= 0.0:
-                point.f_N = point.F_N = point.F_T = 0.0
-                point.limit = point.slip = point.speed = 0.0
-                point.sticks, point.sign = False, 1.0
-                continue
             n = (x / rho, y / rho)
             t = (n[1], -n[0])
-            F_N, k, slip = w * f, w * slope, 0.0
-            v, v_slip = sliding_speed(motion.omega, R), 0.0
-            if rate > 0.0:
+            turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
+            w = mesh.w_c[el, c] * stretch
+            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
+            slip, v, v_slip = 0.0, sliding_speed(motion.omega, R), 0.0
+            if flows:
+                slip, v, v_slip = R * u[1] - fall * turn, point.slip, 1.0
+                if revise:  # the share of friction after a step of Newton's method
+                    size = math.sqrt(v * v + motion.scale * motion.scale)
+                    share = (v + (1.0 - point.sign * v / size) * (slip - v)) / size
+                    point.sign = min(max(share, -1.0), 1.0)
+                point.slip, v = slip, abs(slip)
+            if f <= 0.0:
+                point.f_N = point.F_N = point.F_T = point.limit = point.speed = 0.0
+                point.sticks = False
+                if not flows:
+                    point.slip, point.sign = 0.0, 1.0
+                continue
+            F_N, k = w * f, w * slope
+            if moves:
                 approach = before.rho - rho
                 if approach > 0.0:  # Eq. (2): dissipation only while approaching
                     damping = pulley.C_P * w * rate
@@ -189,113 +210,42 @@ def add_contact(
             share = motion.share * (pulley.ratio if before.sticks else 1.0)
             limit, k_t = share * mu * F_N, pulley.k_t * mesh.w_c[el, c]
             trial = before.F_T + k_t * slip
-            if revise and rate > 0.0:
-                sticks, sign = point.sticks, point.sign
-                if sticks:
-                    point.sticks = abs(trial) <= limit * (1 + CONE_TOLERANCE)
-                    point.sign = math.copysign(1.0, trial)
-                else:
-                    point.sticks = sign * slip < -SLIP_TOLERANCE
-                changes += sticks != point.sticks
-            sign = point.sign
-            if rate > 0.0 and point.sticks:
+            if revise and moves:
+                changes += revise_status(point, trial, limit, slip)
+            sign, by_sign, by = point.sign, 0.0, t  # minus the derivative of the slip
+            if flows:
+                size = math.sqrt(slip * slip + motion.scale * motion.scale)
+                sign, by_sign = slip / size, (1.0 - point.sign * slip / size) / size
+                by = (
+                    -fall * (dy / rho + 2.0 * turn * n[0]) / rho,
+                    fall * (dx / rho - 2.0 * turn * n[1]) / rho,
+                )
+                point.sticks = abs(slip) < 3.0 * motion.scale
+            if moves and point.sticks:
                 F_T, by_delta, by_slip = trial, -k_t * slip / rho, k_t
             else:
                 F_T = sign * limit
                 by_delta = sign * share * (mu * k + mu_f * slope * F_N)
                 by_slip = sign * share * mu_v * v_slip * F_N * math.copysign(1.0, slip)
-            point.f_N, point.F_N, point.F_T = f, F_N, F_T
-            point.limit, point.slip, point.speed = limit, slip, v
+                by_slip += limit * by_sign
+            point.f_N, point.F_N, point.F_T, point.limit = f, F_N, F_T, limit
+            point.slip, point.speed = slip, v
             for i in range(2):
                 for m in range(2):
-                    # minus the derivative of the force in the position
-                    K = k * n[i] * n[m] + (by_slip - F_N / rho) * t[i] * t[m]
-                    K += F_T / rho * n[i] * t[m] + by_delta * t[i] * n[m]
-                    for j in range(4):
-                        G[i, 2 * j + m] = N[j] * K
-            for j in range(4):
-                for i in range(2):
-                    row, force = 4 * el + 2 * j + i, N[j] * (F_N * n[i] + F_T * t[i])
-                    r[row] -= force
-                    r_s[row] -= force / stretch
-                    at = HALF - 2 * j - i
-                    for m in range(8):
-                        A[row, at + m] += N[j] * G[i, m]
-    return changes
-
-
-@kernel
-def add_flow_contact(
-    mesh: Mesh,
-    pulley: Pulley,
-    motion: Motion,
-    q: Array,
-    u: Array,
-    now: Any,
-    revise: bool,
-    A: Array,
-    r: Array,
-    r_s: Array,
-    r_omega: Array,
-) -> None:
-    """Add the same for a belt that flows through its shape over the turning pulley.
-
-    A point slides by ``g = R (omega - v0 dtheta/dS)``, S the stress-free length. Steady flow has no
-    history: friction is ``mu f_N g / sqrt(g**2 + scale**2)``, and ``scale`` goes to zero. ``u`` are
-    the stretch and omega.
-    ``r_omega`` (n,) is the derivative in the speed of the pulley; its ``speed`` is g, signed.
-    """
-    R, stretch, omega = pulley.R, u[0], u[1]
-    fall, G = R * motion.v0 / stretch, np.zeros((2, 8))
-    for el in range(mesh.h.size):
-        for c in range(mesh.w_c.shape[1]):
-            N, N_s, point = mesh.N[el, c], mesh.N_s[el, c], now[el, c]
-            x = y = dx = dy = 0.0
-            for j in range(4):
-                x, y = x + N[j] * q[4 * el + 2 * j], y + N[j] * q[4 * el + 2 * j + 1]
-                dx, dy = dx + N_s[j] * q[4 * el + 2 * j], dy + N_s[j] * q[4 * el + 2 * j + 1]
-            rho = math.sqrt(x * x + y * y)
-            point.rho, point.theta = rho, math.atan2(x, y)
-            n = (x / rho, y / rho)
-            t = (n[1], -n[0])
-            turn = (t[0] * dx + t[1] * dy) / rho  # dtheta/ds
-            g = R * omega - fall * turn
-            w = mesh.w_c[el, c] * stretch
-            f, slope = press(pulley, rho - R, mesh.w_c[el, c])
-            last, scale = point.speed, motion.scale
-            point.speed, point.sticks = g, False
-            if f <= 0.0:
-                point.f_N = point.F_N = point.F_T = 0.0
-                point.sign = g / math.sqrt(g * g + scale * scale)
-                continue
-            F_N, k = w * f, w * slope
-            mu, mu_f, mu_v = friction(pulley.surface, f, abs(g))
-            if revise:  # the linearised share of friction after a step of Newton's method
-                size = math.sqrt(last * last + scale * scale)
-                share = (last + (1.0 - point.sign * last / size) * (g - last)) / size
-                point.sign = min(max(share, -1.0), 1.0)
-            size = math.sqrt(g * g + scale * scale)
-            s = g / size
-            F_T = mu * F_N * s
-            by_g = F_N * (mu * (1.0 - point.sign * s) / size + mu_v * abs(s))
-            by_delta = s * (mu * k + mu_f * slope * F_N)
-            point.f_N, point.F_N, point.F_T = f, F_N, F_T
-            point.sticks = abs(g) < 3.0 * scale
-            d_rot = (-dy, dx)
-            for i in range(2):
-                for m in range(2):
-                    g_r = fall * (-d_rot[m] / rho**2 + 2 * turn * n[m] / rho)
+                    # minus the derivatives of the force in the position and in its slope
                     K = k * n[i] * n[m] - F_N / rho * t[i] * t[m] + F_T / rho * n[i] * t[m]
-                    K += by_delta * t[i] * n[m] - by_g * t[i] * g_r
-                    K_s = by_g * fall / rho * t[i] * t[m]
+                    K += by_delta * t[i] * n[m] + by_slip * t[i] * by[m]
+                    K_s = by_slip * fall / rho * t[i] * t[m]
                     for j in range(4):
                         G[i, 2 * j + m] = N[j] * K + N_s[j] * K_s
             for j in range(4):
                 for i in range(2):
                     row, force = 4 * el + 2 * j + i, F_N * n[i] + F_T * t[i]
                     r[row] -= N[j] * force
-                    r_s[row] -= N[j] * (force + by_g * fall * turn * t[i]) / stretch
-                    r_omega[row] -= N[j] * by_g * R * t[i]
+                    r_s[row] -= N[j] * (force + by_slip * fall * turn * t[i]) / stretch
+                    if flows:
+                        r_omega[row] -= N[j] * by_slip * R * t[i]
                     at = HALF - 2 * j - i
                     for m in range(8):
                         A[row, at + m] += N[j] * G[i, m]
+    return changes

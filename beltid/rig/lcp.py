@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import ConvergenceError
-from beltid.rig.banded import HALF, factorize, solve
+from beltid.rig.banded import factorize, solve
 from beltid.rig.contact import CONE_TOLERANCE, Motion
 from beltid.rig.newton import (
     MOST_HALVINGS,
@@ -24,6 +24,7 @@ from beltid.rig.newton import (
     State,
     System,
     assemble,
+    force_changes,
     hold,
 )
 
@@ -43,22 +44,8 @@ def lemke(M: Array, q: Array) -> tuple[Array, int]:
     For copositive-plus M, as of friction with a positive semi-definite G, a solution is found
     whenever there is one.
 
-    Parameters
-    ----------
-    M, q : ndarray, shapes (n, n), (n,)
-        The problem.
-
-    Returns
-    -------
-    z : ndarray, shape (n,)
-        The solution.
-    pivots : int
-        Number of pivots.
-
-    Raises
-    ------
-    ConvergenceError
-        If the method ends on a ray: there is no solution.
+    Returned are z (n,) and the number of pivots; a ConvergenceError says that the method ended on a
+    ray: there is no solution.
     """
     n = q.size
     if np.all(q >= 0.0):
@@ -119,26 +106,9 @@ def friction_lcp(G: Array, slip_free: Array, limits: Array) -> tuple[Array, Arra
     sliding one F = limit sign(slip). With x = F + limit in [0, 2 limit] and the multiplier y of the
     upper bound, ``M = [[G, 1], [-1, 0]]`` and ``q = [-G limit - slip_free, 2 limit]``.
 
-    Parameters
-    ----------
-    G : ndarray, shape (n, n)
-        Delassus matrix [m/N], positive semi-definite.
-    slip_free : ndarray, shape (n,)
-        Slips without friction forces [m].
-    limits : ndarray, shape (n,)
-        Friction limits mu F_N [N], >= 0.
-
-    Returns
-    -------
-    force, slip : ndarray, shape (n,)
-        Friction forces [N] and slips [m], exactly zero where a point sticks.
-    pivots : int
-        Number of pivots.
-
-    Raises
-    ------
-    ConvergenceError
-        See :func:`lemke`.
+    G (n, n) is the Delassus matrix [m/N], positive semi-definite; ``slip_free`` (n,) are the slips
+    without friction forces [m], ``limits`` (n,) the limits mu F_N [N], >= 0. Returned are friction
+    forces [N] and slips [m], exactly zero where a point sticks, and the number of pivots.
     """
     n = limits.size
     # forces over the largest limit, slips over the largest free slip
@@ -190,7 +160,7 @@ def _step(system: System, border: Border, motion: Motion, s: State, step: np.voi
     units = np.tile([1.0, 1.0, system.h_min, system.h_min], s.q.size // 4)
     for _ in range(MOST_ITERATIONS):
         assemble(system, motion, s, False)  # a sticking point carries the force of ``last``
-        hold(s, border.moves, False)
+        hold(s, border.moves)
         at = np.nonzero(now["F_N"] > 0.0)
         slip, force, limit, sticks = (now[key][at] for key in ("slip", "F_T", "limit", "sticks"))
         missing, by = _missing(border, s)
@@ -251,15 +221,10 @@ def _respond(
         return change, 0.0
     movement = -s.columns[1]
     solve(s.A, s.pivots, movement)
-    held = [0, 1, change.size - 4, change.size - 3]
-    forces = [[_row(s, i, row, x) for i, row in enumerate(held)] for x in (change, movement)]
-    y = (missing - by @ forces[0]) / (by @ (forces[1] + s.kept[1]))
+    by_load, by_movement = np.zeros(4), np.zeros(4)
+    force_changes(s, -change, 2, by_load)
+    force_changes(s, -movement, 1, by_movement)
+    y = (missing - by @ by_load) / (by @ by_movement)
     change += y * movement
-    change[held] += y * border.moves
+    change[[0, 1, -4, -3]] += y * border.moves
     return change, float(y)
-
-
-def _row(s: State, i: int, row: int, x: Array) -> float:
-    """Return the change of a component of the support forces with ``x`` (n,)."""
-    first, last = max(0, row - HALF), min(x.size, row + HALF + 1)
-    return float(s.rows[i, HALF + first - row : HALF + last - row] @ x[first:last])

@@ -177,27 +177,13 @@ def touchdown(belt: Belt, rig: Rig, law: NormalLaw, T: float) -> tuple[float, fl
 def graded_nodes(
     belt: Belt, rig: Rig, law: NormalLaw, beta: float, T_0: float, n: int | None = None
 ) -> Array:
-    """Build the nodes of a mesh graded towards the ends of the contact.
+    """Build the nodes (n + 1,) [m] of a mesh graded towards the ends of the contact.
 
     There the fourth derivative of the deflection jumps, which determines the error of cubic
     elements; it decays over the layer of :func:`touchdown` on the pulley's side and over the
     bending length in the span. So the elements there are the shortest and grow in both directions.
     They are shorter on a small pulley, where their angle is the limit, and at a clamp, which also
-    bends the belt.
-
-    Parameters
-    ----------
-    belt, rig, law : Belt, Rig, NormalLaw
-        The bench.
-    beta, T_0 : float
-        Contact arc [rad] and initial tension [N].
-    n : int, optional
-        Number of elements, even; by default what the lengths ask for.
-
-    Returns
-    -------
-    ndarray, shape (n + 1,)
-        Path coordinates [m], symmetric about the middle.
+    bends the belt. ``n`` is even; by default what the lengths ask for.
     """
     half = 0.5 * Path(rig.R, rig.span, beta).length
     offset, layer, _ = touchdown(belt, rig, law, T_0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +24,26 @@ POINTS_OF_THE_PAPER = 50  # ten elements of five contact points, each with its d
 EDGE = 0.7  # share of its part over which a point comes into contact: the bed is softer there [-]
 STICK = 0.12  # length sqrt(EA/k_t) over which sticking springs take up a force, over the layer [-]
 CLAMP = 1.0e5  # rotational stiffness of a clamped end over that of the element there [-]
-WEIGHTS: Final = {"tight": (1.0, 0.0), "slack": (0.0, 1.0), "hub": (1.0, 1.0)}
-"""Weights of the tensions at A and B in a given force."""
-NO_LEVERS: Final = np.zeros((1, 4))
-FIXED: Final = Border(
-    np.zeros(0, np.int64), np.zeros((0, 2)), NO_LEVERS[:0], np.zeros(0), np.zeros(4)
-)
-"""Ends and stress-free length stay as they are."""
 
 
 def tightened(T_0: float) -> Border:
     """Return the border of a belt that is tightened until support A carries ``T_0`` [N]."""
-    weights, given = np.array([[1.0, 0.0]]), np.array([T_0])
-    return Border(np.zeros(1, np.int64), weights, NO_LEVERS, given, np.zeros(4))
+    return Border(np.zeros(1, np.int64), np.array([[1.0, 0.0]]), np.array([T_0]), np.zeros(4))
+
+
+def turning(rig: Rig, point: OperatingPoint) -> Border:
+    """Return what is given while the pulley turns, and which way the ends then move."""
+    along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
+    weights, moves = {
+        "none": ([], [0.0, 0.0, 0.0, 0.0]),
+        "tight": ([[1.0, 0.0]], [-along, -down, 0.0, 0.0]),
+        "slack": ([[0.0, 1.0]], [0.0, 0.0, along, -down]),
+        # relative to the pulley, which stays at the origin
+        "hub": ([[1.0, 1.0]], [0.0, -1.0, 0.0, -1.0]),
+    }[rig.given_force]
+    of_tensions = np.array(weights).reshape(-1, 2)
+    kinds = np.ones(of_tensions.shape[0], np.int64)
+    return Border(kinds, of_tensions, of_tensions.sum(axis=1) * point.T_0, np.array(moves))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,56 +120,37 @@ class Bench:
         InputError
             If the initial tension would stretch the belt by more than 20 %.
         """
-        if point.T_0 > LARGEST_STRAIN * self.belt.EA:
+        belt, rig = self.belt, self.rig
+        if point.T_0 > LARGEST_STRAIN * belt.EA:
             raise InputError(
-                f"initial tension {point.T_0:g} N, must be below {LARGEST_STRAIN * self.belt.EA:g} "
+                f"initial tension {point.T_0:g} N, must be below {LARGEST_STRAIN * belt.EA:g} "
                 "N, where it would stretch the belt by 20 %"
             )
-        path = Path(self.rig.R, self.rig.span, point.beta)
+        path = Path(rig.R, rig.span, point.beta)
+        _, layer, slope = touchdown(belt, rig, self.law, point.T_0)
+        edge = float(EDGE * slope)
         if isinstance(mesh, RigModel):
-            nodes = mesh.path.stretched(path, mesh.nodes)
+            nodes, edge = mesh.path.stretched(path, mesh.nodes), mesh.system.pulley.edge
         else:
-            nodes = graded_nodes(self.belt, self.rig, self.law, point.beta, point.T_0, mesh)
-        pulley = self._pulley(path, point.T_0)
-        if isinstance(mesh, RigModel):
-            pulley = pulley._replace(edge=mesh.system.pulley.edge)
+            nodes = graded_nodes(belt, rig, self.law, point.beta, point.T_0, mesh)
         along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
-        clamped = self.rig.supports == "clamped"
-        system = System(
-            mesh=mesh_on(nodes, self.contact.points_per_element),
-            section=Section.of(self.belt),
-            pulley=pulley,
-            clamp=CLAMP * self.belt.EI / float(nodes[1]) if clamped else 0.0,
-            across=np.array([[-down, along], [down, along]]),
-            h_min=float(np.diff(nodes).min()),
-        )
-        return RigModel(path, point, nodes, system, self._border(point))
-
-    def _pulley(self, path: Path, T_0: float) -> Pulley:
-        _, layer, slope = touchdown(self.belt, self.rig, self.law, T_0)
-        return Pulley(
+        pulley = Pulley(
             R=float(path.R),
             k_linear=float(self.law.k_linear_N_m2),
             k_quadratic=float(self.law.k_quadratic_N_m3),
             C_P=float(self.contact.C_P * POINTS_OF_THE_PAPER / path.length),
             ratio=float(self.contact.sticking_ratio),
-            k_t=float(self.belt.EA / (STICK * layer) ** 2),
+            k_t=float(belt.EA / (STICK * layer) ** 2),
             memory=0.0,
-            edge=float(EDGE * slope),
+            edge=edge,
             surface=self.surface.tables(),
         )
-
-    def _border(self, point: OperatingPoint) -> Border:
-        """Return what is given while the pulley turns, and which way the ends then move."""
-        given = self.rig.given_force
-        if given == "none":
-            return FIXED
-        weights = np.array([WEIGHTS[given]])
-        along, down = math.cos(0.5 * point.beta), math.sin(0.5 * point.beta)
-        moves = {
-            "tight": [-along, -down, 0.0, 0.0],
-            "slack": [0.0, 0.0, along, -down],
-            "hub": [0.0, -1.0, 0.0, -1.0],  # relative to the pulley, which stays at the origin
-        }
-        force = np.array([weights.sum() * point.T_0])
-        return Border(np.ones(1, np.int64), weights, NO_LEVERS, force, np.array(moves[given]))
+        system = System(
+            mesh=mesh_on(nodes, self.contact.points_per_element),
+            section=Section.of(belt),
+            pulley=pulley,
+            clamp=CLAMP * belt.EI / float(nodes[1]) if rig.supports == "clamped" else 0.0,
+            across=np.array([[-down, along], [down, along]]),
+            h_min=float(np.diff(nodes).min()),
+        )
+        return RigModel(path, point, nodes, system, turning(rig, point))

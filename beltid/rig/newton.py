@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from beltid.rig.banded import HALF, WIDTH, factorize, solve
 from beltid.rig.belt import Section, add_belt, add_inertia
 from beltid.rig.compiler import kernel
-from beltid.rig.contact import Motion, Points, Pulley, add_contact, add_flow_contact, new_points
+from beltid.rig.contact import Motion, Points, Pulley, add_contact, new_points
 from beltid.rig.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -57,12 +57,11 @@ class Border(NamedTuple):
 
     Kind 0 is the stretch; kind 1 is the speed of the pulley if the belt flows, else the movement of
     the held coordinates (x, y of A, then of B) by ``moves`` (4,). The equations are
-    ``weights @ (T_A, T_B) + levers @ force = given``, shapes (k, 2), (k, 4), (k,).
+    ``weights @ (T_A, T_B) = given``, shapes (k, 2), (k,).
     """
 
     kinds: NDArray[np.int64]
     weights: Array
-    levers: Array
     given: Array
     moves: Array
 
@@ -165,25 +164,19 @@ def row_times(row: Array, i: int, x: Array) -> float:
 @kernel
 def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
     """Assemble residual, tangent and columns at ``s.q``, ``s.u``; return the changes of status."""
-    mesh, n, flows = system.mesh, s.q.size, motion.v0 > 0.0
+    mesh, n, rate, u = system.mesh, s.q.size, motion.rate, s.u
     for i in range(n):
         s.r[i] = s.columns[0, i] = s.columns[1, i] = 0.0
         for j in range(WIDTH):
             s.A[i, j] = 0.0
-    r, r_s, stretch, changes = s.r, s.columns[0], s.u[0], 0
-    old, rate = s.strains_old, motion.rate
-    add_belt(mesh, system.section, s.q, stretch, old, s.strains, rate, s.A, r, r_s)
+    A, r, r_s, r_omega = s.A, s.r, s.columns[0], s.columns[1]
+    add_belt(mesh, system.section, s.q, u[0], s.strains_old, s.strains, rate, A, r, r_s)
     if rate > 0.0:
         for i in range(n):
             s.dq[i] = s.q[i] - s.q_old[i] - s.q_dot[i] / rate
-        add_inertia(mesh, system.section, stretch, s.dq, rate, s.A, r)
-    if flows:
-        u, now, r_omega = s.u, s.now, s.columns[1]
-        add_flow_contact(mesh, system.pulley, motion, s.q, u, now, revise, s.A, r, r_s, r_omega)
-    else:
-        changes = add_contact(
-            mesh, system.pulley, motion, s.q, stretch, s.last, s.now, revise, s.A, r, r_s
-        )
+        add_inertia(mesh, system.section, u[0], s.dq, rate, A, r)
+    pulley, last, now = system.pulley, s.last, s.now
+    changes = add_contact(mesh, pulley, motion, s.q, u, last, now, revise, A, r, r_s, r_omega)
     for end in range(2):
         first = 2 + end * (n - 4)
         d = system.across[end]
@@ -191,19 +184,18 @@ def assemble(system: System, motion: Motion, s: State, revise: bool) -> int:
         for i in range(2):
             r[first + i] += system.clamp * turned * d[i]
             for j in range(2):
-                s.A[first + i, HALF + j - i] += system.clamp * d[i] * d[j]
+                A[first + i, HALF + j - i] += system.clamp * d[i] * d[j]
     return changes
 
 
 @kernel
-def hold(s: State, moves: Array, flows: bool) -> None:
+def hold(s: State, moves: Array) -> None:
     """Turn the rows of the held coordinates into support forces, and hold the coordinates."""
     n = s.q.size
-    if not flows:
-        for i in range(4):  # the column of a movement is that of the coordinates that it moves
-            row = held_row(i, n)
-            for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
-                s.columns[1, j] += s.A[j, HALF + row - j] * moves[i]
+    for i in range(4):  # the column of a movement is that of the coordinates that it moves
+        row = held_row(i, n)
+        for j in range(max(0, row - HALF), min(n, row + HALF + 1)):
+            s.columns[1, j] += s.A[j, HALF + row - j] * moves[i]
     for i in range(4):
         row = held_row(i, n)
         s.force[i], s.kept[0, i], s.kept[1, i] = s.r[row], s.columns[0, row], s.columns[1, row]
@@ -219,13 +211,6 @@ def hold(s: State, moves: Array, flows: bool) -> None:
 
 
 @kernel
-def solve_border(a: float, b: float, c: float, d: float, x: float, y: float) -> tuple[float, float]:
-    """Solve [[a, b], [c, d]] (u, v) = (x, y)."""
-    determinant = a * d - b * c
-    return (x * d - b * y) / determinant, (a * y - x * c) / determinant
-
-
-@kernel
 def force_changes(s: State, x: Array, k: int, out: Array) -> None:
     """Write the changes of the support forces with ``-x`` (n,) and, unless k = 2, the unknown k."""
     for i in range(4):
@@ -238,47 +223,30 @@ def equilibrium(
 ) -> tuple[int, int, float]:
     """Solve one static equilibrium or one implicit step from ``s.q_old``, ``s.q_dot``, ``s.u``.
 
-    Parameters
-    ----------
-    system, motion, border : System, Motion, Border
-        Rig, step, boundaries.
-    s : State
-        Overwritten by the solution; its tangent is not factorised.
-    most : int
-        Iterations at most.
-
-    Returns
-    -------
-    iterations : int
-        -1 if there is no solution.
-    changes : int
-        Of points between stick and slide, in all iterations.
-    residual : float
-        Largest force that is left over T_A [-].
+    The state is overwritten by the solution, after ``most`` iterations at most. Returned are their
+    number, -1 if there is no solution, the changes of points between stick and slide in all of
+    them, and the largest force that is left over T_A [-].
     """
-    n, unknowns, rate, flows = s.q.size, border.kinds.size, motion.rate, motion.v0 > 0.0
+    n, unknowns, rate = s.q.size, border.kinds.size, motion.rate
     h_min, R, total, error = system.h_min, system.pulley.R, 0, math.inf
     stiffest = (1.0 + system.section.damping_time * rate) * system.section.EA / h_min
     if rate > 0.0:
         stiffest += 1e-2 * system.pulley.k_t * h_min
-    miss, S, by, change = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 4)), np.zeros(4)
-    S[1, 1] = 1.0
+    miss, S, by, change, du = np.zeros(2), np.eye(2), np.zeros((2, 4)), np.zeros(4), np.zeros(2)
     for i in range(n):
         s.q[i] = s.q_old[i]
         if rate > 0.0:
             s.q[i] += s.q_dot[i] / rate
     for iteration in range(most):
         changes = assemble(system, motion, s, iteration > 0)
-        hold(s, border.moves, flows)
+        hold(s, border.moves)
         total += changes
         T = (math.hypot(s.force[0], s.force[1]), math.hypot(s.force[2], s.force[3]))
         error = 0.0
         for k in range(unknowns):
-            miss[k] = border.given[k]
+            miss[k] = border.given[k] - border.weights[k, 0] * T[0] - border.weights[k, 1] * T[1]
             for i in range(4):
-                along = s.force[i] / T[i // 2]  # the gradient of T
-                by[k, i] = border.weights[k, i // 2] * along + border.levers[k, i]
-                miss[k] -= by[k, i] * s.force[i]
+                by[k, i] = border.weights[k, i // 2] * s.force[i] / T[i // 2]
             error = max(error, abs(miss[k]))
         for i in range(n):
             error = max(error, abs(s.r[i]) / (1.0 if i % 4 < 2 else h_min))
@@ -299,16 +267,18 @@ def equilibrium(
                 S[k, j] = 0.0
                 for i in range(4):
                     S[k, j] += by[k, i] * change[i]
-        du = solve_border(S[0, 0], S[0, 1], S[1, 0], S[1, 1], miss[0], miss[1])
+        determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+        du[0] = (miss[0] * S[1, 1] - S[0, 1] * miss[1]) / determinant
+        du[1] = (S[0, 0] * miss[1] - miss[0] * S[1, 0]) / determinant
         for i in range(n):
             s.r[i] = -s.r[i]
         for j in range(unknowns):
-            kind, grown = border.kinds[j], du[0] if j == 0 else du[1]
+            kind = border.kinds[j]
             for i in range(n):
-                s.r[i] -= grown * s.columns[kind, i]
-            if kind == 1 and not flows:
+                s.r[i] -= du[j] * s.columns[kind, i]
+            if kind == 1:
                 for i in range(4):
-                    s.r[held_row(i, n)] += grown * border.moves[i]
+                    s.r[held_row(i, n)] += du[j] * border.moves[i]
         factor = 1.0
         for i in range(n):
             longest = LONGEST_STEP * (R if i % 4 < 2 else 1.0)
@@ -316,7 +286,7 @@ def equilibrium(
         for i in range(n):
             s.q[i] += factor * s.r[i]
         for j in range(unknowns):
-            s.u[border.kinds[j]] += factor * (du[0] if j == 0 else du[1])
+            s.u[border.kinds[j]] += factor * du[j]
     return -1, total, error / max(1e-30, math.hypot(s.force[0], s.force[1]))
 
 
@@ -324,23 +294,17 @@ def equilibrium(
 def march(system: System, border: Border, s: State, record: Any, begin: int, end: int) -> int:
     """Take the steps ``begin`` to ``end`` of a record from ``s.q``, ``s.q_dot``, ``s.last``.
 
-    A step that has no solution is taken in two, four, eight ... parts.
-
-    Returns
-    -------
-    int
-        Number of steps taken; less than ``end`` if one failed.
+    A step that has no solution is taken in two, four, eight ... parts. Returned is the number of
+    steps taken, less than ``end`` if one failed.
     """
-    n, n_e, n_c = s.q.size, s.now.shape[0], s.now.shape[1]
     most = min(MOST_IN_TIME, MOST_ITERATIONS)  # no literal, for which all were compiled once more
     for number in range(begin, end):
         step, parts, done = record[number], 1, 0
         while done < parts:
             motion, moved = Motion(parts / step.dt, step.omega, 1.0, 0.0, 0.0), s.u[1]
-            for i in range(n):
-                s.q_old[i] = s.q[i]
-            for el in range(n_e):
-                for c in range(n_c):
+            s.q_old[:] = s.q
+            for el in range(s.now.shape[0]):
+                for c in range(s.now.shape[1]):
                     s.now[el, c].sticks = s.last[el, c].sticks
                     s.now[el, c].sign = s.last[el, c].sign
             spent, changes, step.residual = equilibrium(system, motion, border, s, most)
@@ -350,18 +314,14 @@ def march(system: System, border: Border, s: State, record: Any, begin: int, end
                 step.halvings += 1
                 if step.halvings > MOST_HALVINGS:
                     return number
-                for i in range(n):
-                    s.q[i] = s.q_old[i]
+                s.q[:] = s.q_old
                 s.u[1], parts, done = moved, 2 * parts, 2 * done
                 continue
             done += 1
-            for i in range(n):
-                s.q_dot[i] = (s.q[i] - s.q_old[i]) * motion.rate
-            for el in range(n_e):
-                for g in range(s.strains.shape[1]):
-                    s.strains_old[el, g, 0] = s.strains[el, g, 0]
-                    s.strains_old[el, g, 1] = s.strains[el, g, 1]
-                for c in range(n_c):
+            s.q_dot[:] = (s.q - s.q_old) * motion.rate
+            s.strains_old[:] = s.strains
+            for el in range(s.now.shape[0]):
+                for c in range(s.now.shape[1]):
                     s.last[el, c] = s.now[el, c]
         for i in range(4):
             step.force[i] = s.force[i]

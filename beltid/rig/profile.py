@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,63 +9,37 @@ from beltid.laws.capstan import friction_coefficient, normal_force
 from beltid.rig.contact import Points
 from beltid.rig.mesh import Mesh
 from beltid.rig.model import RigModel
+from beltid.rig.steady import StaticState
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class ContactState:
-    """The contact at one instant.
+def profile(model: RigModel, state: StaticState) -> dict[str, NDArray[np.generic]]:
+    """Return the quantities at the touching points, from the tight to the slack side.
 
-    Attributes
-    ----------
-    model : RigModel
-        The rig.
-    stretch : float
-        Stress-free length over path length [-].
-    support_force : ndarray, shape (4,)
-        Forces of the supports A (tight side) and B (slack side) on the belt, x and y each [N].
-    q : ndarray, shape (n,)
-        Nodal coordinates.
-    points : Points
-        Contact points.
+    Returns
+    -------
+    dict of ndarray
+        arc_position_m (from the nominal tangent point on the tight side), normal_force_N_m,
+        capstan_force_N_m (Eq. (8) with the present tensions), tangential_force_N_m,
+        slip_speed_m_s, tension_N (axial force of the belt), sticks (bool).
     """
-
-    model: RigModel
-    stretch: float
-    support_force: Array
-    q: Array
-    points: Points
-
-    def profile(self) -> dict[str, NDArray[np.generic]]:
-        """Return the quantities at the touching points, from the tight to the slack side.
-
-        Returns
-        -------
-        dict of ndarray
-            arc_position_m (from the nominal tangent point on the tight side), normal_force_N_m,
-            capstan_force_N_m (Eq. (8) with the present tensions), tangential_force_N_m,
-            slip_speed_m_s, tension_N (axial force of the belt), sticks (bool).
-        """
-        path, mesh, points = self.model.path, self.model.system.mesh, self.points.ravel()
-        touches = points["F_N"] > 0.0
-        phi = points["theta"][touches] + 0.5 * path.beta
-        force = self.support_force
-        T_tight, T_slack = np.hypot(force[0], force[1]), np.hypot(force[2], force[3])
-        mu = friction_coefficient(T_tight, T_slack, path.beta)
-        length = mesh.w_c.ravel() * self.stretch
-        return {
-            "arc_position_m": path.R * phi,
-            "normal_force_N_m": points["f_N"][touches],
-            "capstan_force_N_m": normal_force(phi, T_tight, mu, path.R),
-            "tangential_force_N_m": (points["F_T"] / length)[touches],
-            "slip_speed_m_s": points["speed"][touches],
-            "tension_N": axial_force(mesh, self.q, points, force)[touches],
-            "sticks": points["sticks"][touches],
-        }
+    path, mesh, touches = model.path, model.system.mesh, state.touching.ravel()
+    points = state.points.ravel()[touches]
+    phi = points["theta"] + 0.5 * path.beta
+    mu = friction_coefficient(state.T_A, state.T_B, path.beta)
+    return {
+        "arc_position_m": path.R * phi,
+        "normal_force_N_m": points["f_N"],
+        "capstan_force_N_m": normal_force(phi, state.T_A, mu, path.R),
+        "tangential_force_N_m": points["F_T"] / (mesh.w_c.ravel()[touches] * state.stretch),
+        "slip_speed_m_s": points["speed"],
+        "tension_N": _axial_force(mesh, state.q, state.points, state.force)[touches],
+        "sticks": points["sticks"],
+    }
 
 
-def axial_force(mesh: Mesh, q: Array, points: Points, support_force: Array) -> Array:
+def _axial_force(mesh: Mesh, q: Array, points: Points, support_force: Array) -> Array:
     """Compute the axial force at the contact points from equilibrium of the belt, shape (m,) [N].
 
     The strain of the elements oscillates about the true one; the forces of the support and of the

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -16,16 +13,16 @@ from beltid.errors import BeltidError, InputError
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
-from beltid.rig.profile import ContactState
+from beltid.rig.newton import STEP, march
+from beltid.rig.profile import profile
 from beltid.rig.steady import StaticState, lay_on, slide
-from beltid.rig.transient import TransientRun, run_transient
+from beltid.rig.transient import run_transient
 
 Array = NDArray[np.float64]
 Method = Literal["transient", "steady"]
 
 DEFAULT_STEPS = 130
 FEWEST_STEPS = 52
-LOOK_UP_S = 0.2  # longest wait for a run before signals are handled [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +50,6 @@ class SimulationSettings:
 
     def __post_init__(self) -> None:
         problems = []
-        if self.method not in ("transient", "steady"):
-            problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
-        if self.friction_solver not in ("newton", "lemke"):
-            problems.append(
-                f"friction_solver = {self.friction_solver!r}, must be 'newton' or 'lemke'"
-            )
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
             problems.append(f"elements = {self.elements}, must be even and >= 4")
         if self.steps < FEWEST_STEPS:
@@ -110,38 +101,46 @@ class RunResult:
 
     Attributes
     ----------
-    tension_tight_N, tension_slack_N : float
-        Forces on the supports in the sliding state [N].
+    model : RigModel
+        The rig.
+    sliding : StaticState
+        The sliding state; its contact along the arc is :attr:`profile`.
     recording : dict of ndarray, or None
         time_s, tension_tight_N, tension_slack_N, pulley_speed_rad_s of a transient run.
     record : SolverRecord
         Statistics and certificate of the solver.
-    sliding : ContactState
-        The sliding state; its profile is :attr:`profile`.
     """
 
-    tension_tight_N: float
-    tension_slack_N: float
+    model: RigModel
+    sliding: StaticState
     recording: Mapping[str, Array] | None
     record: SolverRecord
-    sliding: ContactState
+
+    @property
+    def tension_tight_N(self) -> float:
+        """Force on the support of the tight side in the sliding state [N]."""
+        return self.sliding.T_A
+
+    @property
+    def tension_slack_N(self) -> float:
+        """Force on the support of the slack side in the sliding state [N]."""
+        return self.sliding.T_B
 
     @property
     def mu(self) -> float:
         """Apparent coefficient of friction by Eq. (6) [-]."""
-        beta = self.sliding.model.point.beta
-        return float(friction_coefficient(self.tension_tight_N, self.tension_slack_N, beta))
+        tight, slack = self.sliding.T_A, self.sliding.T_B
+        return float(friction_coefficient(tight, slack, self.model.point.beta))
 
     @property
     def normal_force_N_m(self) -> float:
         """Mean of Eq. (8) over the arc [N/m]."""
-        R = self.sliding.model.path.R
-        return float(mean_normal_force(self.tension_tight_N, self.tension_slack_N, R))
+        return float(mean_normal_force(self.sliding.T_A, self.sliding.T_B, self.model.path.R))
 
     @property
     def profile(self) -> dict[str, NDArray[np.generic]]:
-        """Sliding state along the arc, see :meth:`ContactState.profile`."""
-        return self.sliding.profile()
+        """Sliding state along the arc, see :func:`beltid.rig.profile.profile`."""
+        return profile(self.model, self.sliding)
 
 
 def simulate(
@@ -163,85 +162,16 @@ def simulate(
     ConvergenceError
         If an equilibrium or a step is not found.
     """
-    settings = settings or SimulationSettings()
-    model = bench.model(point, settings.elements)
-    return _simulate_laid(bench, model, lay_on(model), settings)
-
-
-def _simulate_laid(
-    bench: Bench, model: RigModel, laid: StaticState, settings: SimulationSettings
-) -> RunResult:
-    """Simulate a run from the belt laid on and tightened."""
-    sliding = slide(model, laid)
-    if settings.method == "steady":
-        last = ContactState(model, sliding.stretch, sliding.force, sliding.q, sliding.points)
-        tensions, recording, run = (sliding.T_A, sliding.T_B), None, None
-    else:
-        falls = bool(np.any(np.diff(bench.surface.mu_nodes, axis=1) < 0.0))
-        if settings.friction_solver == "lemke":
-            from beltid.rig.lcp import march_by_lemke
-
-            run = run_transient(model, laid, sliding, settings.steps, falls, march_by_lemke)
-        else:
-            run = run_transient(model, laid, sliding, settings.steps, falls)
-        last, tensions = run.last, (float(run.T_A[-1]), float(run.T_B[-1]))
-        recording = {
-            "time_s": run.time,
-            "tension_tight_N": run.T_A,
-            "tension_slack_N": run.T_B,
-            "pulley_speed_rad_s": run.omega,
-        }
-    return RunResult(*tensions, recording, _record(bench, laid, sliding, run, last), last)
-
-
-def _record(
-    bench: Bench,
-    laid: StaticState,
-    sliding: StaticState,
-    run: TransientRun | None,
-    last: ContactState,
-) -> SolverRecord:
-    """Collect the statistics and the certificate of a run."""
-    touching = last.points[last.points["F_N"] > 0.0]
-    outside = ~bench.surface.covers(touching["f_N"], touching["speed"])
-    statics = {
-        "elements": laid.points.shape[0],
-        "clamped_lookups": int(np.count_nonzero(outside)),
-        "lookups": touching.size,
-    }
-    if run is None:
-        return SolverRecord(
-            steps=0,
-            newton_iterations=laid.iterations + sliding.iterations,
-            status_changes=0,
-            halvings=0,
-            residual=max(laid.residual, sliding.residual),
-            slip_m=0.0,
-            cone=0.0,
-            **statics,
-        )
-    steps = run.record
-    return SolverRecord(
-        steps=steps.size,
-        newton_iterations=int(steps["iterations"].sum()),
-        status_changes=int(steps["changes"].sum()),
-        halvings=int(steps["halvings"].sum()),
-        residual=float(steps["residual"].max()),
-        slip_m=float(steps["drift"].max()),
-        cone=float(steps["cone"].max()),
-        **statics,
-    )
+    ((_, result),) = campaign(bench, [point], settings)
+    if isinstance(result, BeltidError):
+        raise result
+    return result
 
 
 def campaign(
-    bench: Bench,
-    points: Sequence[OperatingPoint],
-    settings: SimulationSettings | None = None,
-    jobs: int | None = None,
+    bench: Bench, points: Sequence[OperatingPoint], settings: SimulationSettings | None = None
 ) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Simulate many runs in threads; the compiled kernels release the interpreter lock.
-
-    Runs that differ only in speed share one laid-on and tightened belt.
+    """Simulate many runs; those that differ only in speed share one laid-on and tightened belt.
 
     Parameters
     ----------
@@ -251,36 +181,26 @@ def campaign(
         The runs.
     settings : SimulationSettings, optional
         Method and resolution.
-    jobs : int, optional
-        Threads; by default one per core.
 
     Yields
     ------
     index, result : int, RunResult or BeltidError
-        In the order in which the runs end. The result of a run does not depend on the others. A
-        failed run yields its error, and the others continue.
+        The result of a run does not depend on the others. A failed run yields its error, and the
+        others continue.
     """
     settings = settings or SimulationSettings()
-    groups = runs_of_one_belt(points)
-
-    def simulate_group(indices: list[int]) -> list[tuple[int, RunResult | BeltidError]]:
-        return list(_simulate_together(bench, points, indices, settings))
-
-    workers = jobs or os.cpu_count() or 1
-    if workers == 1:
-        for indices in groups:
-            yield from _simulate_together(bench, points, indices, settings)
-        return
-    waiting = iter(groups)
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        running = {pool.submit(simulate_group, indices) for indices in islice(waiting, 2 * workers)}
-        while running:
-            # a signal delivered to another thread is handled only when this one wakes up
-            ended, running = wait(running, LOOK_UP_S, FIRST_COMPLETED)
-            for future in ended:
-                yield from future.result()
-            following = islice(waiting, len(ended))
-            running |= {pool.submit(simulate_group, indices) for indices in following}
+    for indices in runs_of_one_belt(points):
+        try:
+            model = bench.model(points[indices[0]], settings.elements)
+            laid = lay_on(model)
+        except BeltidError as error:
+            yield from ((index, error) for index in indices)
+            continue
+        for index in indices:
+            try:
+                yield index, _simulated(bench, replace(model, point=points[index]), laid, settings)
+            except BeltidError as error:
+                yield index, error
 
 
 def runs_of_one_belt(points: Sequence[OperatingPoint]) -> list[list[int]]:
@@ -291,21 +211,36 @@ def runs_of_one_belt(points: Sequence[OperatingPoint]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _simulate_together(
-    bench: Bench,
-    points: Sequence[OperatingPoint],
-    indices: Sequence[int],
-    settings: SimulationSettings,
-) -> Iterator[tuple[int, RunResult | BeltidError]]:
-    """Simulate runs with the same contact arc and initial tension."""
-    try:
-        model = bench.model(points[indices[0]], settings.elements)
-        laid = lay_on(model)
-    except BeltidError as error:
-        yield from ((index, error) for index in indices)
-        return
-    for index in indices:
-        try:
-            yield index, _simulate_laid(bench, replace(model, point=points[index]), laid, settings)
-        except BeltidError as error:
-            yield index, error
+def _simulated(
+    bench: Bench, model: RigModel, laid: StaticState, settings: SimulationSettings
+) -> RunResult:
+    """Simulate a run from the belt laid on and tightened."""
+    last, recording, steps = slide(model, laid), None, np.zeros(0, dtype=STEP)
+    if settings.method == "transient":
+        marcher = march
+        if settings.friction_solver == "lemke":
+            from beltid.rig.lcp import march_by_lemke as marcher
+        falls = bench.surface.falls_with_speed
+        steps, last = run_transient(model, laid, last, settings.steps, falls, marcher)
+        tight, slack = np.hypot(steps["force"][:, ::2], steps["force"][:, 1::2]).T
+        recording = {
+            "time_s": np.append(0.0, np.cumsum(steps["dt"])),
+            "tension_tight_N": np.append(laid.T_A, tight),
+            "tension_slack_N": np.append(laid.T_B, slack),
+            "pulley_speed_rad_s": np.append(0.0, steps["omega"]),
+        }
+    touching = last.points[last.touching]
+    inside = bench.surface.covers(touching["f_N"], touching["speed"])
+    record = SolverRecord(
+        elements=last.points.shape[0],
+        steps=steps.size,
+        newton_iterations=last.iterations + (0 if steps.size else laid.iterations),
+        status_changes=int(steps["changes"].sum()),
+        halvings=int(steps["halvings"].sum()),
+        residual=max(last.residual, 0.0 if steps.size else laid.residual),
+        slip_m=float(steps["drift"].max(initial=0.0)),
+        cone=float(steps["cone"].max(initial=0.0)),
+        clamped_lookups=int(np.count_nonzero(~inside)),
+        lookups=touching.size,
+    )
+    return RunResult(model, last, recording, record)

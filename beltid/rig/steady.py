@@ -30,7 +30,7 @@ DEEPEST = 0.1  # largest plausible penetration over the radius
 
 @dataclass(frozen=True, slots=True)
 class StaticState:
-    """A static equilibrium of the rig.
+    """An equilibrium of the rig: laid on, sliding, or at the end of a time step.
 
     Attributes
     ----------
@@ -44,8 +44,6 @@ class StaticState:
         Contact points.
     strains : ndarray, shape (n_e, n_g, 2)
         Axial strain and curvature at the Gauss points.
-    moved : float
-        Movement of ends that give way [m].
     iterations : int
         Newton iterations.
     residual : float
@@ -57,9 +55,13 @@ class StaticState:
     force: Array
     points: Points
     strains: Array
-    moved: float
     iterations: int
     residual: float
+
+    @classmethod
+    def of(cls, s: State, iterations: int, residual: float) -> StaticState:
+        """Return what a solution has left in its arrays."""
+        return cls(s.q, float(s.u[0]), s.force, s.now, s.strains, iterations, residual)
 
     @property
     def T_A(self) -> float:
@@ -87,9 +89,6 @@ def lay_on(model: RigModel) -> StaticState:
     ConvergenceError
         If Newton's method fails, also when T_0 is approached from higher tensions.
     """
-    from beltid.rig.first_call import compiled
-
-    compiled()
     T_0 = model.point.T_0
     stages = [[(0.0, tightened(k * T_0)) for k in factors] for factors in DETOURS]
     stretch = 1.0 / (1.0 + T_0 / model.system.section.EA)
@@ -129,16 +128,16 @@ def _approach(
     for sequence in sequences:
         s.q_old[:], s.u[:] = start, (stretch, 0.0)
         for share, border in sequence:
-            motion = Motion(0.0, model.point.omega, share, 0.0, 0.0)
+            motion = Motion(0.0, model.point.omega, share)
             count, _, residual = equilibrium(model.system, motion, border, s, MOST_ITERATIONS)
             spent += count if count >= 0 else MOST_ITERATIONS
             if count < 0:
                 break
             s.q_old[:] = s.q
         else:
-            _check_plausible(model, s)
-            u = s.u.tolist()
-            return StaticState(s.q, u[0], s.force, s.now, s.strains, u[1], spent, residual)
+            state = StaticState.of(s, spent, residual)
+            _check_plausible(model, state)
+            return state
     raise ConvergenceError(
         f"{describe(model.point)}: {aim} found no equilibrium in {spent} Newton iterations "
         f"(residual {residual:.2g} of T0)",
@@ -147,23 +146,24 @@ def _approach(
     )
 
 
-def _check_plausible(model: RigModel, s: State) -> None:
+def _check_plausible(model: RigModel, state: StaticState) -> None:
     """Raise a NumericsError if the equilibrium is physically meaningless."""
-    R = model.path.R
-    if not s.now["F_N"].max() > 0.0:
-        raise NumericsError(f"{describe(model.point)}: the belt does not touch the pulley")
-    depth = R - float(s.now["rho"].min())
-    if depth > DEEPEST * R:
-        raise NumericsError(
-            f"{describe(model.point)}: the belt sinks {1e3 * depth:.3g} mm into the pulley, must "
-            f"be below {DEEPEST:.0%} of its radius: contact law too soft or tension too high"
+    R, depth = model.path.R, model.path.R - float(state.points["rho"].min())
+    largest = max(state.T_A, state.T_B)
+    problem = None
+    if not state.touching.any():
+        problem = "the belt does not touch the pulley"
+    elif depth > DEEPEST * R:
+        problem = (
+            f"the belt sinks {1e3 * depth:.3g} mm into the pulley, must be below {DEEPEST:.0%} of "
+            "its radius: contact law too soft or tension too high"
         )
-    largest = max(math.hypot(*s.force[:2]), math.hypot(*s.force[2:]))
-    if largest > LARGEST_STRAIN * model.system.section.EA:
-        raise NumericsError(
-            f"{describe(model.point)}: a tension of {largest:.4g} N stretches the belt by more "
-            f"than {LARGEST_STRAIN:.0%}"
+    elif largest > LARGEST_STRAIN * model.system.section.EA:
+        problem = (
+            f"a tension of {largest:.4g} N stretches the belt by more than {LARGEST_STRAIN:.0%}"
         )
+    if problem:
+        raise NumericsError(f"{describe(model.point)}: {problem}")
 
 
 def describe(point: OperatingPoint) -> str:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from numpy.typing import NDArray
 from beltid.errors import ConvergenceError, NumericsError
 from beltid.rig.model import RigModel
 from beltid.rig.newton import STEP, Border, State, System, march
-from beltid.rig.profile import ContactState
 from beltid.rig.steady import StaticState, describe
 
 Array = NDArray[np.float64]
@@ -34,32 +32,6 @@ MEMORY = 0.5  # slip over which falling friction follows the speed, over the tra
 SETTLED = 5.0e-3  # largest relative difference between the last and the steady tensions [-]
 
 Marcher = Callable[[System, Border, State, Any, int, int], int]
-
-
-@dataclass(frozen=True, slots=True)
-class TransientRun:
-    """Results of a run in time.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n + 1,)
-        Time [s]; the first sample is the belt at rest, laid on and tightened.
-    omega : ndarray, shape (n + 1,)
-        Speed of the pulley in the step that ends at that time [rad/s].
-    T_A, T_B : ndarray, shape (n + 1,)
-        Forces on the supports of the tight and the slack side [N].
-    record : ndarray of :data:`beltid.rig.newton.STEP`, shape (n,)
-        Settings, certificates and counts of the steps.
-    last : ContactState
-        The contact at the end.
-    """
-
-    time: Array
-    omega: Array
-    T_A: Array
-    T_B: Array
-    record: NDArray[np.void]
-    last: ContactState
 
 
 def build_up_travel(model: RigModel, laid: StaticState, sliding: StaticState) -> float:
@@ -111,21 +83,22 @@ def run_transient(
     steps: int,
     falls: bool = False,
     marcher: Marcher = march,
-) -> TransientRun:
+) -> tuple[NDArray[np.void], StaticState]:
     """Turn the pulley under the laid-on and tightened belt until the plateau.
 
     Parameters
     ----------
-    model : RigModel
-        The rig on the mesh of the run.
-    laid, sliding : StaticState
-        Initial state, and the sliding limit, which determines the travel of the build-up.
-    steps : int
-        Time steps.
-    falls : bool
-        Whether mu falls with the speed anywhere.
+    model, laid, sliding : RigModel, StaticState, StaticState
+        The rig, its initial state, and the limit, which determines the travel of the build-up.
+    steps, falls : int, bool
+        Time steps; whether mu falls with the speed anywhere.
     marcher : callable
         :func:`beltid.rig.newton.march`, or :func:`beltid.rig.lcp.march_by_lemke`.
+
+    Returns
+    -------
+    record, last : ndarray of :data:`beltid.rig.newton.STEP` (steps,), StaticState
+        The steps, and the belt at the end.
 
     Raises
     ------
@@ -133,7 +106,6 @@ def run_transient(
         If a step fails after all halvings, or the plateau does not settle.
     """
     record = make_schedule(model, laid, sliding, steps)
-    time = np.concatenate([[0.0], np.cumsum(record["dt"])])
     system = model.system
     if falls:
         memory = MEMORY * build_up_travel(model, laid, sliding)
@@ -143,28 +115,21 @@ def run_transient(
     if done < steps:
         step = record[done]
         raise ConvergenceError(
-            f"{describe(model.point)}: the step at {time[done]:.4g} s found no solution in "
-            f"{step['iterations']} iterations, halved {step['halvings']} times (residual "
-            f"{step['residual']:.2g} of T0)",
+            f"{describe(model.point)}: the step at {record['dt'][:done].sum():.4g} s found no "
+            f"solution in {step['iterations']} iterations, halved {step['halvings']} times "
+            f"(residual {step['residual']:.2g} of T0)",
             iterations=int(step["iterations"]),
             residual=float(step["residual"]),
         )
-    T_A, T_B = (np.hypot(*record["force"][:, ends].T) for ends in ([0, 1], [2, 3]))
-    deviation = max(abs(T_A[-1] / sliding.T_A - 1.0), abs(T_B[-1] / sliding.T_B - 1.0))
+    last = StaticState.of(s, int(record["iterations"].sum()), float(record["residual"].max()))
+    deviation = max(abs(last.T_A / sliding.T_A - 1.0), abs(last.T_B / sliding.T_B - 1.0))
     if deviation > SETTLED:
         raise ConvergenceError(
             f"{describe(model.point)}: the plateau does not settle; its last tensions differ by "
             f"{100 * deviation:.2g} % from those of steady sliding (stick-slip or too few steps)",
-            residual=float(deviation),
+            residual=deviation,
         )
-    return TransientRun(
-        time=time,
-        omega=np.concatenate([[0.0], record["omega"]]),
-        T_A=np.concatenate([[laid.T_A], T_A]),
-        T_B=np.concatenate([[laid.T_B], T_B]),
-        record=record,
-        last=ContactState(model, laid.stretch, s.force, s.q, s.now),
-    )
+    return record, last
 
 
 def at_rest(model: RigModel, laid: StaticState) -> State:

@@ -10,8 +10,7 @@ Module                 Responsibility                                          E
 ``plausible``          channels of a rig that contradict each other
 ``surface``            coefficients to mu(f_N, v), as published                section 2.2
 ``planned_runs``       which runs are simulated
-``rig``                the runs of the rig, simulated                          (9) to (12)
-``simulated_runs``     one run or a campaign from Python
+``rig``                the runs of the rig, simulated; one run from Python     (9) to (12)
 ``refine``             the surface that gives the measured tensions            beyond
 ``compare``            measured against simulated                              section 4
 ``cross_validate``     runs left out, predicted from the others                beyond
@@ -21,10 +20,8 @@ Module                 Responsibility                                          E
 ``plan``               the next runs of the rig
 ``curves``             parts of the recordings that the report shows
 ---------------------- ------------------------------------------------------- --------------
-``inspect_file``       how a file is read, and the config that says so
-``new_config``         a config for a new belt
-``named_recordings``   the recordings that a config names
-``about``              versions, values of a config
+``inspect_file``       how a file is read; a config for a new belt
+``about``              versions, values of a config, recordings that it names
 ``show``               any artifact as a table or a figure
 ``report_belt``        the page of a belt; ``page_mark``: whether it is in date
 ``export_law``         the law for other programs

@@ -19,7 +19,7 @@ from beltid.identify.agreement.compare import AgreementResult, compare_points
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.columns import span
-from beltid.stages.friction import reduce_rig, reduction_columns, rig_kind, simulated_recording
+from beltid.stages.friction import reduce_rig, reduction_columns, simulated_recording
 from beltid.stages.inputs import friction_columns
 from beltid.stages.planned_runs import with_tensions
 from beltid.store.artifact import Artifact
@@ -40,13 +40,10 @@ Columns = Mapping[str, np.ndarray]
 def compared(friction: Any, simulated: Any, config: Config) -> Outcome[AgreementResult]:
     """Compare run by run; the simulated runs are a recording, reduced runs, or a campaign."""
     measured = friction_columns(friction, NEEDED)
-    uncertainty, notes = None, tuple[str, ...]()
+    uncertainty = None
     if isinstance(simulated, Artifact):
         uncertainty = runs_uncertainty_of(simulated.facts)
-    elif isinstance(simulated, Recording) and (cells := rig_kind(config).cells.note):
-        # name without folder, so that the same input gives the same bytes anywhere
-        notes = (f"{simulated.path.name}: {cells}",)
-    return agreement(measured, _reduced(simulated, friction, config), config, uncertainty, notes)
+    return agreement(measured, _reduced(simulated, friction, config), config, uncertainty)
 
 
 def _reduced(simulated: Any, friction: Any, config: Config) -> Columns:
@@ -77,7 +74,6 @@ def agreement(
     simulated: Columns,
     config: Config,
     uncertainty: RunsUncertainty | None = None,
-    notes: tuple[str, ...] = (),
 ) -> Outcome[AgreementResult]:
     """Compare two tables of reduced runs, and judge the differences by the tolerances."""
     measured, simulated = with_tensions(measured, config), with_tensions(simulated, config)
@@ -115,7 +111,7 @@ def agreement(
         },
         validity={"normal_force_N_m": span(result.normal_force_N_m)},
         set_aside=[{"run": run, "why": why} for run, why in result.not_compared_runs],
-        notes=tuple(filter(None, (*notes, *parts.notes(), result.against_uncertainty))),
+        notes=tuple(filter(None, (*parts.notes(), result.against_uncertainty))),
         warnings=tuple(warnings),
         verdict=result.verdict,
         passed=bool(result.passed),

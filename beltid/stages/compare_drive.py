@@ -151,8 +151,8 @@ def _statements(result: LossAgreement) -> Iterator[str]:
         )
         for is_resolved in (True, False)
     )
-    more = f"; not resolved: {unresolved}" if unresolved else ""
-    yield f"resolved by this recording: {resolved or 'nothing'}{more}"
+    more = f"; too small to be seen in it: {unresolved}" if unresolved else ""
+    yield f"parts of the loss that this recording can test: {resolved or 'none'}{more}"
     if result.largest_arc_share <= MOST_OF_ARC:
         yield (
             f"friction is not tested: at most {share}, and short of full slip the loss hardly "

@@ -97,7 +97,7 @@ def _thinned_run(record: RunRecord, most: int) -> dict[str, np.ndarray]:
     """Return the thinned tensions of a run, as measured or derived on this rig."""
     tight, slack, kind = record.tension_tight_N, record.tension_slack_N, record.kind
     if not kind.is_derived:  # otherwise already corrected
-        tight, slack = kind.cells.tight.tension(tight), kind.cells.slack.tension(slack)
+        tight, slack = (c.tension(x) for c, x in zip(kind.cells, (tight, slack), strict=True))
     kept = _thinned(tight, most)
     return {
         "run": np.full(kept.size, record.run, dtype=object),

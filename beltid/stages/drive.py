@@ -15,7 +15,6 @@ from beltid.config.model import DriveSection
 from beltid.drive.geometry import layout
 from beltid.drive.limits import slip_limit
 from beltid.drive.model import Drive, DrivePoint
-from beltid.drive.profile import arc_profiles
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
 from beltid.drive.rods import short_spans
 from beltid.drive.tolerance import installed_belts
@@ -66,7 +65,8 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
     drive = drive_of(config, friction, press.law)
     at_rest = Simulator(drive).at_rest
     stated = _of_config(config, drive, [at_rest(p.point).T_0 for p in points])
-    good, failed = _solve_points(Simulator(drive, section.method), points)
+    simulator = Simulator(drive, section.method)
+    good, failed = _solve_points(simulator, points)
     heaviest = _most_loaded(good)
     uncertainty, sources = _uncertainty(config, drive, good, press)
     columns = {**_columns(drive, good), "speed_loss_u_rad_s": uncertainty.combined.ravel()}
@@ -87,8 +87,8 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
             "loaded_pulley": None if slip is None else load_pulley(section),
         },
         tables={
-            "slip_limits": _limits(Simulator(drive, section.method), good),
-            "limits_over_tension": _limits_over_tension(Simulator(drive, section.method), heaviest),
+            "slip_limits": _limits(simulator, good),
+            "limits_over_tension": _limits_over_tension(simulator, heaviest),
             "laid": _layout_rows(drive, good[0][1]),
             "arcs": _arcs(heaviest),
             "installed": _installed(section, drive, heaviest[0].point),
@@ -271,7 +271,7 @@ def _arcs(heaviest: Solved) -> Rows:
             "normal_force_N_m": profile.normal_force,
             "slip_speed_m_s": profile.slip_speed,
         }
-        for pulley, profile in zip(result.drive.pulleys, arc_profiles(result), strict=True)
+        for pulley, profile in zip(result.drive.pulleys, result.arc_profiles(), strict=True)
         if profile is not None
     ]
 
@@ -340,8 +340,8 @@ def _notes(
     columns: Mapping[str, np.ndarray], drive: Drive, method: str, of_string: Sequence[str]
 ) -> Iterator[str]:
     yield (
-        "the friction power is that of the contact alone: the hysteresis of the belt in bending "
-        "and seating costs about as much again"
+        "the friction power is that of the contact alone; bending and seating of the belt cost "
+        "about as much again"
     )
     if np.nanmax(columns["share_below_speed_range"], initial=0.0) > 0.0:
         slowest, _ = drive.surface.validity["slip_speed_m_s"]
@@ -350,18 +350,18 @@ def _notes(
             yield f"{below} is taken at that speed"
         else:
             yield (
-                f"{below} is continued with half of the trend there: the mean of no trend and the "
-                "full trend, which bound its uncertainty"
+                f"{below} follows half of the trend there; no trend and the full trend are the "
+                "limits of its uncertainty"
             )
     if method == "rod":
         yield (
-            "speeds, torques, reserves and slip limits are those of the rod, limits to about 1 %; "
-            "shares and, short of full slip, uncertainties those of the string"
+            "the rod gives speeds, torques, reserves and slip limits (these to about 1 %); the "
+            "string gives the shares and, below full slip, the uncertainties"
         )
     if of_string:
         yield (
-            "the rod has no steady state for some changed inputs; these points have the "
-            f"uncertainties of the string: {', '.join(of_string)}"
+            "the rod has no steady state for some changed inputs; the string gives the "
+            f"uncertainties of these points: {', '.join(of_string)}"
         )
     if drive.surface.factor is None:
         yield "the friction surface has no covariance: it is assumed to be exact"
@@ -378,18 +378,18 @@ def _outside(columns: Mapping[str, np.ndarray], surface: FrictionSurface) -> Ite
     slowest, _ = surface.validity["slip_speed_m_s"]
     low, high = surface.validity["normal_force_N_m"]
     for name, words in (
-        ("share_below_speed_range", f"below the slowest measured sliding, {slowest:.3g} m/s"),
+        ("share_below_speed_range", f"slower than measured ({slowest:.3g} m/s)"),
         (
             "share_outside_force_range",
-            f"outside the measured line forces, {low:.4g} to {high:.4g} N/m; the nearest measured "
-            "value was used",
+            f"at line forces that were not measured ({low:.4g} to {high:.4g} N/m were), with the "
+            "nearest measured value",
         ),
     ):
         shares = columns[name]
         if (beyond := shares > MOST_OUTSIDE).any():
             yield (
-                f"{len(set(columns['run'][beyond].tolist()))} points: up to "
-                f"{100.0 * np.nanmax(shares):.0f} % of the sliding friction acts {words}"
+                f"in {len(set(columns['run'][beyond].tolist()))} points, up to "
+                f"{100.0 * np.nanmax(shares):.0f} % of the friction comes from sliding {words}"
             )
     if runs := dict.fromkeys(columns["run"][columns["steady_states"] > 1].tolist()):
         yield (

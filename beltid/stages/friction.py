@@ -16,15 +16,7 @@ import numpy as np
 from beltid.bench.recording import Recording, columns_of
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.kinds import (
-    CELL_RANGES,
-    SPANS,
-    TOUCH_DEG,
-    KnownCell,
-    KnownCells,
-    RigKind,
-    Treatment,
-)
+from beltid.identify.friction.kinds import PERFECT, TOUCH_DEG, KnownCell, RigKind
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import RunReduction, reduce_records
 from beltid.identify.friction.run import Conditions, RunRecord, run_records
@@ -94,10 +86,7 @@ def rig_kind(config: Config) -> RigKind:
     # a running belt between two pulleys turns alike at both ends; the line of force does not turn
     bent = rig.kind == "torque_hub"
     spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
-    cells = (
-        KnownCell(*(getattr(config.friction, f"tension_{side}_{of}") for of in CELL_RANGES))
-        for side in SPANS
-    )
+    known = config.friction
     return RigKind(
         measures=rig.measures,
         weight_on=rig.weight_on,
@@ -105,7 +94,10 @@ def rig_kind(config: Config) -> RigKind:
         running=rig.kind == "running",
         belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
-        cells=KnownCells(*cells),
+        cells=(
+            KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),
+            KnownCell(known.tension_slack_tare_N, known.tension_slack_gain),
+        ),
         spans=spans if bent else STRAIGHT,
     )
 
@@ -142,8 +134,9 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     """
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
-        kind = replace(kind, cells=KnownCells())
-        if config.rig.kind == "dead_weight":
+        kind = replace(kind, cells=PERFECT)
+        if config.rig.kind == "dead_weight" or config.rig.states_weight:
+            kind = replace(kind, measures="dead_weight")
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
         else:
             kind = replace(kind, measures="two_cells")
@@ -161,19 +154,17 @@ def reduction_columns(runs: Sequence[RunReduction]) -> dict[str, np.ndarray]:
     )
 
 
-def _taken_off(treatment: Treatment) -> Iterator[str]:
-    """Yield the corrections of the readings of a run."""
-    if treatment.cells.note:
-        yield treatment.cells.note
-    if treatment.drag_N_m is not None:
-        low, high = treatment.drag_N_m
+def _drag_taken_off(run: RunReduction) -> Iterator[str]:
+    """Yield the bearing drag that was subtracted from the torque of a run."""
+    if run.drag_N_m is not None:
+        low, high = run.drag_N_m
         size = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
         yield f"bearing drag subtracted: {size} N m, measured on the idle pulley"
 
 
 def _notes_of(run: RunReduction) -> str | None:
     """Return the notes of a run for the user, as one text."""
-    notes = [*_taken_off(run.treatment), *([TOUCHING] if run.arc_deg >= TOUCH_DEG else [])]
+    notes = [*_drag_taken_off(run), *([TOUCHING] if run.arc_deg >= TOUCH_DEG else [])]
     notes += run.notes
     if run.mu_sticking_reason:
         notes.append(f"no mu_sticking: {run.mu_sticking_reason}")
@@ -184,7 +175,7 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
     """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
-    if kind.has_torque and derived and not any(run.treatment.drag_N_m for run in good):
+    if kind.has_torque and derived and not any(run.drag_N_m for run in good):
         yield (
             "the torque includes the drag of the bearings, which raises mu: record a run of the "
             "pulley without the belt and mark it with a column idle: true"
@@ -225,10 +216,9 @@ def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Ite
 
 def _notes(runs: Sequence[RunReduction]) -> Iterator[str]:
     """Yield notes on events in several runs, with the number of runs."""
-    yield from dict.fromkeys(line for run in runs for line in _taken_off(run.treatment))
+    yield from dict.fromkeys(line for run in runs for line in _drag_taken_off(run))
     for text, counts in (
         ("spikes left out", [run.n_spikes for run in runs]),
-        ("samples of the pulley's speed, far off, left out", [r.treatment.n_marks for r in runs]),
         ("samples missing", [run.n_missing for run in runs]),
     ):
         if hit := sum(count > 0 for count in counts):

@@ -168,8 +168,8 @@ def refined(
         validity=dict(found.surface.validity),
         set_aside=set_aside,
         notes=(
-            "beyond the measured mean forces of the runs the surface is inferred: its range is "
-            "that of the forces within their contact, including peaks",
+            "the surface covers all forces within the contacts of the runs, peaks included; beyond "
+            "the mean forces of the runs it is inferred from them",
             *_unclear(result.effects),
             *_bending_stiffness(found),
             *guided_weight(config, measured.points),
@@ -341,9 +341,9 @@ def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
     ]
     if hidden:
         yield (
-            f"force and speed of the runs explain {', '.join(hidden)}: above "
-            f"{100 * CONFOUNDED:g} % a drift with it cannot be separated from them; a random run "
-            "order with some repeats at the end would separate it"
+            f"changed together with the force and the speed of the runs: {', '.join(hidden)}; "
+            f"above {100 * CONFOUNDED:g} % its influence on the friction cannot be told from "
+            "theirs. Measure in random order, and repeat some runs at the end"
         )
     large = [EFFECTS[e.key][0] for e in effects if e.is_large and not e.is_clear]
     if large:
@@ -359,7 +359,7 @@ def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
     for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
         if source.error == "bending_stiffness":
             yield (
-                f"bending stiffness: stated {EI:.4g} N m² ± {100 * source.size:.2g} % "
-                f"({source.basis}), together with the runs {EI * (1 + source.size * error):.4g} "
-                f"N m² ± {100 * source.size * sd:.2g} %; the surface holds for the stated one"
+                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
+                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
+                f"{100 * source.size * sd:.2g} %; the surface was found with the first value"
             )

@@ -22,7 +22,6 @@ from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.stages.columns import at
 from beltid.stages.curves import typical_runs
 from beltid.stages.page_mark import (
     ARTIFACTS,
@@ -134,7 +133,7 @@ def gather(belt: OnPage) -> BeltResults:
             continue
         try:
             artifact = read_artifact(path, kind)
-            sheets[name] = checked_sheet(artifact)
+            sheets[name] = sheet_of(artifact)
         except ArtifactError as error:
             problems += error.problems
         else:
@@ -153,7 +152,7 @@ def gather(belt: OnPage) -> BeltResults:
     if not shown:
         nothing = f"{belt.folder}: contains no results of a belt; `beltid run CONFIG` creates them"
         raise ArtifactError(problems or nothing)
-    settings = (sheets[name].settings.get("belt") for name in shown)
+    settings = (sheets[name].record.settings.get("belt") for name in shown)
     stated = next(filter(None, settings), None)
     return BeltResults(
         belt=belt.folder.resolve().name,
@@ -162,15 +161,6 @@ def gather(belt: OnPage) -> BeltResults:
         failures=belt.failures,
         belt_facts=() if stated is None else (stated["type"], f"{stated['ribs']} ribs"),
     )
-
-
-def checked_sheet(artifact: Artifact) -> Sheet:
-    """Take what the report reads from an artifact, with its path in the errors."""
-    try:
-        with at(artifact):
-            return sheet_of(artifact.path.stem, artifact)
-    except InputError as error:
-        raise ArtifactError(error.problems) from None
 
 
 def _why_not(belt: OnPage, name: str, artifact: Artifact) -> str:
@@ -189,11 +179,11 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     stiffness, friction = sheets.get("stiffness"), sheets.get("friction")
     if surface is None or simulated is None or stiffness is None or friction is None:
         return (), []
-    if "rig" not in simulated.settings:  # made in Python: the bench is not known
+    if "rig" not in simulated.record.settings:  # made in Python: the bench is not known
         return (), []
     found, problems = [], list[str]()
     try:
-        bench = _bench(simulated.settings, stiffness, surface)
+        bench = _bench(simulated.record.settings, stiffness, surface)
         for row in typical_runs(friction.columns):
             found.append(_profile(bench, friction, row))
     except BeltidError as error:

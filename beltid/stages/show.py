@@ -7,10 +7,10 @@ from typing import Final
 
 from beltid.errors import InputError
 from beltid.report.charts import NO_DATES, pictures_of, saved
+from beltid.report.results import sheet_of
 from beltid.report.summary import Summary, csv_bytes
 from beltid.report.view import shown_of
 from beltid.stages.inputs import load_law
-from beltid.stages.report_belt import checked_sheet
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import write_bytes
 from beltid.store.place import anyone_s, check_place
@@ -35,7 +35,7 @@ def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) 
     if out is not None and out.suffix.lower() == TABLE:
         write_bytes(out, csv_bytes(artifact.columns, artifact.origin))
         return Summary("show", "", out, origin=artifact.origin)
-    available = pictures_of(checked_sheet(artifact))
+    available = pictures_of(sheet_of(artifact))
     if out is None:
         return shown_of(artifact, [(picture.key, picture.title) for picture in available])
     chosen = next((picture for picture in available if name in (None, picture.key)), None)

@@ -29,21 +29,11 @@ LEAST_PERCENT = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Contribution that varies from run to run, or from sample to sample.
+    """Contribution that varies from run to run, or from sample to sample."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the contribution.
-    relative : ndarray, shape (n,)
-        Standard uncertainty over the result [-].
-    degrees_of_freedom : float or None
-        Degrees of freedom of its estimate; None if not known.
-    """
-
-    name: str
-    relative: Array
-    degrees_of_freedom: float | None = None
+    name: str  # name of the contribution
+    relative: Array  # standard uncertainty over the result [-], (n,)
+    degrees_of_freedom: float | None = None  # degrees of freedom of its estimate; None if not known
 
 
 def budget(
@@ -140,30 +130,14 @@ def factor_of(covariance: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceUncertainty:
-    """Covariance of ln mu at the nodes of a surface by its causes.
+    """Covariance of ln mu at the nodes of a surface by its causes."""
 
-    Attributes
-    ----------
-    surface : FrictionSurface
-        The surface.
-    sources : sequence of Source
-        Errors that all nodes share.
-    changes : ndarray, shape (nf, nv, K)
-        Change of ln mu by one standard uncertainty of each source.
-    scatter : ndarray, shape (nf, nv, r)
-        Factor of the covariance by scatter from run to run.
-    arcs_deg : ndarray
-        Arc settings in the order in which the sources number them [deg].
-    degrees_of_freedom : float or None
-        Degrees of freedom of the scatter.
-    """
-
-    surface: FrictionSurface
-    sources: Sequence[Source]
-    changes: np.ndarray
-    scatter: np.ndarray
-    arcs_deg: np.ndarray
-    degrees_of_freedom: float | None = None
+    surface: FrictionSurface  # the surface
+    sources: Sequence[Source]  # errors that all nodes share
+    changes: np.ndarray  # change of ln mu by one standard uncertainty of each source, (nf, nv, K)
+    scatter: np.ndarray  # factor of the covariance by scatter from run to run, (nf, nv, r)
+    arcs_deg: np.ndarray  # arc settings in the order in which the sources number them [deg]
+    degrees_of_freedom: float | None = None  # degrees of freedom of the scatter
 
     @property
     def factor(self) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
+from beltid.identify.estimators.statistics import settings_of
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.capstan import (
     hub_force,
@@ -30,59 +31,34 @@ ARC_GAP = 1e-3  # relative; arcs are nominal settings and only differ by roundin
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Reduced runs of a friction rig, arrays (n,).
+    """Reduced runs of a friction rig, arrays (n,)."""
 
-    Attributes
-    ----------
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    arc : ndarray of int
-        Number of the arc setting.
-    beta : ndarray
-        Contact arc [rad].
-    T_0 : ndarray
-        Initial tension [N], mean of both cells; if a force is given, the tension from it.
-    omega : ndarray
-        Speed of the pulley [rad/s].
-    tight, slack : ndarray
-        Tensions while sliding [N].
-    mu, mu_se : ndarray
-        Sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-].
-    columns : mapping of str to ndarray, shape (n, places)
-        Change of ln mu of each run per unit of a shared error, for errors to which each run has its
-        own sensitivity: key of the source -> a column per place.
-    order : ndarray of int, optional
-        Position of each run in the campaign; by default the order here.
-    temperature_degC : ndarray, optional
-        Temperature of each run while sliding [°C], nan if unknown; by default all unknown.
-    kind : RigKind
-        What the rig measures; determines which errors the tensions can have.
-    given_force : {"none", "tight", "slack", "hub"}
-        Force that stays constant while the pulley turns, see :class:`beltid.params.Rig`.
-    momentum : ndarray or float
-        Momentum flux m v² of a running belt in the measured tensions [N]; already subtracted from
-        all tensions here.
-    torque_with_tight : ndarray of bool, optional
-        Whether the tension measured together with a torque is the tight one; by default as `kind`
-        states.
-    """
-
-    R: float
-    arc: NDArray[np.intp]
-    beta: Array
-    T_0: Array
-    omega: Array
-    tight: Array
+    R: float  # radius of the belt's centreline on the pulley [m]
+    arc: NDArray[np.intp]  # number of the arc setting
+    beta: Array  # contact arc [rad]
+    T_0: Array  # initial tension [N], mean of both cells; if a force is given, the tension from it
+    omega: Array  # speed of the pulley [rad/s]
+    tight: Array  # tensions while sliding [N]
     slack: Array
-    mu: Array
+    mu: Array  # sliding coefficient by Eq. (6) and its standard error by the scatter of the run [-]
     mu_se: Array
     columns: Mapping[str, Array] = field(default_factory=dict)
+    """Change of ln mu of each run per unit of a shared error, for errors to which each run has its
+    own sensitivity: key of the source -> a column per place, (n, places)."""
     order: NDArray[np.intp] | None = None
+    """Position of each run in the campaign; by default the order here."""
     temperature_degC: Array | None = None
+    """Temperature of each run while sliding [°C], nan if unknown; by default all unknown."""
     kind: RigKind = TWO_CELLS
+    """What the rig measures; determines which errors the tensions can have."""
     given_force: GivenForce = "none"
+    """Force that stays constant while the pulley turns, see :class:`beltid.params.Rig`."""
     momentum: Array | float = 0.0
+    """Momentum flux m v² of a running belt in the measured tensions [N]; already subtracted from
+    all tensions here."""
     torque_with_tight: NDArray[np.bool_] | None = None
+    """Whether the tension measured together with a torque is the tight one; by default as `kind`
+    states."""
 
     @property
     def arcs_deg(self) -> Array:
@@ -310,11 +286,7 @@ def own_errors(columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 def arc_settings(arc_deg: np.ndarray) -> np.ndarray:
     """Number the arc setting of each run (n,), ascending from 0."""
-    order = np.argsort(arc_deg, kind="stable")
-    ordered = arc_deg[order]
-    labels = np.empty(arc_deg.size, dtype=np.intp)
-    labels[order] = np.concatenate([[0], np.cumsum(np.diff(ordered) > ARC_GAP * ordered[:-1])])
-    return labels
+    return settings_of(arc_deg, ARC_GAP)
 
 
 def numbered_arcs(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.laws.penalty import NormalLaw
+from beltid.mixed import root
 from beltid.uncertainty.sources import Errors
 
 Array = NDArray[np.float64]
@@ -28,24 +29,14 @@ POINTS = 200
 
 @dataclass(frozen=True, slots=True)
 class PressLaw:
-    """A contact law with covariance and range of its fit.
+    """A contact law with covariance and range of its fit."""
 
-    Attributes
-    ----------
-    law : NormalLaw
-        The law.
-    covariance : ndarray, shape (2, 2)
-        Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known.
-    max_penetration_m : float
-        Deepest penetration of the fit [m].
-    segment_length_m : float
-        Length of belt under the press [m].
-    """
-
-    law: NormalLaw
+    law: NormalLaw  # the law
     covariance: Array
-    max_penetration_m: float
-    segment_length_m: float
+    """Covariance of (k_linear, k_quadratic) by the scatter of the press; zero if not known, (2,
+    2)."""
+    max_penetration_m: float  # deepest penetration of the fit [m]
+    segment_length_m: float  # length of belt under the press [m]
 
     @property
     def has_scatter(self) -> bool:
@@ -55,7 +46,7 @@ class PressLaw:
     def coefficients(self, errors: Errors) -> Array:
         """Return the coefficients (2,) with errors corrected; negative ones become zero."""
         k = np.array([self.law.k_linear_N_m2, self.law.k_quadratic_N_m3])
-        k = k + self._scatter_factor() @ [errors.at("law", 0), errors.at("law", 1)]
+        k = k + root(self.covariance) @ [errors.at("law", 0), errors.at("law", 1)]
         k = k + self._per_compliance() * errors.at("machine_compliance")
         force = (1.0 + errors.at("press_force")) * (1.0 + errors.at("press_law"))
         force = force / (1.0 + errors.at("segment_length"))
@@ -66,14 +57,6 @@ class PressLaw:
     def corrected(self, errors: Errors) -> NormalLaw:
         """Return the law with errors corrected."""
         return NormalLaw(*self.coefficients(errors).tolist())
-
-    def _scatter_factor(self) -> Array:
-        """Return S (2, 2) with S S' the covariance; negative eigenvalues count as zero."""
-        # scale to correlations because the coefficients differ in size by orders of magnitude
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        safe = np.where(scale > 0.0, scale, 1.0)
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(safe, safe))
-        return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
     def _per_compliance(self) -> Array:
         """Return the change of the coefficients (2,) per corrected compliance [m/N]."""

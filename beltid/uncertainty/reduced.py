@@ -101,7 +101,7 @@ def stiffness_uncertainty(
         changes = changes_by(sources, press.coefficients) / size[:, None]
         scatter = np.array([law.k_linear_se_N_m2, law.k_quadratic_se_N_m3]) / size
         u[i] = size * combined(changes, scatter)
-        freedom = max(law.n_effective - 2.0 - len(law.tests), 1.0)
+        freedom = max(law.n_effective - 2.0 - len(law.contact_m), 1.0)
         if law is laws[-1]:
             for j, name in enumerate(COEFFICIENTS):
                 part = Scatter("scatter of the press curves", scatter[j : j + 1], freedom)

@@ -135,33 +135,16 @@ class StandardUncertainties:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One unknown error.
+    """One unknown error."""
 
-    Attributes
-    ----------
-    name : str
-        Name in words; sources of the same name are of the same kind (both cells, all arcs).
-    error : str
-        Its key in :class:`Errors`.
-    place : int
-        Its index there: which arc, which cell, which direction.
-    size : float
-        Standard uncertainty, as a share or in SI units.
-    unit : str
-        Unit for display.
-    per_unit : float
-        Size of that unit in SI.
-    basis : str
-        "stated" in the config, "assumed" (default of the config), or "fitted" to the data.
-    """
-
-    name: str
-    error: str
-    place: int = 0
-    size: float = 1.0
-    unit: str = "1"
-    per_unit: float = 1.0
+    name: str  # name in words; sources of the same name are of the same kind (both cells, all arcs)
+    error: str  # its key in :class:`Errors`
+    place: int = 0  # its index there: which arc, which cell, which direction
+    size: float = 1.0  # standard uncertainty, as a share or in SI units
+    unit: str = "1"  # unit for display
+    per_unit: float = 1.0  # size of that unit in SI
     basis: str = FITTED
+    """"stated" in the config, "assumed" (default of the config), or "fitted" to the data."""
 
     @property
     def shown(self) -> float:

@@ -156,7 +156,7 @@ def test_names_that_are_not_utf_8_and_links_that_lead_nowhere(tmp_path, runs):
     config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
     columns = read_recording(folder, "rig", config).columns
     assert sorted(set(columns["run"])) == [f"L\ufffduf{number}" for number in range(4)]
-    assert len(content_of(folder).sha256) == 64
+    assert len(content_of(folder)) == 64
     (folder / "R5.csv").symlink_to(tmp_path / "another disk.csv")
     with pytest.raises(InputError, match=r"R5\.csv: "):
         read_recording(folder, "rig", config)
@@ -189,13 +189,13 @@ def test_runs_of_one_setting_on_a_clock_that_goes_on_are_not_distinguished(tmp_p
 
 def test_the_hash_of_a_folder_follows_names_and_contents(tmp_path, runs):
     folder = per_run(tmp_path / "runs", runs)
-    before = content_of(folder).sha256
-    assert content_of(tmp_path / "runs" / "*.csv").sha256 == before
+    before = content_of(folder)
+    assert content_of(tmp_path / "runs" / "*.csv") == before
     (folder / "R001.csv").rename(folder / "R001b.csv")
-    renamed = content_of(folder).sha256
+    renamed = content_of(folder)
     with (folder / "R002.csv").open("a") as file:
         file.write("\n")
-    assert len({before, renamed, content_of(folder).sha256}) == 3
+    assert len({before, renamed, content_of(folder)}) == 3
     (folder / "notes.md").write_text("no recording")
     (folder / ".hidden.csv").write_text("no recording")
-    assert content_of(folder).sha256 == content_of(tmp_path / "runs" / "R*.csv").sha256
+    assert content_of(folder) == content_of(tmp_path / "runs" / "R*.csv")

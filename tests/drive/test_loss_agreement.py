@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -45,7 +43,7 @@ def test_points_without_a_prediction_do_not_pass_in_silence() -> None:
     unknown = points()
     predicted = unknown.predicted.copy()
     predicted[4:] = np.nan
-    few = compare_losses(replace(unknown, predicted=predicted), 0.06, 0.2)
+    few = compare_losses(unknown._replace(predicted=predicted), 0.06, 0.2)
     assert (few.asked, int(few.judged.sum())) == (9, 3)
     assert not few.passed
 
@@ -53,7 +51,7 @@ def test_points_without_a_prediction_do_not_pass_in_silence() -> None:
 def test_gross_slip_on_the_bench_is_not_judged() -> None:
     usable = np.ones(10, dtype=bool)
     usable[-1] = False
-    agreement = compare_losses(replace(points(), usable=usable), 0.06, 0.2)
+    agreement = compare_losses(points()._replace(usable=usable), 0.06, 0.2)
     assert not agreement.judged[-1]
     assert agreement.asked == 8
 
@@ -65,7 +63,7 @@ def test_a_part_is_resolved_if_it_stands_out_of_the_uncertainty() -> None:
     assert found.largest_arc_share == 0.8
     some = points().measured_u.copy()
     some[5:] = np.nan  # an error that nobody knows hides none that is known
-    found = compare_losses(replace(points(), measured_u=some), 0.06, 0.2)
+    found = compare_losses(points()._replace(measured_u=some), 0.06, 0.2)
     assert found.prominence == pytest.approx({"creep": 70.0, "seating": 30.0, "slip": 0.0})
-    exact = replace(points(), measured_u=np.zeros(10), predicted_u=np.zeros(10))
+    exact = points()._replace(measured_u=np.zeros(10), predicted_u=np.zeros(10))
     assert compare_losses(exact, 0.06, 0.2).prominence["creep"] == np.inf

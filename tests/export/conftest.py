@@ -13,14 +13,7 @@ from typer.testing import CliRunner
 
 import beltid
 from beltid.cli import app
-from beltid.export.law import (
-    BeltFacts,
-    ContactLaw,
-    NormalPart,
-    Provenance,
-    Validity,
-    friction_part,
-)
+from beltid.export.law import BeltFacts, ContactLaw, NormalPart, Provenance, Validity, friction_part
 
 FORCES = np.geomspace(400.0, 12000.0, 8)
 SPEEDS = np.geomspace(0.0025, 0.04, 5)

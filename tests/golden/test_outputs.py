@@ -15,6 +15,7 @@ import pytest
 import beltid as beltid_api
 from golden import kept
 from golden.door import beltid, done, refused
+from golden.test_chain import true_mu
 
 mpl.use("agg")
 POINTS = 200
@@ -50,8 +51,13 @@ def test_law_file_keeps_its_numbers(exported: Path, tmp_path: Path) -> None:
     (path,) = (exported / "json").glob("*.json")
     law = beltid_api.load_law(path)
     table = law_points(law)
-    found = {name: table[name].tolist()[::10] for name in ("force_N_m", "mu")}
-    kept.check("export/law", {"columns": found})
+    nodes = law.surface.normal_force_N_m, law.surface.slip_speed_m_s
+    points = table["normal_force_N_m"].to_numpy(), table["slip_speed_m_s"].to_numpy()
+    nearest = [np.clip(at, of[0], of[-1]) for at, of in zip(points, nodes, strict=True)]
+    error = 100.0 * np.abs(table["mu"] / true_mu("5pk", *nearest) - 1.0)
+    found = {"force_N_m": table["force_N_m"].tolist()[::10]}
+    at_most = {"largest_percent": float(error.max()), "mean_percent": float(error.mean())}
+    kept.check("export/law", {"columns": found, "at_most": at_most})
     done(tmp_path, "export", "json", path, "-o", tmp_path / "again")
     (again,) = (tmp_path / "again").glob("*.json")
     pd.testing.assert_frame_equal(law_points(beltid_api.load_law(again)), table)

@@ -15,11 +15,10 @@ from beltid.config.loading import load_config
 from beltid.errors import LONGEST_LINE, BeltidError
 from beltid.export.law_file import law_from_text
 from beltid.report import tables
-from beltid.report.results import BeltResults
+from beltid.report.results import BeltResults, sheet_of
 from beltid.report.verdict import verdict_of
 from beltid.report.view import shown_of
 from beltid.stages.inputs import press_law, surface_from
-from beltid.stages.report_belt import checked_sheet
 from beltid.store.artifact import read_artifact
 from beltid.uncertainty.simulated import runs_uncertainty_of
 
@@ -38,16 +37,16 @@ def _recording(kind: str) -> Callable[[Path], object]:
 def _artifact(path: Path) -> object:
     """An artifact, and what stages and the report make of it before they compute or draw."""
     artifact = read_artifact(path)
-    sheet = checked_sheet(artifact)
+    sheet = sheet_of(artifact).named()
     if artifact.kind == "surface":
         surface_from(artifact)
     elif artifact.kind == "stiffness":
         press_law(artifact, CONFIG)
     elif artifact.kind == "simulated":
         runs_uncertainty_of(artifact.facts)
-    results = BeltResults("x", {artifact.kind: sheet})
+    results = BeltResults("x", {sheet.name: sheet})
     verdict_of(results)
-    for table in (tables.budget, tables.set_aside, tables.provenance, tables.settings):
+    for table in (tables.budget, tables.set_aside, tables.provenance):
         table(results)
     return shown_of(artifact, []).as_json()
 

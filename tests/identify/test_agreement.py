@@ -146,7 +146,7 @@ def test_each_tolerance_decides(name: str) -> None:
     assert row == {"tolerance": name, "found": found, "allowed": 0.0299, "holds": False}
 
 
-@pytest.mark.parametrize(("u", "said"), [(0.01, "ratio 2, good"), (0.009, "ratio 2.2, good")])
+@pytest.mark.parametrize(("u", "said"), [(0.01, "ratio 2 "), (0.009, "ratio 2.2 ")])
 def test_differences_beyond_twice_their_uncertainty_fail_it(u: float, said: str) -> None:
     measured, simulated = pair()
     simulated["mu_sliding"] = measured["mu_sliding"] * 1.02
@@ -154,7 +154,7 @@ def test_differences_beyond_twice_their_uncertainty_fail_it(u: float, said: str)
     assert found.verdict == "PASS: rms 2.00 % <= 5 %"
     assert found.against_uncertainty == ""
     known = replace(found, u_validation=np.full(36, u))
-    assert known.against_uncertainty.startswith("error 2 % RMS, ")
+    assert "error is 2 % RMS" in known.against_uncertainty
     assert said in known.against_uncertainty
     assert known.passed
     assert known.verdict.endswith(

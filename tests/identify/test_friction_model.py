@@ -60,10 +60,10 @@ def test_blocks_hold_every_sample_once_and_grow(n):
     assert np.all(count[1:-1] <= np.maximum(count[0], 0.15 * starts[1:-1]))
 
 
-AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0), first=50)
+AT_REST = rest_state(np.linspace(0.0, 1.0, 50), np.full((50, 2), 260.0))
 
 
-def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None, rest=None):
+def recorded(seed=0, n=400, ripple=0.0, noise=0.5, rounding_N=(0.0, 0.0), weight=None):
     """Sliding at 400 and 150 N with noise of 0.5 N, 10 mm/s, one spike; after a second at rest."""
     rng = np.random.default_rng(seed)
     t = 1.0 + 0.02 * np.arange(n + 11)
@@ -72,7 +72,7 @@ def recorded(seed=0, n=400, ripple=0.0, noise=0.5, steps=(0.0, 0.0), weight=None
     tensions[211] += 30.0
     angle = 0.2 * (t - t[0])
     phase = SlidingPhase(t, tensions, angle, np.full(n + 11, 22.0), first=0, built=9, slide=11)
-    record = sliding_record(phase, rest or AT_REST, np.array(steps), weight, 0.05)
+    record = sliding_record(phase, AT_REST, np.array(rounding_N), weight, 0.05)
     return record, np.delete(tensions, 211, axis=0)[11:]
 
 
@@ -101,10 +101,8 @@ def test_only_a_cell_has_errors_and_a_dead_weight_none(weight, shifts):
 
 
 def test_coarse_converters_round_the_level():
-    record, _ = recorded(noise=0.0, steps=(1.0, 2.0))
-    # a uniform distribution as wide as a step, in either cell
-    assert record.rounding == pytest.approx(math.hypot(1 / 400, 2 / 150) / math.sqrt(12), rel=2e-3)
-    assert recorded()[0].rounding == 0.0
+    record, _ = recorded(noise=0.0, rounding_N=(1.0, 2.0))
+    assert record.rounding == pytest.approx(math.hypot(1 / 400, 2 / 150), rel=1e-3)
 
 
 def test_the_level_of_one_run_is_that_of_generalised_least_squares():

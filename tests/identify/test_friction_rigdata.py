@@ -57,7 +57,7 @@ def test_every_run_comes_out_once_in_order_and_ok(belt: str) -> None:
 @pytest.mark.parametrize("belt", QUICK_AND_LONG)
 def test_sliding_coefficient_meets_the_truth(belt: str) -> None:
     error = column(belt, "mu_sliding") / truth(belt)["mu_app"] - 1.0
-    assert rms(error) < {"4pk": 0.0015, "5pk": 0.0010, "6pk": 0.0010}[belt]
+    assert rms(error) < {"4pk": 0.00108, "5pk": 0.0010, "6pk": 0.0010}[belt]
     assert np.max(np.abs(error)) < 0.0075
     z = error * truth(belt)["mu_app"] / column(belt, "mu_sliding_se")
     assert 0.6 < rms(z) < 1.25
@@ -95,13 +95,6 @@ def test_known_faults_of_the_recording_are_counted() -> None:
     names, counts = np.unique(gaps.astype(str), return_counts=True)
     found = {run.run: run.n_missing for run in reduced("5pk") if run.n_missing}
     assert found == dict(zip(names.tolist(), counts.tolist(), strict=True))
-
-
-def test_plateau_starts_behind_the_peak_and_rotation_starts_at_one_second() -> None:
-    for run in reduced("5pk"):
-        assert abs(run.start_time_s - 1.0) <= 0.021
-        assert run.start_time_s < run.plateau_start_s < run.plateau_end_s
-        assert not np.isfinite(run.peak_time_s) or run.peak_time_s < run.plateau_start_s
 
 
 def test_rows_of_a_run_need_not_be_together() -> None:

@@ -10,11 +10,10 @@ from scipy.optimize import minimize_scalar
 
 from beltid.identify.estimators.signal import (
     NOISE_FLOOR,
-    adc_resolution,
     block_means,
-    converter_rounding,
     difference_sigma,
-    noise_before_rounding,
+    resolution,
+    rounding_of_mean,
     running_median,
     spike_mask,
     strongest_line,
@@ -62,42 +61,24 @@ def stairs(lowest, step, count=12):
     return np.repeat(lowest + step * np.arange(float(count)), 5)
 
 
+CHATTER = 250.1 + 0.25 * np.array([0, 1, 0, 2, 1, 3, 1, 0, 2, 3, 1, 2] * 5)
+
+
 @pytest.mark.parametrize(
-    ("first", "second", "step"),
+    ("signals", "step"),
     [
-        (stairs(250.0, 0.25), stairs(100.0, 0.25), 0.25),
-        (stairs(250.0, 0.5), stairs(100.25, 0.5), 0.25),
-        (stairs(0.0, 4.0), stairs(40.0, 4.0), 4.0),
-        (stairs(-10.0, 2.5), stairs(10.0, 2.5), 2.5),
-        (stairs(250.0 + 0.01, 1.0), stairs(100.01, 1.0), 1.0),  # a hundredth of a step off zero
-        (stairs(250.0 + 0.04, 1.0), stairs(100.04, 1.0), 0.0),
-        (stairs(1.0, 1.0, 1), stairs(1.0, 1.0, 1), 0.0),  # one level tells no step
-        (stairs(200.0, 100.0, 2), stairs(100.0, 100.0, 2), 0.0),  # round numbers without noise
-        (np.sqrt(np.arange(100.0, 200.0)), np.sqrt(np.arange(50.0, 90.0)), 0.0),  # no grid
+        ([stairs(250.0, 0.5), stairs(100.25, 0.5)], 0.25),
+        ([stairs(250.0 + 0.01, 1.0), stairs(100.01, 1.0)], 1.0),  # a hundredth of a step off zero
+        ([stairs(250.0 + 0.04, 1.0), stairs(100.04, 1.0)], 0.0),
+        ([stairs(1.0, 1.0, 1), stairs(1.0, 1.0, 1)], 0.0),  # one level tells no step
+        ([stairs(200.0, 100.0, 2), stairs(100.0, 100.0, 2)], 0.0),  # round numbers without noise
+        ([np.sqrt(np.arange(100.0, 200.0)), np.sqrt(np.arange(50.0, 90.0))], 0.0),  # no grid
+        ([CHATTER], 0.25),  # off zero
+        ([np.sort(CHATTER)], 0.0),
     ],
 )
-def test_an_even_grid_through_zero_is_a_converter_without_chatter(first, second, step):
-    assert adc_resolution(first, second) == pytest.approx((step, step), rel=1e-4)
-
-
-def test_smallest_gap_may_be_two_or_three_steps_but_not_four():
-    for gaps, expected in (((2, 3), 1.0), ((3, 4), 1.0), ((4, 5), 0.0)):
-        levels = 60.0 + np.cumsum([0, *gaps * 3])
-        first = np.repeat(levels, 5)
-        assert adc_resolution(first, first)[0] == pytest.approx(expected, rel=1e-6)
-
-
-def test_steps_of_a_converter_off_zero_show_in_chatter_only():
-    chatter = 250.1 + 0.25 * np.array([0, 1, 0, 2, 1, 3, 1, 0, 2, 3, 1, 2] * 5)
-    straight = np.repeat(100.07 + 0.3 * np.arange(12.0), 5)
-    assert adc_resolution(chatter, straight) == pytest.approx((0.25, 0.0), rel=1e-6)
-    assert adc_resolution(straight, chatter) == pytest.approx((0.0, 0.25), rel=1e-6)
-    # to and fro three times is chatter, twice is not
-    thrice = np.array([0, 1, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
-    twice = np.array([0, 0, 1, 0, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3]) + 0.31
-    rising = np.repeat(np.arange(7.0), 2) + 0.47 + 1000.0 / 7.0
-    assert adc_resolution(np.append(thrice, 0.31), rising)[0] == pytest.approx(1.0)
-    assert adc_resolution(np.sort(twice), rising)[0] == 0.0
+def test_the_step_of_a_converter_is_an_even_grid_through_zero_or_chatters(signals, step):
+    assert resolution(*signals) == pytest.approx(step, rel=1e-4)
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1, 0.2, 0.4])
@@ -107,21 +88,12 @@ def test_stated_rounding_is_no_smaller_than_the_errors_of_rounded_means(noise):
     level = rng.uniform(0.0, 1.0, 3000)
     samples = np.round(level[:, None] + noise * rng.normal(size=(3000, 100)))
     spread = np.std(samples, axis=1)
-    stated = np.hypot(converter_rounding(noise_before_rounding(spread, 1.0), 1.0), spread / 10.0)
+    stated = np.hypot(rounding_of_mean(spread, 1.0), spread / 10.0)
     z = (samples.mean(axis=1) - level) / np.maximum(stated, 1e-3)
     assert 0.2 < np.sqrt(np.mean(z**2)) < 1.15
-
-
-@pytest.mark.parametrize("ratio", [0.0, 0.05, 0.15, 0.3, 0.4])
-def test_error_that_a_coarse_converter_leaves(ratio):
-    """Against rounding of noise whose mean lies anywhere between two steps of 2."""
-    noise = 2.0 * ratio * np.random.default_rng(0).normal(size=4000)
-    noise -= noise.mean()  # that mean is no rounding
-    means = np.linspace(-1.0, 1.0, 200, endpoint=False)
-    errors = [np.mean(2.0 * np.round((mean + noise) / 2.0)) - mean for mean in means]
-    expected = math.sqrt(np.mean(np.square(errors)))
-    assert float(converter_rounding(2.0 * ratio, 2.0)) == pytest.approx(
-        expected, rel=0.05, abs=0.02
+    # without noise, a uniform distribution as wide as a step
+    assert rounding_of_mean([0.0, 1.0, 9.0], [2.0, 0.0, 2.0]) == pytest.approx(
+        [2.0 / math.sqrt(12.0), 0.0, 0.0], abs=1e-12
     )
 
 
@@ -215,17 +187,3 @@ def test_what_is_no_line():
     # less than one and a half periods
     slow = np.cos(2 * np.pi * 0.7 / 10.0 * (t - 2.0))[:, None] + 0.01 * rng.normal(size=(200, 1))
     assert strongest_line(t, 50.0 * (slow - slow.mean()), basis) is None
-
-
-@pytest.mark.parametrize("n", [2, 4, 5, 6, 7, 40, 41])
-def test_signals_side_by_side_are_taken_each_on_its_own(n):
-    rng = np.random.default_rng(n)
-    rows = rng.normal(200.0, 1.0, (5, n))
-    rows[1] *= 30.0  # a floor or a noise that one signal took from another would show
-    rows[2, n // 2] += 50.0
-    rows[3, 0] += 50.0
-    rows[4] = 7.0
-    assert np.array_equal(running_median(rows, 5), [running_median(row, 5) for row in rows])
-    assert np.array_equal(spike_mask(rows, 6.0), [spike_mask(row, 6.0) for row in rows])
-    if n >= 40:
-        assert np.argwhere(spike_mask(rows, 12.0)).tolist() == [[2, n // 2], [3, 0]]

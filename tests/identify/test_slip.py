@@ -22,16 +22,15 @@ DRIVER, DRIVEN, TORQUE = "driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m
 
 def drive(
     torque=TORQUES, creep=0.01, *, speeds=(62.8,), ratio=1.0, seed=0, n=20, noise=2e-3,
-    driver_noise=5e-4, shaking=1.0,
+    driver_noise=5e-4,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Synthetic drive: loss of `creep` [rad/s per N m], driven pulley `ratio` times larger.
 
-    `n` samples a run; the one of 9 N m is `shaking` times as loud.
+    `n` samples a run.
     """
     rng = np.random.default_rng(seed)
     torque = np.asarray(torque, dtype=float)
     loss = np.repeat(np.broadcast_to(creep * torque, torque.shape), n)
-    loud = np.repeat(np.where(torque == 9.0, shaking, 1.0), n)
     size, parts = loss.size, []
     for speed in speeds:
         series = "S" if len(speeds) == 1 else f"{speed:g}-"
@@ -40,8 +39,8 @@ def drive(
                 "run": np.repeat([f"{series}{i:02d}" for i in range(torque.size)], n),
                 "initial_tension_N": np.full(size, 310.0),
                 TORQUE: np.repeat(torque, n) + 0.02 * rng.normal(size=size),
-                DRIVER: speed + driver_noise * loud * rng.normal(size=size),
-                DRIVEN: (speed - loss) / ratio + noise * loud * rng.normal(size=size),
+                DRIVER: speed + driver_noise * rng.normal(size=size),
+                DRIVEN: (speed - loss) / ratio + noise * rng.normal(size=size),
             }
         )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -92,7 +91,7 @@ def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
         fit_slip(drive([2.0, 4.0, 6.0], ratio=2.0), 0.05)
 
 
-@pytest.mark.parametrize(("step", "ratio"), [(0.1, 0.75), (math.pi / 30.0, 0.75), (0.25, 2.0)])
+@pytest.mark.parametrize(("step", "ratio"), [(0.1, 0.75), (math.pi / 30.0, 0.75)])
 def test_coarse_readings_that_never_change_have_the_error_of_rounding(step, ratio):
     z = []
     for shift in np.linspace(0.0, 1.0, 5, endpoint=False) * step:
@@ -125,15 +124,6 @@ def test_a_drive_that_comes_up_to_its_speed_and_stops_is_no_operating_point(way)
     assert [p.slip_speed_m_s for p in result.points] == pytest.approx(TRUE[:17], abs=2e-4)
     assert {p.n_samples for p in result.points} <= {20, 21, 22}
     assert "before the driver is up to its speed left out: S00, S01" in result.notes[0]
-
-
-def test_a_torque_that_is_swept_within_a_run_is_reported():
-    columns = drive(n=40)
-    assert not fit_slip(columns, 0.05).notes
-    columns["run"] = np.full(columns["run"].shape, "sweep")
-    (point,) = fit_slip(columns, 0.05).points
-    assert point.slip_speed_m_s == pytest.approx(0.01 * 8.0 * 0.05, rel=0.05)
-    assert any("torque changes within sweep" in note for note in fit_slip(columns, 0.05).notes)
 
 
 def test_swapped_pulleys_generators_and_drives_that_turn_backwards_are_refused():
@@ -234,26 +224,17 @@ def test_standard_errors_hold_with_correlated_noise(runs):
     assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
-def test_a_run_that_shakes_keeps_a_wider_error():
-    """Five times as loud, told from its series at 1e-4: chi² of 9 over 33.7/25, 99.8 %."""
-    for seed in range(4):
-        points = fit_slip(drive(n=10, seed=seed, shaking=5.0, **LOUD), 0.05).points
-        se = np.array([p.slip_speed_se_m_s for p in points])
-        assert np.all(se[[9, 26]] > 2.0 * np.median(np.delete(se, [9, 26])))
-
-
 def test_the_noise_of_a_series_is_one_variance():
-    """se² = t² sum of squares / (all degrees of freedom) / n, for white noise."""
+    """se² = sum of squares / (all degrees of freedom) / n, for white noise."""
     runs = [np.array([1.0, 2.0, 0.0]), np.array([5.0, 3.0, 4.0]), np.arange(3.0)]
     mean, se = pooled_means(runs, np.zeros(3, dtype=int))
     assert mean.tolist() == [1.0, 4.0, 1.0]
-    # 6 squares over 6 degrees of freedom: s = 1; 68.27 % interval of t with 6 of them: t = 1.0906
-    assert se == pytest.approx([1.0906 / math.sqrt(3.0)] * 3, rel=1e-4)
+    # 6 squares over 6 degrees of freedom
+    assert se == pytest.approx([1.0 / math.sqrt(3.0)] * 3, rel=1e-9)
     few = [np.array([np.nan, np.nan]), np.array([2.0]), np.arange(8.0) % 2]
     mean, se = pooled_means(few, np.zeros(3, dtype=int))
     assert mean == pytest.approx([np.nan, 2.0, 0.5], nan_ok=True)
-    # s² = 2/7; t with 7 degrees: 1.0767
-    assert se[:2] == pytest.approx([np.nan, 1.0767 * math.sqrt(2.0 / 7.0)], rel=1e-4, nan_ok=True)
+    assert se[:2] == pytest.approx([np.nan, math.sqrt(2.0 / 7.0)], rel=1e-9, nan_ok=True)
 
 
 def service(*speeds, se=1e-6):
@@ -276,9 +257,8 @@ def test_range_and_proposal_follow_from_the_sliding_speeds():
     aside = service(0.016, 0.9)
     aside.points[1].status = "gross slip"
     assert required_pulley_speeds(aside, 0.05).proposed_rad_s == pytest.approx((0.32,))
-    with pytest.raises(InputError) as error:
-        required_pulley_speeds(service(), 0.0)
-    assert len(error.value.problems) == 2
+    with pytest.raises(InputError, match="significantly"):
+        required_pulley_speeds(service(), 0.05)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
     mad_sigma,
     outlier_mask,
-    robust_mean_with_se,
     settings_of,
     snap_to_settings,
 )
@@ -58,39 +57,6 @@ def test_samples_that_say_nothing_about_their_correlation_are_independent():
         assert integrated_autocorrelation_time(equal) == 1.0  # six units of rounding to each side
         assert integrated_autocorrelation_time(different) > 5.0
     assert integrated_autocorrelation_time((-1.0) ** np.arange(50)) == 1.0
-
-
-@pytest.mark.parametrize(("a", "n"), [(0.0, 200), (0.5, 300), (0.8, 1000)])
-def test_standard_error_equals_the_scatter_of_repeated_means(a, n):
-    rng = np.random.default_rng(2)
-    results = [robust_mean_with_se(autoregressive(rng, n, a)) for _ in range(400)]
-    scatter = np.std([r.mean for r in results])
-    stated = np.sqrt(np.mean([r.se**2 for r in results]))
-    # 400 repetitions determine the scatter itself to 3.5 %
-    assert stated == pytest.approx(scatter, rel=0.12)
-
-
-def test_spikes_and_gaps_do_not_move_the_mean():
-    rng = np.random.default_rng(3)
-    clean = 250.0 + rng.normal(size=500)
-    dirty = clean.copy()
-    dirty[[20, 90, 300]] = 900.0, -300.0, np.inf
-    dirty[[7, 8, 450]] = np.nan
-    hit = np.array([7, 8, 20, 90, 300, 450])
-    assert np.flatnonzero(outlier_mask(dirty)).tolist() == hit.tolist()
-    mean, se, _ = robust_mean_with_se(dirty)
-    assert mean == pytest.approx(np.delete(clean, hit).mean(), rel=1e-14)
-    assert 0.03 < se < 0.06
-
-
-def test_means_of_few_samples():
-    mean, se, n_eff = robust_mean_with_se([1.0, 3.0])
-    assert (mean, n_eff) == (2.0, 2.0)
-    assert se == pytest.approx(1.0, rel=1e-12)  # sqrt(2 / 1 / 2)
-    assert np.isnan(robust_mean_with_se([]).mean)
-    assert robust_mean_with_se([np.nan]).n_eff == 0.0
-    assert robust_mean_with_se([3.0]).mean == 3.0
-    assert np.isnan(robust_mean_with_se([3.0]).se)
 
 
 def test_spread_of_a_few_samples():

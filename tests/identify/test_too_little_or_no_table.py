@@ -5,46 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
-from beltid.errors import InputError
 from beltid.identify.friction.run import run_records
-from beltid.identify.press.dissipation import estimate_dissipation
-from beltid.identify.slip.slip import fit_slip
 from beltid.identify.surface.surface import surface_from_columns
 
-SLIP = ("initial_tension_N", "torque_N_m", "driver_speed_rad_s", "driven_speed_rad_s")
 RIG = ("time_s", "tension_tight_N", "tension_slack_N", "pulley_speed_rad_s", "arc_deg")
 
 
 def rig(run: Any, **others: Any) -> dict[str, Any]:
     """Columns of a rig recording, zero but for those given."""
     return {"run": np.asarray(run), **{name: np.zeros(len(run)) for name in RIG}, **others}
-
-
-REFUSED = {
-    "a column that is a matrix": (
-        lambda: run_records(rig([1, 1, 1], time_s=np.zeros((3, 2))), 0.05),
-        r"column time_s has shape \(3, 2\), must be one-dimensional",
-    ),
-    "speed-loss columns of two lengths": (
-        lambda: fit_slip(
-            {"run": np.zeros(4), **{n: np.zeros(5 if n == "torque_N_m" else 4) for n in SLIP}}, 0.05
-        ),
-        r"torque_N_m \(5,\), .*must be equally many",
-    ),
-    "no press curve": (
-        lambda: estimate_dissipation([]),
-        "no test was unloaded",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_table_is_refused_with_what_was_found(case: str) -> None:
-    call, words = REFUSED[case]
-    with pytest.raises(InputError, match=words):
-        call()
 
 
 def test_a_surface_without_standard_errors_is_a_surface() -> None:

@@ -47,8 +47,7 @@ class Noise:
     sd: float
     """Standard deviation [N]: stationary ("ar"), after `time` ("walk"), in the band from once per
     record to half the sampling rate ("1/f")."""
-    time: float = 1.0
-    """Correlation time ("ar") or time after which a walk has reached `sd` [s]."""
+    time: float = 1.0  # correlation time ("ar") or time after which a walk has reached `sd` [s]
     cells: Literal["both", "tight", "slack", "common", "opposite"] = "both"
     """Whose: each cell its own, one only, or the same in both with equal or opposite sign."""
 
@@ -62,8 +61,7 @@ class Recipe:
     """
 
     rate: float = 50.0
-    duration: float = 6.0
-    """Until the end of the (first) sliding."""
+    duration: float = 6.0  # until the end of the (first) sliding
     rest: float = 1.0
     initial: float = 270.0
     arc_deg: float = 82.0
@@ -74,21 +72,17 @@ class Recipe:
     clock: Literal["travel", "time"] = "travel"
     peak_spread: float = 0.0
     """Standard deviation of the logarithm of the peak's height from run to run."""
-    tail_spread: float = 0.0
-    """The same of its length."""
+    tail_spread: float = 0.0  # the same of its length
     build_up: float = 0.2
     slow_part: float = 0.0
     """Part of the build-up that takes five times as long to nine tenths of its end."""
     omega: float = REFERENCE_SPEED
-    run_up: float = 0.0
-    """Time until the pulley has its speed."""
-    idle: float = 0.0
-    """Time for which the pulley stands still after the sliding."""
+    run_up: float = 0.0  # time until the pulley has its speed
+    idle: float = 0.0  # time for which the pulley stands still after the sliding
     again: tuple[float, float] | None = None
     """A second start after `idle`: speed and friction, in units of the first."""
     noise: float = 0.5
-    memory: float = 0.0
-    """Correlation of the noise of neighbouring samples."""
+    memory: float = 0.0  # correlation of the noise of neighbouring samples
     slow: tuple[Noise, ...] = ()
     ripple: float = 0.004
     ripple_period: float = 0.748
@@ -96,11 +90,9 @@ class Recipe:
     """Relative change of mu from the end of the build-up to the end of the sliding."""
     stick_slip: float = 0.0
     """Height of a saw tooth in mu at the slowest speed of a campaign, relative."""
-    relaxation: float = 0.0
-    """Part of the tension that is lost in the end, with `relaxation_time`."""
+    relaxation: float = 0.0  # part of the tension that is lost in the end, with `relaxation_time`
     relaxation_time: float = 10.0
-    offset: float = 0.0
-    """Difference of the zeros of the cells, half each."""
+    offset: float = 0.0  # difference of the zeros of the cells, half each
     seed: int = 0
 
     def but(self, **changes: Any) -> Recipe:
@@ -120,8 +112,7 @@ class Belt:
     tensions: tuple[float, ...] = (60.0, 90.0, 130.0, 180.0, 230.0, 290.0, 350.0, 420.0)
     speeds: tuple[float, ...] = (0.05, 0.1, 0.21, 0.42, 0.84)
     sliding_s: tuple[float, ...] = (12.0, 6.0, 4.0, 3.0, 3.0)
-    arc_factors: tuple[float, ...] = (1.0, 1.0, 1.0)
-    """Friction of each arc over the law's."""
+    arc_factors: tuple[float, ...] = (1.0, 1.0, 1.0)  # friction of each arc over the law's
 
     def but(self, **changes: Any) -> Belt:
         return replace(self, **changes)
@@ -165,13 +156,10 @@ class Frame:
     """Runs before they are written down; shape (n runs, samples) each."""
 
     time: Array
-    cells: Array
-    """Readings of the tight and the slack cell [N], shape (2, n runs, samples)."""
+    cells: Array  # readings of the tight and the slack cell [N], shape (2, n runs, samples)
     speed: Array
-    sliding: Mask
-    """Samples of the first sliding, behind the build-up."""
-    kept: Mask
-    """Samples that the recording holds."""
+    sliding: Mask  # samples of the first sliding, behind the build-up
+    kept: Mask  # samples that the recording holds
     rate: float
 
 
@@ -186,8 +174,7 @@ class Case:
     name: str
     recipe: Recipe = field(default_factory=Recipe)
     spoil: Spoil | None = None
-    belt: Belt | None = None
-    """None: all runs have the recipe's settings."""
+    belt: Belt | None = None  # none: all runs have the recipe's settings
     visible: bool = True
     """Whether the recordings can show what is wrong; if not, no interval can allow for it."""
 
@@ -196,11 +183,9 @@ class Case:
 class Drawn:
     """Recordings with their truth, shape (n runs,) each but the columns."""
 
-    columns: dict[str, Array]
-    """The columns of rig.csv; runs are labelled 0, 1, 2 ... in order."""
+    columns: dict[str, Array]  # the columns of rig.csv; runs are labelled 0, 1, 2 ... in order
     mu: Array
-    initial_tension_N: Array
-    """Mean tension of the spans at the start of the rotation."""
+    initial_tension_N: Array  # mean tension of the spans at the start of the rotation
     arc_deg: Array
     omega: Array
 

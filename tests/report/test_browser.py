@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,7 +60,7 @@ def test_every_figure_is_seen(opened: Any) -> None:
     page, _, _ = opened
     page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
     figures = page.locator("figure")
-    assert figures.count() == 19
+    assert figures.count() == 17
     for k in range(figures.count()):
         figure = figures.nth(k)
         drawn = figure.locator(".drawing svg").bounding_box()
@@ -95,16 +94,6 @@ def test_a_run_of_the_gallery_is_enlarged_and_put_back(opened: Any) -> None:
     tile.locator("a.close").click()
     assert tile.locator("svg").bounding_box()["width"] == pytest.approx(small, rel=0.1)
     assert complaints == []
-
-
-def test_a_table_is_downloaded(opened: Any) -> None:
-    page, _, _ = opened
-    page.evaluate("for (const d of document.querySelectorAll('details')) d.open = true")
-    with page.expect_download() as waiting:
-        page.locator("a[download^=every_run]").click()
-    text = Path(waiting.value.path()).read_text()
-    assert text.splitlines()[0].startswith("run,")
-    assert "never turned" in text
 
 
 def test_text_of_the_figures_is_legible_on_a_telephone(opened: Any) -> None:

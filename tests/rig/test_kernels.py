@@ -80,7 +80,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(rate: float, v0: float) -> 
 
     residual(0 * q, 0 * u)
     if v0:  # the share of friction that Newton's method keeps, as in a solution
-        status["sign"] = s.now["speed"] / np.hypot(s.now["speed"], motion.scale)
+        status["sign"] = s.now["slip"] / np.hypot(s.now["slip"], motion.scale)
         residual(0 * q, 0 * u)
     tangent, columns = dense(s.A), s.columns.copy()
     rng, units = np.random.default_rng(1), np.tile([1, 1, 100, 100], q.size // 4)

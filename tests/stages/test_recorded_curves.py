@@ -10,6 +10,7 @@ import pytest
 
 from beltid.bench.recording import read_recording
 from beltid.config import find_config
+from beltid.identify.friction.kinds import PERFECT
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.curves import SMALL_SAMPLES, typical_runs
@@ -62,9 +63,7 @@ def test_the_cells_of_the_simulated_rig_are_perfect(bench: Path) -> None:
     config = find_config(bench / "rig.csv", None).config
     recording = read_recording(bench / "rig.csv", "rig", config)
     kind = records_of(replace(recording, is_artifact=True), config)[0].kind
-    tensions = np.array([10.0, 200.0])
-    np.testing.assert_array_equal(kind.cells.tight.tension(tensions), tensions)
-    np.testing.assert_array_equal(kind.cells.slack.tension(tensions), tensions)
+    assert kind.cells == PERFECT
 
 
 def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:

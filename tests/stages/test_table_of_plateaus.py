@@ -215,6 +215,7 @@ def test_a_run_down_is_refused_for_a_table_of_plateaus():
 
 NO_OTHERS = {
     "cell_gain_rel": 0,
+    "cell_hysteresis_rel": 0,
     "cell_offset_N": 0,
     "arc_deg": 0,
     "arc_setting_deg": 0,

@@ -21,6 +21,7 @@ belt: {name: small}
 rig: {arcs_deg: [40, 82], initial_tensions_N: [100, 411], pulley_speeds_rad_s: [0.05, 0.1]}
 simulation: {method: steady, elements: 20}
 drive: {method: string}
+plan: {arcs_deg: [82], tension_N: [100, 411], speed_rad_s: [0.05]}
 data: {press: press.csv, rig: rig.csv, speedloss: speedloss.csv}
 """
 CALLS = (

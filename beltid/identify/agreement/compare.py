@@ -168,8 +168,8 @@ class AgreementResult:
             return ""
         low, high = GOOD_RATIO
         return (
-            f"error {rms:.2g} % RMS, uncertainty without what both sides share "
-            f"{rms / ratio:.2g} %: ratio {ratio:.2g}, good is {low:g} to {high:g}"
+            f"the error is {rms:.2g} % RMS, its uncertainty {rms / ratio:.2g} % (without errors "
+            f"common to both sides); their ratio {ratio:.2g} should be {low:g} to {high:g}"
         )
 
     @property

@@ -24,15 +24,9 @@ NOISE_FLOOR = 2.0e-5
 
 
 def running_median(x: Array, window: int) -> Array:
-    """Return the median over a centred odd window, mirrored at the ends to catch spikes there.
-
-    Signals of shape (..., n) are filtered separately.
-    """
-    n = x.shape[-1]
-    if n < 3:
-        return x.copy()
-    size = [1] * (x.ndim - 1) + [min(window, n - 1 + n % 2)]
-    return median_filter(x, size=size, mode="mirror")
+    """Return the median over a centred odd window, mirrored at the ends to catch spikes there."""
+    n = x.size
+    return median_filter(x, size=min(window, n - 1 + n % 2), mode="mirror") if n > 2 else x.copy()
 
 
 def difference_sigma(x: Array, order: int = 1) -> float:
@@ -67,40 +61,39 @@ COARSEST = 0.1
 """Largest step of an ADC, over the largest value that it reads."""
 
 
-def adc_resolution(first: Array, second: Array) -> tuple[float, float]:
-    """Estimate the ADC steps of two signals, in their unit; zero if no step is visible.
+def resolution(*signals: Array) -> float:
+    """Return the largest step of an A/D converter that several signals show; zero if none shows.
 
-    The values of a coarse ADC repeat and lie on an even grid. The values of a noise-free recording
-    with a straight build-up may do so too. Therefore the grid of both signals must pass through
-    zero, or the signal itself must chatter; and round numbers without noise are no grid: a step is
-    at most :data:`COARSEST` of the largest value.
+    The values of a coarse converter repeat and lie on an even grid through zero, or chatter. Round
+    numbers without noise are no grid: a step is at most :data:`COARSEST` of the largest value.
 
-    `first` and `second` are finite samples in time order, shape (n,) and (m,).
+    Parameters
+    ----------
+    *signals : ndarray
+        Samples in time order, in one unit; values that are zero or not finite do not count.
     """
-    levels = np.unique(np.concatenate([first, second]))
-    if 2 <= levels.size <= (first.size + second.size) // 2:
-        step = _grid(np.append(levels, 0.0) if levels[0] > 0.0 else levels)
-        is_plausible = 0.0 < step <= COARSEST * float(np.max(np.abs(levels)))
-        if is_plausible and abs(levels[0] / step - np.rint(levels[0] / step)) < 0.02:
-            return step, step
-    return _chatter_step(first), _chatter_step(second)
+    finite = [x[np.isfinite(x) & (x != 0.0)] for x in signals]
+    every = np.abs(np.concatenate(finite))
+    levels = np.unique(every)
+    if not 2 <= levels.size <= every.size // 2:
+        return 0.0
+    step = _grid(levels)
+    if step == 0.0 or abs(levels[0] / step - np.rint(levels[0] / step)) > 0.02:
+        step = max(_chatter_step(x) for x in finite)
+    return step if step <= COARSEST * levels[-1] else 0.0
 
 
 def _chatter_step(x: Array) -> float:
     """Return the grid spacing of a signal that jumps to and fro; zero if it does not."""
-    moves = np.diff(x)
-    moves = moves[moves != 0.0]
-    levels = np.unique(x)
-    if np.count_nonzero(np.diff(np.sign(moves))) < 3 or levels.size > x.size // 2:
-        return 0.0
-    return _grid(levels)
+    moves, levels = np.diff(x), np.unique(x)
+    turns = np.count_nonzero(np.diff(np.sign(moves[moves != 0.0])))
+    return _grid(levels) if turns >= 3 and levels.size <= x.size // 2 else 0.0
 
 
 def _grid(levels: Array) -> float:
     """Return the spacing of an even grid through all levels; zero if there is none."""
-    levels = np.sort(levels)
     gaps = np.diff(levels)
-    if gaps.size == 0 or levels[-1] - levels[0] > 1e6 * np.min(gaps):
+    if levels[-1] - levels[0] > 1e6 * np.min(gaps):
         return 0.0
     for part in (1, 2, 3):  # with few levels the smallest gap may span several steps
         step = float(np.min(gaps)) / part
@@ -112,40 +105,25 @@ def _grid(levels: Array) -> float:
     return 0.0
 
 
-def converter_rounding(noise: ArrayLike, step: ArrayLike) -> Array:
-    """Return the rounding error of a mean from a coarse ADC; averaging does not reduce it.
+def rounding_of_mean(recorded: ArrayLike, step: ArrayLike) -> Array:
+    """Return the standard error of means due to readings in steps; averaging does not lower it.
 
-    The rounding error is a saw tooth over the position of the signal between two steps. Noise
-    smooths it; the root mean square of what remains is a sum over the harmonics,
-    ``step/pi sqrt(sum exp(-4 pi² k² noise²/step²)/(2 k²))``: ``step/sqrt(12)`` without noise, and
-    almost zero with noise of half a step.
+    It is ``step/sqrt(12)`` without noise; noise before the rounding, here a safe lower estimate
+    from the recorded scatter, smooths it as ``exp(-2 pi² noise²/step²)``.
 
     Parameters
     ----------
-    noise, step : array_like
-        Standard deviation of the noise before rounding, and ADC step, in the same unit.
+    recorded, step : array_like
+        Standard deviation of the readings, and their step (zero: fine), in one unit.
     """
-    sigma, width = np.broadcast_arrays(np.asarray(noise, float), np.asarray(step, float))
-    if not np.any(width > 0.0):
-        return np.zeros(sigma.shape)
-    ratio = np.divide(sigma, width, out=np.full(sigma.shape, np.inf), where=width > 0.0)
-    k = np.arange(1.0, 301.0)
-    fading = np.exp(-np.square(2.0 * np.pi * k * np.minimum(ratio, 2.0)[..., None]))
-    return np.asarray(width / np.pi * np.sqrt(0.5 * np.sum(fading / k**2, axis=-1)))
-
-
-def noise_before_rounding(recorded: ArrayLike, step: ArrayLike) -> Array:
-    """Return a safe lower estimate of the noise of a signal before a coarse ADC rounded it.
-
-    Rounding adds step²/12 to the variance. A signal with hardly any noise near the edge between
-    two steps jumps by a whole step, which adds up to step²/12 more.
-    """
-    excess = np.square(np.asarray(recorded, float)) - np.square(np.asarray(step, float)) / 6.0
-    return np.asarray(np.sqrt(np.maximum(excess, 0.0)))
+    scatter, width = np.broadcast_arrays(np.asarray(recorded, float), np.asarray(step, float))
+    ratio = np.divide(scatter, width, out=np.full(scatter.shape, np.inf), where=width > 0.0)
+    noise2 = np.clip(ratio**2 - 1.0 / 6.0, 0.0, 100.0)
+    return np.asarray(width / math.sqrt(12.0) * np.exp(-2.0 * math.pi**2 * noise2))
 
 
 def spike_mask(x: Array, threshold: float) -> Mask:
-    """Mark samples that lie far from the running median of their neighbours.
+    """Mark samples that lie far from the running median of their neighbours, shape (n,).
 
     The limit grows with the local change of the median, so that the steep build-up of a run and
     its corner do not count as spikes.
@@ -153,29 +131,17 @@ def spike_mask(x: Array, threshold: float) -> Mask:
     Parameters
     ----------
     x : ndarray
-        Finite samples in time order, shape (n,), or several signals, shape (k, n).
+        Finite samples in time order, shape (n,).
     threshold : float
         Limit in standard deviations of the white noise.
-
-    Returns
-    -------
-    ndarray of bool
-        True for a spike; same shape as `x`.
     """
-    if x.shape[-1] < 5:
-        return np.zeros(x.shape, dtype=bool)
+    if x.size < 5:
+        return np.zeros(x.size, dtype=bool)
     middle = running_median(x, SPIKE_WINDOW)
-    half = SPIKE_WINDOW // 2
-    before, after = (np.repeat(end, half, axis=-1) for end in (middle[..., :1], middle[..., -1:]))
-    padded = np.concatenate([before, middle, after], axis=-1)
-    local_change = np.abs(padded[..., 2 * half :] - padded[..., : -2 * half])
-    sigma = np.array([spike_sigma(row) for row in np.atleast_2d(x)]).reshape(*x.shape[:-1], 1)
+    padded = np.pad(middle, SPIKE_WINDOW // 2, mode="edge")
+    local_change = np.abs(padded[SPIKE_WINDOW - 1 :] - padded[: 1 - SPIKE_WINDOW])
+    sigma = max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
     return np.abs(x - middle) > threshold * sigma + local_change
-
-
-def spike_sigma(x: Array) -> float:
-    """Return the white noise of a signal, with a floor for noise-free signals."""
-    return max(difference_sigma(x), 10.0 * NOISE_FLOOR * median(np.abs(x)))
 
 
 def block_means(x: Array, starts: NDArray[np.intp]) -> Array:
@@ -201,6 +167,9 @@ def line_columns(t: Array, frequency: float) -> Array:
 def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     """Find the frequency of the strongest periodic component above the noise.
 
+    A line needs at least one and a half periods in the record, and must exceed both white noise and
+    its neighbourhood in the spectrum (so that red noise does not count as a line).
+
     Parameters
     ----------
     t : ndarray
@@ -213,9 +182,7 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     Returns
     -------
     float or None
-        Frequency [Hz], refined by least squares; None if no line is significant. A line needs at
-        least one and a half periods in the record, and must exceed both white noise and its
-        neighbourhood in the spectrum (so that red noise does not count as a line).
+        Frequency [Hz], refined by least squares; None if no line is significant.
     """
     n = t.size
     duration = float(t[-1] - t[0])
@@ -224,8 +191,7 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     grid = np.linspace(t[0], t[-1], n)
     length = 2 * (1 << (n - 1).bit_length())
     even = np.array([np.interp(grid, t, column) for column in residuals.T])
-    spectrum = np.fft.rfft(even, length)
-    power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=0) / n
+    power = np.sum(np.abs(np.fft.rfft(even, length)) ** 2, axis=0) / n
     frequency = np.fft.rfftfreq(length, duration / (n - 1))
     first, last = np.searchsorted(frequency, [1.5 / duration, 0.45 * (n - 1) / duration])
     if last - first < 3:
@@ -236,19 +202,14 @@ def strongest_line(t: Array, residuals: Array, basis: Array) -> float | None:
     limit = residuals.shape[1] + np.log(n / 2.0) + 9.0
     if power[k] < limit or power[k] < 10.0 * median(neighbourhood):
         return None
-    return _refined(t, residuals, basis, float(frequency[k]), 0.5 / duration)
-
-
-def _refined(t: Array, residuals: Array, basis: Array, centre: float, half_width: float) -> float:
-    """Return the frequency near `centre` [Hz] whose line reduces the sum of squares most."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    def negative_gain(frequency: float) -> float:
-        columns = line_columns(t - t[0], frequency)
+    def negative_gain(at: float) -> float:
+        columns = line_columns(t - t[0], at)
         columns -= basis @ (basis.T @ columns)
         products = columns.T @ residuals
         return -float(np.sum(products * np.linalg.solve(columns.T @ columns, products)))
 
-    bounds = (centre - half_width, centre + half_width)
-    options = {"xatol": 1e-3 * half_width}
+    near = 0.5 / duration
+    bounds, options = (frequency[k] - near, frequency[k] + near), {"xatol": 1e-3 * near}
     return float(minimize_scalar(negative_gain, bounds=bounds, options=options).x)

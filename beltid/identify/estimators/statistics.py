@@ -8,8 +8,6 @@ therefore ``s sqrt(tau / n)`` with the integrated autocorrelation time ``tau`` [
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,17 +20,6 @@ MEAN_DEVIATION_TO_SIGMA = 1.2533141373155003
 """Ratio of standard deviation to mean absolute deviation, normal distribution: sqrt(pi/2)."""
 OUTLIER = 6.0
 """Distance from the median, in robust spreads, beyond which a sample is an outlier."""
-
-
-class MeanWithError(NamedTuple):
-    """A mean, its standard error and effective sample size; unpacks as ``mean, se, n_eff``."""
-
-    mean: float
-    """Mean of the samples without outliers, in their unit; nan without samples."""
-    se: float
-    """Standard error of the mean, corrected for correlation; nan below two samples."""
-    n_eff: float
-    """Number of independent samples with the same standard error."""
 
 
 def median(x: Array) -> float:
@@ -156,36 +143,6 @@ def _less_mean(run: ArrayLike) -> Array:
     largest = float(np.nanmax(np.abs(residual)))
     rounding = 8.0 * np.finfo(float).eps * float(np.max(np.abs(finite)))
     return residual if largest > rounding else np.zeros(1)
-
-
-def robust_mean_with_se(x: ArrayLike) -> MeanWithError:
-    """Average a steady signal without its spikes; the standard error allows for correlation.
-
-    Parameters
-    ----------
-    x : array_like
-        Evenly spaced samples of a steady signal in time order, shape (n,). Values that are not
-        finite and outliers (see :func:`outlier_mask`) are ignored.
-
-    Returns
-    -------
-    MeanWithError
-        ``(mean, se, n_eff)``: the mean of the kept samples, ``se = s / sqrt(n_eff)`` with
-        ``s² = sum (x - mean)² / (n - tau)``, and ``n_eff = n / tau``. All nan (n_eff 0) without
-        samples; only the error is nan if at most one independent sample is left.
-    """
-    values = np.asarray(x, dtype=float).ravel()
-    kept = np.where(outlier_mask(values), np.nan, values)
-    n = int(np.count_nonzero(np.isfinite(kept)))
-    if n == 0:
-        return MeanWithError(float("nan"), float("nan"), 0.0)
-    mean = float(np.nanmean(kept))
-    tau = integrated_autocorrelation_time(kept)
-    n_eff = n / tau
-    if n_eff <= 1.0:
-        return MeanWithError(mean, float("nan"), n_eff)
-    variance = float(np.nansum((kept - mean) ** 2)) / (n - tau)
-    return MeanWithError(mean, float(np.sqrt(variance / n_eff)), n_eff)
 
 
 def settings_of(values: Array, gap: float) -> NDArray[np.intp]:

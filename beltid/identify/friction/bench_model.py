@@ -17,8 +17,8 @@ those of their sum and difference that go with the tension are relaxation, and f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -49,8 +49,8 @@ DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS = 2
-"""Turns between the sizes and the shape of the tail."""
+SWEEPS, FIRST_STEPS, STEPS = 2, 15, 40
+"""Turns between the sizes and the tail; steps of the search in the first turn, and later."""
 
 
 def block_covariance(first: Array, last: Array, count: Array, tau: Array) -> Array:
@@ -195,34 +195,18 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class RunLevel:
-    """Level of a run and its uncertainty; all in units of z.
+    """Level of a run and its uncertainty; all in units of z."""
 
-    Attributes
-    ----------
-    y : float
-        Level ln(T_tight/T_slack) after the tail has decayed.
-    variance : float
-        Variance of `y` that is independent between runs.
-    shared_tail, shared_drift : float
-        Standard deviations of `y` by errors that all runs share, with their common sign.
-    misfit : float
-        Ratio of the noise of the run about the model to that of the bench, standard deviations.
-    drift : float
-        Visible change by wandering zeros and drift of the friction over the sliding.
-    fit : BenchFit
-        The bench.
-    k : int
-        Number of the run.
-    """
-
-    y: float
-    variance: float
+    y: float  # level ln(T_tight/T_slack) after the tail has decayed
+    variance: float  # variance of `y` that is independent between runs
     shared_tail: float
+    """Standard deviations of `y` by errors that all runs share, with their common sign."""
     shared_drift: float
     misfit: float
-    drift: float
-    fit: BenchFit
-    k: int
+    """Ratio of the noise of the run about the model to that of the bench, standard deviations."""
+    drift: float  # visible change by wandering zeros and drift of the friction over the sliding
+    fit: BenchFit  # the bench
+    k: int  # number of the run
 
     def tail(self, travel: Array) -> Array:
         """Return the tail of the run at travels since the end of the build-up [m], shape (n,)."""
@@ -249,25 +233,13 @@ class RunLevel:
 
 @dataclass(frozen=True, eq=False)
 class BenchFit:
-    """What all runs of a bench share.
+    """What all runs of a bench share."""
 
-    Attributes
-    ----------
-    bench : Bench
-        The runs.
-    posterior : Posterior
-        Of their model.
-    powers, A : ndarray
-        Powers of the settings in the length of the tail; spectrum.
-    scale : ndarray, shape (R,)
-        Noise variance of each run over that of the bench.
-    """
-
-    bench: Bench
-    posterior: Posterior
-    powers: Array
+    bench: Bench  # the runs
+    posterior: Posterior  # of their model
+    powers: Array  # powers of the settings in the length of the tail; spectrum
     A: Array
-    scale: Array
+    scale: Array  # noise variance of each run over that of the bench, (R,)
 
     def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return the exponentials of run k and their derivatives by ln of the length, in z."""
@@ -337,42 +309,36 @@ def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
     clocks = [np.zeros(3)]
     if np.ptp(settings[:, 0]) > 0.05:  # a tail that decays over time instead of travel
         clocks.append(np.array([1.0, 0.0, 0.0]))
-    turns = [_turn(some, _Turn(powers, np.exp(some.eta))) for powers in clocks]
-    turn = max(turns, key=lambda turn: turn.log_evidence)
+    turns = [_turn(some, powers, np.exp(some.eta), 1.0, {}, FIRST_STEPS) for powers in clocks]
+    powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
     for _ in range(SWEEPS - 1):
-        turn = _turn(some, turn)
-    powers, A = turn.powers, turn.A
+        powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
+    sizes, scale = found.sizes, np.ones(len(records))
     bench = some if len(chosen) == len(records) else Bench(records, centre)
-    scale = np.ones(len(records))
     for _ in range(2):
-        found = bench.model(powers, A, scale).at(turn.sizes)
+        found = bench.model(powers, A, scale).at(sizes)
         A, _ = found.of("tail")
         scale = noise_scale(bench, found)
-    found = bench.model(powers, A, scale).at(turn.sizes)
+    found = bench.model(powers, A, scale).at(sizes)
     return BenchFit(bench, found, powers, A, scale)
 
 
-@dataclass(frozen=True, eq=False)
-class _Turn:
-    """State of a fit: powers, spectrum, sizes, noise of the runs."""
-
-    powers: Array
-    A: Array
-    sizes: dict[str, float] = field(default_factory=dict)
-    scale: Array | float = 1.0
-    log_evidence: float = -np.inf
-
-
-def _turn(bench: Bench, before: _Turn) -> _Turn:
+def _turn(
+    bench: Bench,
+    powers: Array,
+    A: Array,
+    scale: Array | float,
+    sizes: Mapping[str, float],
+    steps: int,
+) -> tuple[Array, Array, Array | float, Posterior]:
     """Improve the shape of the tail and the noise of the runs, then the sizes."""
-    powers, A, scale = before.powers, before.A, before.scale
     # slow noise from above: a size that is too small has no slope
     above = {f"memory {tau:g} s": 3.0 * bench.typical_N for tau in MEMORIES_S[:-1]}
-    sizes = before.sizes or above
+    sizes = sizes or above
     for _ in range(2):
         posterior = bench.model(powers, A, scale).at(sizes)
         powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
         A = posterior.of("tail")[0]
         scale = noise_scale(bench, posterior)
-    posterior = bench.model(powers, A, scale).fit(start=sizes, steps=40, tolerance=1e-7)
-    return _Turn(powers, A, posterior.sizes, scale, posterior.log_evidence)
+    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-7)
+    return powers, A, scale, found

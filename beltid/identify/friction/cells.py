@@ -45,59 +45,30 @@ NOTED = 0.003
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """What the runs tell of the cells, shape (R,) unless stated otherwise.
-
-    Attributes
-    ----------
-    difference_N, se_N, tension_N : ndarray
-        Difference of the cells at rest (tight less slack), its standard error, mean of both.
-    sliding_N : ndarray, shape (R, 2)
-        Tight and slack tension while sliding.
-    level, level_se : ndarray
-        ln(T_tight/T_slack) while sliding, and its standard error.
-    direction : ndarray
-        1, or -1 where the cells have changed places.
-    arc, speed : ndarray
-        Contact arc [rad], pulley speed [rad/s].
-    """
+    """What the runs tell of the cells, shape (R,) unless stated otherwise."""
 
     difference_N: Array
+    """Difference of the cells at rest (tight less slack), its standard error, mean of both."""
     se_N: Array
     tension_N: Array
-    sliding_N: Array
-    level: Array
+    sliding_N: Array  # tight and slack tension while sliding, (R, 2)
+    level: Array  # ln(T_tight/T_slack) while sliding, and its standard error
     level_se: Array
-    direction: Array
-    arc: Array
+    direction: Array  # 1, or -1 where the cells have changed places
+    arc: Array  # contact arc [rad], pulley speed [rad/s]
     speed: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellErrors:
-    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,).
+    """Errors of ln(T_tight/T_slack) caused by the cells, shape (R,)."""
 
-    Attributes
-    ----------
-    mean : ndarray
-        Correction to subtract.
-    variance : ndarray
-        Variance of its part that is independent between runs.
-    shared : ndarray
-        Standard deviation of its part that all runs share, with its sign.
-    held : ndarray
-        Difference at rest that zeros and gains do not explain, as a share of the tension.
-    gain : float
-        Difference of the gains that was found; 0 if nothing shows it.
-    notes : tuple of str
-        Note to the user on each run; empty if there is none.
-    """
-
-    mean: Array
-    variance: Array
-    shared: Array
-    held: Array
-    gain: float
-    notes: tuple[str, ...]
+    mean: Array  # correction to subtract
+    variance: Array  # variance of its part that is independent between runs
+    shared: Array  # standard deviation of its part that all runs share, with its sign
+    held: Array  # difference at rest that zeros and gains do not explain, as a share of the tension
+    gain: float  # difference of the gains that was found; 0 if nothing shows it
+    notes: tuple[str, ...]  # note to the user on each run; empty if there is none
 
 
 def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False) -> CellErrors:

@@ -1,10 +1,10 @@
-"""Convert the channels of each kind of rig to the tensions of both spans.
+"""Tensions of both spans from what a friction rig measures.
 
-The formulas are in `laws.capstan`. The tensions go through the same reduction as those of two
-cells; only the errors that they can have differ.
+Any two of these channels give the two span forces; the formulas are in `laws.capstan`. The tensions
+go through the same reduction as those of two cells; only the errors that they can have differ.
 
 =========== ============================== ==================================================
-Kind        Measured                       Errors of the tensions
+Measures    Channels                       Errors of the tensions
 =========== ============================== ==================================================
 two_cells   both tensions                  independent errors of the two cells
 dead_weight one tension; the other is W    none in W
@@ -20,7 +20,7 @@ only the unknown rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,8 +41,6 @@ Array = NDArray[np.float64]
 Span = Literal["tight", "slack"]
 Measures = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 SPANS: tuple[Span, Span] = ("tight", "slack")
-CELL_RANGES = {"tare_N": (-1e4, 1e4), "gain": (0.1, 10.0)}
-"""Allowed ranges of the known errors of a cell."""
 TURNS = 0.03
 """Share of the largest speed above which the pulley counts as turning."""
 LEAST_SLIP = 1e-9
@@ -55,18 +53,11 @@ TOUCH_DEG = 360.0
 class KnownCell:
     """Known errors of one load cell; the defaults describe a perfect one."""
 
-    tare_N: float = 0.0
-    """Reading without load [N]."""
-    gain: float = 1.0
-    """Ratio of the true force to the reading less tare [-]."""
-
-    @property
-    def is_perfect(self) -> bool:
-        """Whether there is nothing to correct."""
-        return self.tare_N == 0.0 and self.gain == 1.0
+    tare_N: float = 0.0  # reading without load [N]
+    gain: float = 1.0  # ratio of the true force to the reading less tare [-]
 
     def tension(self, reading_N: ArrayLike) -> Array:
-        """Convert readings of the cell to the tension of its span, ``gain (reading - tare)``.
+        """Convert readings of the cell [N] to the tension of its span, ``gain (reading - tare)``.
 
         Parameters
         ----------
@@ -75,43 +66,17 @@ class KnownCell:
         """
         return self.gain * (np.asarray(reading_N, dtype=float) - self.tare_N)
 
-    @property
-    def corrections(self) -> str:
-        """Description of the corrections; empty for a perfect cell."""
-        errors = (("tare", self.tare_N, 0.0, " N"), ("gain", self.gain, 1.0, ""))
-        return ", ".join(f"{name} {x:g}{unit}" for name, x, none, unit in errors if x != none)
 
-
-@dataclass(frozen=True, slots=True)
-class KnownCells:
-    """Known errors of both load cells of the rig, by the column of each."""
-
-    tight: KnownCell = KnownCell()
-    slack: KnownCell = KnownCell()
-
-    @property
-    def note(self) -> str:
-        """Note to the user on the corrections; empty if there are none."""
-        cells = (("tight", self.tight.corrections), ("slack", self.slack.corrections))
-        parts = [f"{span} cell {corrections}" for span, corrections in cells if corrections]
-        return f"known errors of the load cells corrected: {'; '.join(parts)}" if parts else ""
+PERFECT = (KnownCell(), KnownCell())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drag:
-    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor.
+    """Torque of a pulley that turns without a belt: bearing friction and zero of the sensor."""
 
-    Attributes
-    ----------
-    speed_rad_s, torque_N_m : ndarray, shape (k,)
-        Speed and torque of the idle runs, sorted by speed.
-    at_rest_N_m : float
-        Reading of the sensor before the pulley turns [N m].
-    """
-
-    speed_rad_s: Array
+    speed_rad_s: Array  # speed and torque of the idle runs, sorted by speed, (k,)
     torque_N_m: Array
-    at_rest_N_m: float
+    at_rest_N_m: float  # reading of the sensor before the pulley turns [N m]
 
     def at(self, speed_rad_s: Array) -> Array:
         """Interpolate the torque to subtract; constant beyond the speeds of the idle runs.
@@ -127,100 +92,22 @@ class Drag:
 
 
 @dataclass(frozen=True, slots=True)
-class Treatment:
-    """Corrections of the channels of a run before its reduction.
-
-    Attributes
-    ----------
-    cells : KnownCells
-        Known errors of the cells that were corrected.
-    drag_N_m : tuple of float, optional
-        Lowest and highest bearing drag subtracted from the torque [N m].
-    n_marks : int
-        Overflow marks removed from the pulley speed.
-    """
-
-    cells: KnownCells = KnownCells()
-    drag_N_m: tuple[float, float] | None = None
-    n_marks: int = 0
-
-    @classmethod
-    def of(cls, stated: RigKind, drag: Drag | None, n_marks: int = 0) -> Treatment:
-        """Summarise the corrections of the channels of a kind."""
-        drag_N_m = None
-        if drag is not None and stated.has_torque:
-            drag_N_m = float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))
-        return cls(stated.cells, drag_N_m, n_marks=n_marks)
-
-
-UNTREATED = Treatment()
-
-
-@dataclass(frozen=True, slots=True)
 class RigKind:
-    """Kind of friction rig: which channels it measures.
+    """What a friction rig measures."""
 
-    Attributes
-    ----------
-    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        Measured channels.
-    weight_on : {"tight", "slack"}
-        Span that carries the dead weight.
-    weight_stated : bool
-        Whether the user said which span that is: a weight beside a torque does not show it.
-    weighs : bool
-        Whether the tension measured in addition to a torque is a weight.
-    torque_with : {"tight", "slack"}
-        Span whose tension is measured in addition to a torque.
-    running : bool
-        Whether the belt moves.
-    belt_speed_m_s : float
-        Speed of the belt if no column gives it [m/s].
-    mass_per_length_kg_m : float
-        Mass per length of the belt; used only if the belt moves [kg/m].
-    cells : KnownCells
-        Known errors of the cells.
-    spans : Spans
-        Rotation of the span forces by bending: a hub force is the resultant of both.
-
-    Raises
-    ------
-    InputError
-        If errors of a cell are out of range, or are stated for a cell that the kind does not have.
-    """
-
-    measures: Measures = "two_cells"
-    weight_on: Span = "tight"
-    torque_with: Span = "slack"
-    running: bool = False
-    belt_speed_m_s: float = float("nan")
+    measures: Measures = "two_cells"  # measured channels
+    weight_on: Span = "tight"  # span that carries the dead weight
+    torque_with: Span = "slack"  # span whose tension is measured in addition to a torque
+    running: bool = False  # whether the belt moves
+    belt_speed_m_s: float = float("nan")  # speed of the belt if no column gives it [m/s]
     mass_per_length_kg_m: float = 0.0
-    cells: KnownCells = field(default_factory=KnownCells)
+    """Mass per length of the belt; used only if the belt moves [kg/m]."""
+    cells: tuple[KnownCell, KnownCell] = PERFECT  # known errors of the tight and the slack cell
     spans: Spans = STRAIGHT
+    """Rotation of the span forces by bending: a hub force is the resultant of both."""
     weight_stated: bool = True
-    weighs: bool = False
-
-    def __post_init__(self) -> None:
-        without = {"dead_weight": [self.weight_on], "torque_hub": list(SPANS)}
-        problems = [
-            f"friction.tension_{span}_{name} = {value!r}, must be in [{low:g}, {high:g}]"
-            for span in SPANS
-            for name, (low, high) in CELL_RANGES.items()
-            if not low <= (value := getattr(self.cell(span), name)) <= high
-        ]
-        problems += [
-            f"friction.tension_{span}_tare_N, _gain: rig.kind: {self.measures} has no "
-            f"cell in the {span} span; errors of another channel are a calibration: "
-            "units: {rig: {...: {factor: 1.0, offset: 0.0}}}"
-            for span in without.get(self.measures, [])
-            if not self.cell(span).is_perfect
-        ]
-        if problems:
-            raise InputError(problems)
-
-    def cell(self, span: Span) -> KnownCell:
-        """Return the known errors of the cell of a span."""
-        return self.cells.tight if span == "tight" else self.cells.slack
+    """Whether the user said which span that is: a weight beside a torque does not show it."""
+    weighs: bool = False  # whether the tension measured in addition to a torque is a weight
 
     @property
     def name(self) -> str:
@@ -242,22 +129,6 @@ class RigKind:
         """Span whose tension is a dead weight; None for other kinds."""
         return self.weight_on if self.measures == "dead_weight" or self.weighs else None
 
-    def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
-        """Return the momentum part of the measured tensions [N]; zero with a hub force."""
-        if not self.running or self.measures == "torque_hub":
-            return 0.0 * belt_speed_m_s
-        return self.mass_per_length_kg_m * belt_speed_m_s**2
-
-    @property
-    def needed(self) -> tuple[str, ...]:
-        """Columns that this kind needs; kind torque also needs one of the two tensions."""
-        return {
-            "two_cells": ("tension_tight_N", "tension_slack_N"),
-            "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
-            "torque": ("torque_N_m",),
-            "torque_hub": ("torque_N_m", "hub_force_N"),
-        }[self.measures]
-
     @property
     def span_beside_torque(self) -> Span | None:
         """Span whose tension is measured in addition to a torque; None for other kinds."""
@@ -271,32 +142,19 @@ class RigKind:
         InputError
             If channels are missing, or if the belt moves though the kind is not running.
         """
+        needed = {
+            "two_cells": ("tension_tight_N", "tension_slack_N"),
+            "dead_weight": ("weight_N", f"tension_{other(self.weight_on)}_N"),
+            "torque": ("torque_N_m",),
+            "torque_hub": ("torque_N_m", "hub_force_N"),
+        }[self.measures]
         missing = [
             f"rig.kind: {self.name} needs the column {name}, which is missing"
-            for name in self.needed
+            for name in needed
             if not _has_values(columns, name)
         ]
         if missing:
             raise InputError(missing)
-        spans = [
-            span
-            for span in (self.torque_with, other(self.torque_with))
-            if _has_values(columns, f"tension_{span}_N")
-        ]
-        weighs = self.measures == "torque" and not spans and _has_values(columns, "weight_N")
-        if weighs and not self.weight_stated:
-            raise InputError(
-                "a weight beside a torque: state the span that carries it, rig.holds: weight_tight "
-                "or rig.holds: weight_slack"
-            )
-        if weighs:
-            spans = [self.weight_on]
-        if self.measures == "torque" and not spans:
-            raise InputError(
-                "rig.kind: torque needs the tension of one span: column tension_tight_N, "
-                "tension_slack_N or weight_N is missing; with the force on the axis (hub_force_N) "
-                "it is rig.kind: torque_hub"
-            )
         if self.running:
             self.belt_speed(columns)
         elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
@@ -306,7 +164,21 @@ class RigKind:
             )
         if self.measures != "torque":
             return self
-        return replace(self, torque_with=spans[0], weighs=weighs)
+        for span in (self.torque_with, other(self.torque_with)):
+            if _has_values(columns, f"tension_{span}_N"):
+                return replace(self, torque_with=span)
+        if not _has_values(columns, "weight_N"):
+            raise InputError(
+                "rig.kind: torque needs the tension of one span: column tension_tight_N, "
+                "tension_slack_N or weight_N is missing; with the force on the axis (hub_force_N) "
+                "it is rig.kind: torque_hub"
+            )
+        if not self.weight_stated:
+            raise InputError(
+                "a weight beside a torque: state the span that carries it, rig.holds: weight_tight "
+                "or rig.holds: weight_slack"
+            )
+        return replace(self, torque_with=self.weight_on, weighs=True)
 
     def reversed(self, table: str) -> str:
         """Explain a slack tension above the tight one; empty for two cells.
@@ -346,6 +218,12 @@ class RigKind:
             )
         return speed
 
+    def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
+        """Return the momentum part of the measured tensions [N]; zero with a hub force."""
+        if not self.running or self.measures == "torque_hub":
+            return 0.0 * belt_speed_m_s
+        return self.mass_per_length_kg_m * belt_speed_m_s**2
+
     def tensions(
         self,
         columns: Mapping[str, Array],
@@ -383,7 +261,7 @@ class RigKind:
         if span == self.weight:
             tension = np.asarray(columns["weight_N"], dtype=float)
         else:
-            tension = self.cell(span).tension(columns[f"tension_{span}_N"])
+            tension = self.cells[SPANS.index(span)].tension(columns[f"tension_{span}_N"])
         if not self.running:
             return tension
         return pressing_tension(tension, self.mass_per_length_kg_m, self.belt_speed(columns))
@@ -415,25 +293,20 @@ def drag_of(idle: Sequence[Mapping[str, Array]]) -> Drag | None:
     idle : sequence of mapping
         Columns pulley_speed_rad_s [rad/s] and torque_N_m [N m] of each run.
     """
-    speeds, torques, torques_at_rest = [], [], []
+    found, at_rest = [], []
     for columns in idle:
         torque, magnitude, turns = _turning(columns)
         turns &= np.isfinite(torque)
         if not turns.any():
             continue
-        speeds.append(median(magnitude[turns]))
-        torques.append(float(np.mean(torque[turns])))
+        found.append((median(magnitude[turns]), float(np.mean(torque[turns]))))
         still = np.isfinite(torque) & (magnitude <= TURNS * float(np.nanmax(magnitude)))
         if still.any():
-            torques_at_rest.append(float(np.mean(torque[still])))
-    if not speeds:
+            at_rest.append(float(np.mean(torque[still])))
+    if not found:
         return None
-    order = np.argsort(speeds, kind="stable")
-    return Drag(
-        speed_rad_s=np.array(speeds)[order],
-        torque_N_m=np.array(torques)[order],
-        at_rest_N_m=float(np.mean(torques_at_rest)) if torques_at_rest else 0.0,
-    )
+    speeds, torques = np.array(sorted(found)).T
+    return Drag(speeds, torques, float(np.mean(at_rest)) if at_rest else 0.0)
 
 
 def _turning(columns: Mapping[str, Array]) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -15,22 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.friction.kinds import (
-    UNTREATED,
-    Drag,
-    RigKind,
-    Treatment,
-    drag_of,
-)
+from beltid.identify.friction.kinds import Drag, RigKind, drag_of
 from beltid.identify.friction.run import (
     CELLS,
     MAX_MU,
     NAN,
-    OPTIONAL,
-    TEXT_COLUMNS,
+    NUMBERS,
+    TEXTS,
     Conditions,
     RunReduction,
     arc_problem,
+    drag_range,
 )
 from beltid.laws.capstan import friction_coefficient, sliding_speed
 
@@ -41,7 +36,6 @@ Rows = dict[str, Array]
 STATED = ("mu", "normal_force_N_m")
 """Columns of a table of plateaus that states coefficient and normal force directly."""
 SPEEDS = ("pulley_speed_rad_s", "slip_speed_m_s")
-NUMBERS = (*STATED, *SPEEDS, *OPTIONAL, "mu_se", "arc_deg")
 
 
 def reduce_plateaus(
@@ -76,7 +70,10 @@ def reduce_plateaus(
         With the columns that are missing.
     """
     n = len(columns["run"])
-    table = {name: np.asarray(columns.get(name, np.full(n, NAN)), float) for name in NUMBERS}
+    table = {
+        name: np.asarray(columns.get(name, np.full(n, NAN)), float)
+        for name in (*NUMBERS, *STATED, *SPEEDS, "mu_se")
+    }
     given = {name for name, values in table.items() if np.isfinite(values).any()}
     if given.isdisjoint(SPEEDS):
         raise InputError("column pulley_speed_rad_s or slip_speed_m_s is missing")
@@ -85,14 +82,13 @@ def reduce_plateaus(
         table["pulley_speed_rad_s"] = np.where(np.isfinite(speed), speed, slip / R)
     is_idle = np.array([str(x).lower() == "true" for x in columns.get("idle", np.full(n, None))])
     rows = {name: values[~is_idle] for name, values in table.items()}
-    treatment, by_tensions = UNTREATED, not given.issuperset(STATED)
+    drag, by_tensions = None, not given.issuperset(STATED)
     if by_tensions:
         if "arc_deg" not in given:
             raise InputError("column arc_deg is missing")
-        stated, kind = kind, kind.found_in(rows)
+        kind = kind.found_in(rows)
         idle = [{name: x[[i]] for name, x in table.items()} for i in np.flatnonzero(is_idle)]
         drag = drag_of(idle)
-        treatment = Treatment.of(stated, drag)
         tight, slack = kind.tensions(rows, rows["arc_deg"], R, drag)
         se = _by_resolution(rows, kind, R, drag, resolution_N) / np.radians(rows["arc_deg"])
         momentum = np.full(se.size, NAN)
@@ -107,7 +103,7 @@ def reduce_plateaus(
     initial = rows["initial_tension_N"]
     if kind.weight:
         initial = np.where(np.isfinite(initial), initial, rows["weight_N"])
-    texts = {name: columns[name][~is_idle] for name in TEXT_COLUMNS if name in columns}
+    texts = {name: columns[name][~is_idle] for name in TEXTS if name in columns}
     runs = []
     for k, label in enumerate(_unique([str(label) for label in columns["run"][~is_idle]])):
         described = {name: x[k] for name, x in texts.items() if x[k]}
@@ -125,7 +121,7 @@ def reduce_plateaus(
             n_samples=1,
             mu_sticking_reason="",
             conditions=Conditions.of(described),
-            treatment=treatment,
+            drag_N_m=drag_range(kind, drag),
         )
         if by_tensions:
             run.set_plateau(tight[k], slack[k], R)

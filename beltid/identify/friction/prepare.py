@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from beltid.identify.estimators.signal import (
     NOISE_FLOOR,
     block_means,
-    converter_rounding,
     difference_sigma,
     line_columns,
-    noise_before_rounding,
     strongest_line,
 )
 from beltid.identify.estimators.statistics import mad_sigma, median
@@ -33,7 +31,6 @@ from beltid.identify.friction.channels import (
     Rotation,
     SlidingPhase,
     as_if_held,
-    condensed,
     find_rotation,
     read_channels,
     sliding_phase,
@@ -41,12 +38,7 @@ from beltid.identify.friction.channels import (
 )
 from beltid.identify.friction.kinds import SPANS, Span
 from beltid.identify.friction.rest import Rest, rest_state
-from beltid.identify.friction.run import (
-    NAN,
-    RunRecord,
-    RunReduction,
-    RunRejected,
-)
+from beltid.identify.friction.run import NAN, RunRecord, RunReduction, RunRejected
 from beltid.laws.capstan import sliding_speed
 
 Array = NDArray[np.float64]
@@ -76,17 +68,7 @@ ONSET = 200
 """Most samples of the build-up that are kept for the sticking peak."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedRun:
-    """A run prepared for its campaign."""
-
-    found: RunReduction
-    """What its own record gives."""
-    sliding: SlidingRecord | None = None
-    """Its sliding phase; None if the status of `found` is final."""
-
-
-def prepare_run(record: RunRecord, R: float) -> PreparedRun:
+def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecord | None]:
     """Condense one record to the data its campaign needs; its status states any defect.
 
     Parameters
@@ -95,15 +77,20 @@ def prepare_run(record: RunRecord, R: float) -> PreparedRun:
         The samples.
     R : float
         Radius of the belt's centreline on the pulley [m].
+
+    Returns
+    -------
+    found, sliding
+        What its own record gives, and its sliding phase; None if the status is final.
     """
     run = RunReduction.of(record)
     try:
-        return PreparedRun(run, _sliding(run, record, R))
+        return run, _sliding(run, record, R)
     except RunRejected as reason:
         run.status = (
             f"{reason}; {RUN_DOWN}" if _runs_down(record.pulley_speed_rad_s) else str(reason)
         )
-    return PreparedRun(run)
+    return run, None
 
 
 def _runs_down(speed: Array) -> bool:
@@ -119,10 +106,10 @@ def _runs_down(speed: Array) -> bool:
 
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     """Check the phases of a record and condense its sliding; fill in the result on the way."""
-    kind = record.kind
+    weight = record.kind.weight
     if record.defect:
         raise RunRejected(record.defect)
-    channels = condensed(read_channels(record))
+    channels = read_channels(record)
     run.n_spikes, run.n_missing = channels.n_spikes, channels.n_missing
     rotation = find_rotation(channels.speed)
     velocity = -rotation.speed_rad_s if rotation.reversed else rotation.speed_rad_s
@@ -132,16 +119,14 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
     run.start_time_s = float(channels.time_s[rotation.first])
     run.notes = _rotation_notes(rotation, channels)
 
-    rest = rest_state(channels.time_s, channels.tensions, rotation.first, channels.steps)
-    run.rest_N = (
-        rest.tension_N + 0.5 * rest.imbalance_N,
-        rest.tension_N - 0.5 * rest.imbalance_N,
-    )
-    if kind.weight is not None:  # it is the tension, and friction the imbalance
-        W = float(channels.tensions[0, SPANS.index(kind.weight)])
-        rest = replace(
-            rest, tension_N=W, end_N=W, end_se_N=0.0, imbalance_N=0.0, imbalance_se_N=0.0
-        )
+    before = slice(rotation.first)
+    rest = rest_state(channels.time_s[before], channels.tensions[before], channels.rounding_N)
+    half = 0.5 * rest.imbalance_N
+    run.rest_N = (rest.tension_N + half, rest.tension_N - half)
+    if weight is not None:  # it is the tension, and friction the imbalance
+        W = float(channels.tensions[0, SPANS.index(weight)])
+        rest = replace(rest, tension_N=W, end_N=W, end_se_N=0.0)
+        rest = replace(rest, imbalance_N=0.0, imbalance_se_N=0.0)
     run.initial_tension_N = rest.tension_N
     run.imbalance_N, run.imbalance_se_N = rest.imbalance_N, rest.imbalance_se_N
     if abs(rest.imbalance_N) > MAX_IMBALANCE * rest.tension_N:
@@ -155,24 +140,21 @@ def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:
         slopes = (-rest.slopes_N_s[0], rest.slopes_N_s[1])
         rest = replace(rest, imbalance_N=-rest.imbalance_N, slopes_N_s=slopes)
 
-    held = channels if kind.weight is None else as_if_held(channels, rotation)
+    held = channels if weight is None else as_if_held(channels, rotation)
     phase = sliding_phase(held, rotation)
     run.take_up_m = R * _take_up(phase)
     n = phase.time_s.size - phase.slide
     if n < FEWEST_SLIDING:
         raise RunRejected(f"too short: {n} usable samples of sliding, must be >= {FEWEST_SLIDING}")
-    sliding = sliding_record(phase, rest, channels.steps, kind.weight, R)
+    sliding = sliding_record(phase, rest, channels.rounding_N, weight, R)
     run.plateau_end_s = float(sliding.last_s[-1])
     run.n_spikes += sliding.n_outliers
-    step_N = float(np.max(channels.steps))
     if sliding.rounding > ROUNDING_NOTED:
-        run.notes += (f"the A/D converters of the cells resolve only {step_N:.3g} N",)
-    noise_N = rest.noise_N
-    if kind.is_derived:
-        # with a dead weight, the noise may be in the cell or in the ratio of the tensions
-        noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, held))
+        run.notes += ("coarse A/D converters of the cells: included in the standard error",)
+    # with a dead weight, the noise may be in the cell or in the ratio of the tensions
+    noise_N = max(_noise_at_rest(rest, x, sliding) for x in (channels, held))
     # ignore noise below 0.1 % of T_tight/T_slack, or below the rounding of a converter
-    floor = max(1e-3 / sliding.sensitivity, step_N / np.sqrt(12.0))
+    floor = max(1e-3 / sliding.sensitivity, float(np.max(channels.rounding_N)))
     ratio = sliding.unrest_N / max(noise_N, floor)
     if ratio > MAX_NOISE_RATIO and rest.n_samples >= 8:
         raise RunRejected(
@@ -206,9 +188,6 @@ def _rotation_notes(rotation: Rotation, channels: Channels) -> tuple[str, ...]:
         notes.append(f"the pulley speed changes by {100 * rotation.unsteadiness:+.2g} %")
     if channels.time_s.size - rotation.end > 2:
         notes.append(f"the pulley stops at {channels.time_s[rotation.end]:.4g} s")
-        after = np.abs(channels.speed[rotation.end :]) > 0.1 * rotation.speed_rad_s
-        if np.count_nonzero(after) > 8:
-            notes.append("the pulley starts again: only the first start is used")
     return tuple(notes)
 
 
@@ -218,7 +197,7 @@ def _noise_at_rest(rest: Rest, channels: Channels, sliding: SlidingRecord) -> fl
     time = channels.time_s[at_rest]
     z = -np.diff(channels.tensions[at_rest] / sliding.tensions_N)[:, 0]
     if time.size < 4:
-        return rest.noise_N
+        return float("inf")
     line = np.polynomial.Polynomial.fit(time, z, 1)
     return float(np.std(z - line(time), ddof=2)) / sliding.sensitivity
 
@@ -241,75 +220,35 @@ OUTLIER = 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlidingRecord:
-    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise.
+    """Block means of the sliding phase of a run, shape (m,) unless stated otherwise."""
 
-    Attributes
-    ----------
-    first_s, last_s : ndarray
-        Times of the first and the last sample of each block [s].
-    count : ndarray
-        Samples of each block.
-    travel : ndarray
-        Mean travel of the pulley's surface since the end of the build-up [m].
-    z, log_mean : ndarray
-        ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N.
-    waves : ndarray, shape (m, 2 k)
-        Cosine and sine of the detected ripples.
-    take_up : ndarray, shape (m, TAKE_UP.size)
-        Decays of the possible rest of the build-up at the start of the sliding.
-    slow_take_up : ndarray, shape (m, SLOW_TAKE_UP.size)
-        The same for slow decays.
-    turn : ndarray, shape (m, 2)
-        Cosine and sine of the angle of the pulley.
-    temperature : ndarray
-        Temperature [°C], nan if unknown.
-    rest : Rest
-        Rest phase before the rotation.
-    onset : ndarray, shape (3, k)
-        Times [s], travel since the end of the build-up [m] and z (nan if a tension is not
-        positive), from the start of the rotation to the start of the sliding.
-    tensions_N : tuple of float
-        Tight and slack tension in the second half of the sliding [N].
-    noise_N : float
-        White noise of a sample in z over `sensitivity` [N].
-    rounding : float
-        Rounding error of z by coarse converters, which averaging does not reduce [-].
-    step_m : float
-        Travel between samples [m]; shorter tails are not visible.
-    ripple_N : float
-        Amplitude of the strongest ripple in the tight tension [N].
-    unrest_N : float
-        Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N].
-    n_outliers : int
-        Samples that were dropped.
-    zero_shifts : ndarray, shape (2,)
-        Change of z by an error of 1 N in the tight and the slack tension [1/N].
-    weight : {"tight", "slack"}, optional
-        Span that carries a dead weight, whose tension has no errors.
-    """
-
-    first_s: Array
+    first_s: Array  # times of the first and the last sample of each block [s]
     last_s: Array
-    count: Array
-    travel: Array
-    z: Array
+    count: Array  # samples of each block
+    travel: Array  # mean travel of the pulley's surface since the end of the build-up [m]
+    z: Array  # ln(T_tight/T_slack) (S1), and ln of the geometric mean of the tensions in N
     log_mean: Array
-    waves: Array
+    waves: Array  # cosine and sine of the detected ripples, (m, 2 k)
     take_up: Array
-    slow_take_up: Array
-    turn: Array
-    temperature: Array
-    rest: Rest
+    """Decays of the possible rest of the build-up at the start of the sliding, (m,
+    TAKE_UP.size)."""
+    slow_take_up: Array  # the same for slow decays, (m, SLOW_TAKE_UP.size)
+    turn: Array  # cosine and sine of the angle of the pulley, (m, 2)
+    temperature: Array  # temperature [°C], nan if unknown
+    rest: Rest  # rest phase before the rotation
     onset: Array
-    tensions_N: tuple[float, float]
-    noise_N: float
-    rounding: float
-    step_m: float
-    ripple_N: float
+    """Times [s], travel since the end of the build-up [m] and z (nan if a tension is not positive),
+    from the start of the rotation to the start of the sliding, (3, k)."""
+    tensions_N: tuple[float, float]  # tight and slack tension in the second half of the sliding [N]
+    noise_N: float  # white noise of a sample in z over `sensitivity` [N]
+    rounding: float  # rounding error of z by coarse converters, which averaging does not reduce [-]
+    ripple_N: float  # amplitude of the strongest ripple in the tight tension [N]
     unrest_N: float
-    n_outliers: int
+    """Scatter of z over sections as long as the rest, without ripple, over `sensitivity` [N]."""
+    n_outliers: int  # samples that were dropped
     zero_shifts: Array
-    weight: Span | None
+    """Change of z by an error of 1 N in the tight and the slack tension [1/N], (2,)."""
+    weight: Span | None  # span that carries a dead weight, whose tension has no errors
 
     @property
     def sensitivity(self) -> float:
@@ -330,7 +269,7 @@ class SlidingRecord:
 
 
 def sliding_record(
-    phase: SlidingPhase, rest: Rest, steps: Array, weight: Span | None, R: float
+    phase: SlidingPhase, rest: Rest, rounding_N: Array, weight: Span | None, R: float
 ) -> SlidingRecord:
     """Average the sliding phase of a run over blocks.
 
@@ -340,8 +279,8 @@ def sliding_record(
         The samples.
     rest : Rest
         Rest phase before the rotation.
-    steps : ndarray, shape (2,)
-        Resolution of the A/D converters of both cells [N]; zero if fine.
+    rounding_N : ndarray, shape (2,)
+        Errors of means of both cells by coarse converters [N].
     weight : {"tight", "slack"} or None
         Span that carries a dead weight.
     R : float
@@ -354,7 +293,7 @@ def sliding_record(
     onset = _onset(phase.time_s[before], since_end[before], phase.tensions[before])
     t, tensions = phase.time_s[after], phase.tensions[after]
     travel = np.maximum(since_end[after], 0.0)
-    smooth, lines, kept = _smooth_course(t, tensions, travel, steps)
+    smooth, lines, kept = _smooth_course(t, tensions, travel, rounding_N)
     t, tensions, travel, smooth = (a[kept] for a in (t, tensions, travel, smooth))
     angle, temperature = phase.angle[after][kept], phase.temperature[after][kept]
     n = t.size
@@ -368,8 +307,6 @@ def sliding_record(
     residual = ratio[:, 0] - ratio[:, 1]
     residual = residual - wave @ np.linalg.lstsq(wave, residual, rcond=None)[0]
     tight_waves = np.linalg.lstsq(wave, tensions[:, 0] - smooth[:, 0], rcond=None)[0]
-    recorded = [difference_sigma(cell) for cell in tensions.T]
-    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
     relative_travel = (travel - travel[0])[:, None] / max(built_m, 1e-9)
     starts = block_starts(n)
     return SlidingRecord(
@@ -388,8 +325,7 @@ def sliding_record(
         onset=onset,
         tensions_N=(float(level[0]), float(level[1])),
         noise_N=max(difference_sigma(residual), NOISE_FLOOR) / sensitivity,
-        rounding=float(np.linalg.norm(rounding / level)),
-        step_m=float(travel[-1] - travel[0]) / max(n - 1, 1),
+        rounding=float(np.linalg.norm(rounding_N / level)),
         ripple_N=float(np.linalg.norm(tight_waves[:2])),
         unrest_N=_section_scatter(t, residual, rest.last_s - rest.first_s) / sensitivity,
         n_outliers=int(np.count_nonzero(~kept)),
@@ -433,7 +369,7 @@ def block_starts(n: int) -> NDArray[np.intp]:
 
 
 def _smooth_course(
-    t: Array, tensions: Array, travel: Array, steps: Array
+    t: Array, tensions: Array, travel: Array, rounding_N: Array
 ) -> tuple[Array, list[float], Mask]:
     """Return the smooth tensions (n, 2), the frequencies of the ripples and the usable samples."""
     reach = max(float(travel[-1] - travel[0]), 1e-9)
@@ -444,7 +380,7 @@ def _smooth_course(
     lines: list[float] = []
     level = np.abs(np.median(tensions, axis=0))
     # a coarse converter may repeat one value: its rounding must not count as an outlier
-    floor = np.maximum(NOISE_FLOOR * level, steps / np.sqrt(12.0))
+    floor = np.maximum(NOISE_FLOOR * level, rounding_N)
     # a weak prior keeps neighbouring decays from cancelling each other
     ridge = np.diag([0.0, *([0.03] * decays.shape[1])]) * np.sqrt(t.size)
     for _ in range(LINES + 2):

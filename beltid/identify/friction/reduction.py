@@ -13,15 +13,16 @@ record leaves the build-up and joins the model; that time is known to one sample
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.friction.bench_model import RunLevel, fit_bench
 from beltid.identify.friction.cells import Readings, cell_errors
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
-from beltid.identify.friction.prepare import PreparedRun, SlidingRecord, prepare_run
+from beltid.identify.friction.prepare import SlidingRecord, prepare_run
 from beltid.identify.friction.rest import Rest, against_stated
 from beltid.identify.friction.run import (
     MAX_MU,
@@ -53,51 +54,15 @@ STANDS_OUT = 3.0
 """Smallest height of a peak above the plateau, in standard errors of the peak."""
 
 
-__all__ = [
-    "RunRecord",
-    "RunReduction",
-    "reduce_records",
-    "reduce_runs",
-]
-
 FEWEST_FOR_MISFIT = 5
 """Fewest runs of a bench with which one of them can be rejected as unlike the others."""
 
 
 def reduce_runs(
-    columns: Mapping[str, ArrayLike],
-    pulley_radius_m: float,
-    kind: RigKind = TWO_CELLS,
+    columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind = TWO_CELLS
 ) -> tuple[RunReduction, ...]:
-    """Reduce all runs of a recording of the friction rig.
-
-    Parameters
-    ----------
-    columns : mapping of str to array_like
-        The columns of rig.csv: run, time_s [s], tension_tight_N, tension_slack_N [N] or the
-        columns that another kind needs instead, pulley_speed_rad_s [rad/s], arc_deg [deg], and
-        optionally temperature_degC [°C], initial_tension_N (nominal) [N] and conditions, shape
-        (n,) each. Rows of a run need not be together.
-    pulley_radius_m : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-
-    Returns
-    -------
-    tuple of RunReduction
-        One for every run, in the order in which they first appear, without runs of the idle
-        pulley.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, has another length or is not numeric, if there are no samples, or
-        if the radius is not positive.
-    """
-    _check_radius(pulley_radius_m)  # a torque is divided by it
-    records = run_records(columns, pulley_radius_m, kind)
-    return reduce_records(records, pulley_radius_m)
+    """Reduce all runs of a recording: :func:`run_records`, then :func:`reduce_records`."""
+    return reduce_records(run_records(columns, R, kind), R)
 
 
 def reduce_records(
@@ -124,15 +89,13 @@ def reduce_records(
     Raises
     ------
     InputError
-        If the radius is not positive, or if the tensions at rest do not match the stated ones, see
-        :func:`against_stated`.
+        If the tensions at rest do not match the stated ones, see :func:`against_stated`.
     """
-    _check_radius(R)
     prepared = [prepare_run(record, R) for record in records]
-    sliding = [run for run in prepared if run.sliding is not None]
+    sliding = [(run, record) for run, record in prepared if record is not None]
     if sliding:
         _reduce_together(sliding, R, gain_rel, free_at_rest)
-    results = tuple(run.found for run in prepared)
+    results = tuple(run for run, _ in prepared)
     # include rejected runs: with an untared cell, those of low tension are rejected; not those of
     # a running belt, whose tension may be stated with its momentum
     tensions = [
@@ -145,17 +108,14 @@ def reduce_records(
     return results
 
 
-def _check_radius(R: float) -> None:
-    if not (np.isfinite(R) and R > 0.0):
-        raise InputError(f"pulley_radius_m = {R!r}, must be > 0")
-
-
 def _reduce_together(
-    prepared: Sequence[PreparedRun], R: float, gain_rel: float, free_at_rest: bool
+    sliding: Sequence[tuple[RunReduction, SlidingRecord]],
+    R: float,
+    gain_rel: float,
+    free_at_rest: bool,
 ) -> None:
     """Reduce all sliding runs of a bench together."""
-    runs = [run.found for run in prepared]
-    records = [run.sliding for run in prepared if run.sliding is not None]
+    runs, records = zip(*sliding, strict=True)
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
     levels = fit_bench(records).levels

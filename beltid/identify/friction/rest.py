@@ -5,13 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from beltid.identify.estimators.signal import (
-    converter_rounding,
-    difference_sigma,
-    noise_before_rounding,
-)
+from beltid.identify.estimators.signal import difference_sigma
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
     mad_sigma,
@@ -37,24 +33,18 @@ class Rest:
 
     n_samples: int
     first_s: float
-    last_s: float
-    """Times of the first and the last sample [s]."""
-    tension_N: float
-    """Mean of both cells [N]."""
-    end_N: float
-    """Mean of both cells over the last samples [N]."""
+    last_s: float  # times of the first and the last sample [s]
+    tension_N: float  # mean of both cells [N]
+    end_N: float  # mean of both cells over the last samples [N]
     end_se_N: float
-    imbalance_N: float
-    """Tight minus slack cell [N]."""
+    imbalance_N: float  # Tight minus slack cell [N]
     imbalance_se_N: float
     slopes_N_s: tuple[float, float]
     """Slopes over time of the difference (tight minus slack) and of the sum of both cells [N/s]."""
     slope_ses_N_s: tuple[float, float]
-    noise_N: float
-    """Noise of one cell: standard deviation of the difference about its slope, over sqrt(2) [N]."""
 
 
-def rest_state(t: Array, tensions: Array, first: int, steps: Array | None = None) -> Rest:
+def rest_state(t: Array, tensions: Array, rounding_N: ArrayLike = 0.0) -> Rest:
     """Determine initial tension and imbalance of the cells from the samples before the rotation.
 
     Samples just before the rotation whose tensions already separate (a lagging speed channel) are
@@ -63,33 +53,29 @@ def rest_state(t: Array, tensions: Array, first: int, steps: Array | None = None
     Parameters
     ----------
     t : ndarray
-        Times [s], shape (n,).
+        Times before the pulley turns [s], shape (n,).
     tensions : ndarray
         Tensions of the tight and the slack cell [N], spikes and gaps as nan, shape (n, 2).
-    first : int
-        Index of the first sample at which the pulley turns.
-    steps : ndarray, shape (2,), optional
-        Resolution of the A/D converters of both cells [N], zero if fine.
+    rounding_N : array_like, shape (2,)
+        Errors of means of both cells by coarse converters [N].
 
     Raises
     ------
     RunRejected
         If there are fewer than `MIN_SAMPLES` samples at rest.
     """
-    steps = np.zeros(2) if steps is None else steps
-    kept = _quiet_samples(tensions[:first])
+    kept = _quiet_samples(tensions)
     mean, difference = 0.5 * tensions[kept].sum(axis=1), -np.diff(tensions[kept])[:, 0]
     near = ~np.any([outlier_mask(x, NEAR * abs(median(x))) for x in (mean, difference)], axis=0)
     mean, difference, time = mean[near], difference[near], t[kept][near]
     n = difference.size
-    slope, slope_se, noise = _slope(time, difference)
-    sum_slope, sum_se, _ = _slope(time, 2.0 * mean)
+    slope, slope_se = _slope(time, difference)
+    sum_slope, sum_se = _slope(time, 2.0 * mean)
     spread = float(np.std(difference)) * np.sqrt(n / max(n - 1.0, 1.0))
     se = spread * np.sqrt(integrated_autocorrelation_time(difference) / n)
-    recorded = [np.std(cell) for cell in tensions[kept].T]
-    rounding = converter_rounding(noise_before_rounding(recorded, steps), steps)
+    rounding = float(np.linalg.norm(rounding_N))
     # a converter that stays on one step hides a slope: each half may be off by its rounding
-    jump = np.sqrt(8.0) * float(np.linalg.norm(rounding)) / max(float(np.ptp(time)), 1e-12)
+    jump = np.sqrt(8.0) * rounding / max(float(np.ptp(time)), 1e-12)
     last = max(n // 8, min(n, 3))
     return Rest(
         n_samples=n,
@@ -99,10 +85,9 @@ def rest_state(t: Array, tensions: Array, first: int, steps: Array | None = None
         end_N=float(np.mean(mean[-last:])),
         end_se_N=float(np.std(np.diff(mean))) / np.sqrt(2.0 * last) if n > 2 else float("inf"),
         imbalance_N=float(np.mean(difference)),
-        imbalance_se_N=float(np.linalg.norm([se, *rounding])),
+        imbalance_se_N=float(np.hypot(se, rounding)),
         slopes_N_s=(slope, sum_slope),
         slope_ses_N_s=(float(np.hypot(slope_se, jump)), float(np.hypot(sum_se, jump))),
-        noise_N=noise / np.sqrt(2.0),
     )
 
 
@@ -122,18 +107,17 @@ def _quiet_samples(tensions: Array) -> NDArray[np.intp]:
     return usable[: max(int(quiet[-1]) + 1 if quiet.size else 0, MIN_SAMPLES)]
 
 
-def _slope(t: Array, x: Array) -> tuple[float, float, float]:
-    """Fit the slope of x over t, its standard error (infinite if unknown), and the scatter."""
+def _slope(t: Array, x: Array) -> tuple[float, float]:
+    """Fit the slope of x over t, and its standard error (infinite if unknown)."""
     dt = t - t.mean()
     squares = float(dt @ dt)
     if t.size < 4 or squares <= 0.0:
-        return 0.0, float("inf"), 0.0
+        return 0.0, float("inf")
     slope = float(dt @ x) / squares
     residual = x - x.mean() - slope * dt
-    scatter = float(np.sqrt(residual @ residual / (t.size - 2)))
+    variance = float(residual @ residual) / (t.size - 2)
     # correlated noise disturbs a slope more than white noise does
-    correlation_time = integrated_autocorrelation_time(residual)
-    return slope, scatter * float(np.sqrt(max(correlation_time, 1.0) / squares)), scatter
+    return slope, float(np.sqrt(variance * integrated_autocorrelation_time(residual) / squares))
 
 
 def against_stated(measured_N: Array, stated_N: Array) -> str:

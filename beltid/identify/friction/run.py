@@ -7,31 +7,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from beltid.errors import InputError
-from beltid.identify.friction.kinds import (
-    TWO_CELLS,
-    UNTREATED,
-    Drag,
-    KnownCells,
-    RigKind,
-    Span,
-    Treatment,
-    drag_of,
-)
+from beltid.identify.friction.kinds import PERFECT, TWO_CELLS, Drag, RigKind, Span, drag_of
 from beltid.laws.capstan import friction_coefficient, mean_normal_force
 
 Array = NDArray[np.float64]
 
-
 NAN = float("nan")
 MAX_MU = 3.0
 """Largest credible friction coefficient [-]."""
+CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
+CHANNELS = (
+    *CELLS,
+    *("time_s", "pulley_speed_rad_s", "belt_speed_m_s", "torque_N_m", "temperature_degC"),
+)
+NOMINAL = ("arc_deg", "initial_tension_N", "weight_N")
+"""Settings of a run, which do not change within it."""
+NUMBERS = (*CHANNELS, *NOMINAL)
+TEXTS = ("idle", "condition", "side")
+"""Text columns that describe a run."""
 
 
 class RunRejected(Exception):
@@ -45,10 +44,8 @@ class RunRejected(Exception):
 class Conditions:
     """Test conditions of a run; None if not stated."""
 
-    condition: str | None = None
-    """Surface: dry, wet or dusty."""
-    side: str | None = None
-    """Side of the belt on the pulley: rib or back."""
+    condition: str | None = None  # surface: dry, wet or dusty
+    side: str | None = None  # side of the belt on the pulley: rib or back
 
     @classmethod
     def of(cls, texts: Mapping[str, str]) -> Conditions:
@@ -66,15 +63,14 @@ class RunHeader:
     """What is known of a run before its reduction; nan or None if not stated."""
 
     run: str = ""
-    arc_deg: float = NAN
-    """Contact arc, nominal [deg]."""
+    arc_deg: float = NAN  # contact arc, nominal [deg]
     nominal_tension_N: float = NAN
     momentum_N: float = NAN
     """Momentum part subtracted from the tensions of a running belt [N]; nan at rest."""
-    torque_with: Span | None = None
-    """Span whose tension was measured in addition to a torque."""
+    torque_with: Span | None = None  # span whose tension was measured in addition to a torque
     conditions: Conditions = Conditions()
-    treatment: Treatment = UNTREATED
+    drag_N_m: tuple[float, float] | None = None
+    """Lowest and highest bearing drag subtracted from the torque [N m]."""
 
 
 @dataclass(slots=True)
@@ -88,10 +84,8 @@ class RunRecord(RunHeader):
     temperature_degC: Array | None = None
     defect: str = ""
     """Why the record cannot be a single run (e.g. a nominal setting changes); empty if it can."""
-    kind: RigKind = TWO_CELLS
-    """What the bench measured; the tensions are derived from it."""
-    belt_speed_m_s: float = 0.0
-    """Speed of the belt; the pulley speed is relative to it [m/s]."""
+    kind: RigKind = TWO_CELLS  # what the bench measured; the tensions are derived from it
+    belt_speed_m_s: float = 0.0  # speed of the belt; the pulley speed is relative to it [m/s]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -102,66 +96,48 @@ class RunReduction(RunHeader):
     reason was found.
     """
 
-    initial_tension_N: float = NAN
-    """Mean of both cells at the start of the rotation [N]."""
-    pulley_speed_rad_s: float = NAN
-    """Magnitude of the pulley's speed [rad/s]."""
-    slip_speed_m_s: float = NAN
-    """Sliding speed |omega| R, Eq. (7) [m/s]."""
+    initial_tension_N: float = NAN  # mean of both cells at the start of the rotation [N]
+    pulley_speed_rad_s: float = NAN  # magnitude of the pulley's speed [rad/s]
+    slip_speed_m_s: float = NAN  # sliding speed |omega| R, Eq. (7) [m/s]
     tension_tight_N: float = NAN
     """Tight tension of the plateau, without ripple and tail of the peak [N]."""
     tension_slack_N: float = NAN
-    mu_sliding: float = NAN
-    """Eq. (6) of the two plateau tensions [-]."""
+    mu_sliding: float = NAN  # Eq. (6) of the two plateau tensions [-]
     mu_sliding_se: float = NAN
     """Standard deviation, from the noise of the record and its correlation, the shape of the tail,
     drift and the cells; includes errors common to all runs [-]."""
     mu_sticking: float = NAN
     """Peak of mu at the end of the build-up [-]; nan if the record does not resolve it."""
     mu_sticking_se: float = NAN
-    normal_force_N_m: float = NAN
-    """Closed mean of Eq. (8) over the arc [N/m]."""
-    temperature_degC: float = NAN
-    """Mean over the plateau [°C]."""
-    n_samples: int = 0
-    """Samples of the plateau."""
+    normal_force_N_m: float = NAN  # closed mean of Eq. (8) over the arc [N/m]
+    temperature_degC: float = NAN  # mean over the plateau [°C]
+    n_samples: int = 0  # samples of the plateau
     status: str = ""
     """"ok", or why the run was rejected."""
     mu_sticking_reason: str = "the run was set aside"
     """Why mu_sticking is missing; empty if it is given."""
-    imbalance_N: float = NAN
-    """Tight minus slack cell at rest, as recorded [N]."""
+    imbalance_N: float = NAN  # Tight minus slack cell at rest, as recorded [N]
     imbalance_se_N: float = NAN
-    held: float = NAN
-    """Imbalance that the cells do not explain, over the initial tension [-]."""
-    rest_N: tuple[float, float] = (NAN, NAN)
-    """Readings of the tight and the slack span at rest [N]."""
+    held: float = NAN  # imbalance that the cells do not explain, over the initial tension [-]
+    rest_N: tuple[float, float] = (NAN, NAN)  # readings of the tight and the slack span at rest [N]
     take_up_m: float = NAN
     """Travel of the pulley's surface during the build-up [m]; nan if the record does not resolve
     it."""
-    start_time_s: float = NAN
-    """First sample at which the pulley turns [s]."""
-    peak_time_s: float = NAN
-    """Time of the sticking peak [s]."""
+    start_time_s: float = NAN  # first sample at which the pulley turns [s]
+    peak_time_s: float = NAN  # time of the sticking peak [s]
     plateau_start_s: float = NAN
     plateau_end_s: float = NAN
-    n_spikes: int = 0
-    """Samples of either channel excluded as spikes."""
-    n_missing: int = 0
-    """Samples without a usable tension, plus samples missing from an even time base."""
+    n_spikes: int = 0  # samples of either channel excluded as spikes
+    n_missing: int = 0  # samples without a usable tension
     drift: float = NAN
     """Relative change of mu by drift over the sliding phase [-], as far as the noise allows."""
     shared_tail: float = NAN
     """Change of ln mu by one standard deviation of the tail shape, an error common to all runs
     [-]."""
-    shared_drift: float = NAN
-    """The same for a drift of the cells common to all runs [-]."""
-    shared_cells: float = NAN
-    """The same for zeros and gains of the cells [-]."""
-    swapped: bool = False
-    """Whether the columns of the tight and the slack cell were swapped."""
-    notes: tuple[str, ...] = ()
-    """Remarks on the run for the user."""
+    shared_drift: float = NAN  # the same for a drift of the cells common to all runs [-]
+    shared_cells: float = NAN  # the same for zeros and gains of the cells [-]
+    swapped: bool = False  # whether the columns of the tight and the slack cell were swapped
+    notes: tuple[str, ...] = ()  # remarks on the run for the user
 
     @property
     def ok(self) -> bool:
@@ -198,60 +174,16 @@ def arc_problem(arc_deg: float) -> str:
     return f"arc_deg = {arc_deg:g}, must be in (0, 3600]"
 
 
-NONE = np.empty(0)
-
-REQUIRED = ("time_s", "pulley_speed_rad_s", "arc_deg")
-OPTIONAL = (
-    "tension_tight_N",
-    "tension_slack_N",
-    "weight_N",
-    "torque_N_m",
-    "hub_force_N",
-    "belt_speed_m_s",
-    "temperature_degC",
-    "initial_tension_N",
-)
-MARKED, MOST_UNMARKED, LONGEST_MARK = 10.0, 0.95, 3
-"""A mark exceeds this quantile of the magnitudes by this factor, for at most so many samples."""
-CELLS = ("tension_tight_N", "tension_slack_N", "hub_force_N")
-TEXT_COLUMNS = ("idle", "condition", "side")
-"""Text columns that describe a run."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunColumns:
-    """Columns of one run.
-
-    Attributes
-    ----------
-    label : str
-        Label of the run.
-    numbers : mapping of str to ndarray
-        Numeric columns, shape (n,) each, n >= 1; optional columns may be missing.
-    texts : mapping of str to str
-        Entries of the text columns.
-    """
-
-    label: str
-    numbers: Mapping[str, Array]
-    texts: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether the pulley turned without the belt."""
-        return self.texts.get("idle", "").lower() == "true"
-
-
 def run_records(
-    columns: Mapping[str, ArrayLike], R: float, kind: RigKind = TWO_CELLS
+    columns: Mapping[str, NDArray[Any]], R: float, kind: RigKind = TWO_CELLS
 ) -> tuple[RunRecord, ...]:
     """Split a recording into runs, in the order in which they first appear.
 
     Parameters
     ----------
-    columns : mapping of str to array_like
-        The columns of rig.csv, shape (n,) each; columns that the kind does not need may be
-        missing. Rows of a run need not be together; they keep their order.
+    columns : mapping of str to ndarray
+        The columns of rig.csv, shape (n,) each, as the reader checked them. Rows of a run need not
+        be together; they keep their order.
     R : float
         Radius of the belt's centreline on the pulley [m].
     kind : RigKind
@@ -265,64 +197,23 @@ def run_records(
     Raises
     ------
     InputError
-        If a column is missing, has another length or is not numeric, or if there are no samples.
+        If a channel of the kind is missing.
     """
-    needed = ("run", *REQUIRED, *kind.needed)
-    missing = [f"column {name} is missing" for name in needed if name not in columns]
-    if missing:
-        raise InputError(missing)
-    numbers: dict[str, Array] = {}
-    problems = []
-    for name in (*REQUIRED, *(name for name in OPTIONAL if name in columns)):
-        try:
-            numbers[name] = np.asarray(columns[name], dtype=float)
-        except (TypeError, ValueError):
-            problems.append(f"column {name} holds values that are not numbers")
-    if problems:
-        raise InputError(problems)
-    labels = columns["run"]
-    labels = labels if isinstance(labels, np.ndarray) else np.asarray(labels, dtype=object)
-    texts = {
-        name: np.asarray(columns[name], dtype=object) for name in TEXT_COLUMNS if name in columns
-    }
-    _check_columns({"run": labels, **numbers, **texts})
-    runs = [
-        RunColumns(
-            label,
-            {name: values[rows] for name, values in numbers.items()},
-            {name: text for name, values in texts.items() if (text := values[rows[0]]) is not None},
-        )
-        for label, rows in _rows_of_runs(labels).items()
-    ]
-    drag = drag_of([run.numbers for run in runs if run.is_idle])
-    return tuple(run_record(run, R, kind, drag) for run in runs if not run.is_idle)
-
-
-def _check_columns(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Reject columns that do not form one table."""
-    problems = [
-        f"column {name} has shape {values.shape}, must be one-dimensional"
-        for name, values in columns.items()
-        if values.ndim != 1
-    ]
-    sizes = {name: values.size for name, values in columns.items()}
-    if not problems and len(set(sizes.values())) > 1:
-        listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
-        problems.append(f"columns differ in length: {listed}")
-    if not problems and not any(sizes.values()):
-        problems.append("no samples: must be >= 1")
-    if problems:
-        raise InputError(problems)
-
-
-def _rows_of_runs(labels: NDArray[Any]) -> dict[str, NDArray[np.intp]]:
-    """Return the rows of every run, in the order of first appearance."""
-    starts = np.flatnonzero(np.append(True, labels[1:] != labels[:-1]))
-    texts = [_text(label) for label in labels[starts].tolist()]
-    codes = {label: k for k, label in enumerate(dict.fromkeys(texts))}
-    code = np.repeat([codes[label] for label in texts], np.diff(np.append(starts, labels.size)))
+    numbers = {name: np.asarray(columns[name], float) for name in NUMBERS if name in columns}
+    texts = {name: np.asarray(columns[name], object) for name in TEXTS if name in columns}
+    labels = np.array([_text(label) for label in np.asarray(columns["run"]).tolist()], object)
+    _, first, code = np.unique(labels.astype(str), return_index=True, return_inverse=True)
     rows = np.split(np.argsort(code, kind="stable"), np.cumsum(np.bincount(code))[:-1])
-    return dict(zip(codes, rows, strict=True))
+    runs, idle = [], []
+    for k in np.argsort(first).tolist():
+        of_run = {name: values[rows[k]] for name, values in numbers.items()}
+        described = {name: x[first[k]] for name, x in texts.items() if x[first[k]] is not None}
+        if described.get("idle", "").lower() == "true":
+            idle.append(of_run)
+        else:
+            runs.append((str(labels[first[k]]), of_run, Conditions.of(described)))
+    drag = drag_of(idle)
+    return tuple(_record(*run, R, kind, drag) for run in runs)
 
 
 def _text(label: Any) -> str:
@@ -331,50 +222,39 @@ def _text(label: Any) -> str:
     return str(int(label)) if isinstance(label, float) and label.is_integer() else str(label)
 
 
-def run_record(
-    run: RunColumns, R: float, kind: RigKind = TWO_CELLS, drag: Drag | None = None
+def _record(
+    label: str,
+    columns: dict[str, Array],
+    conditions: Conditions,
+    R: float,
+    kind: RigKind,
+    drag: Drag | None,
 ) -> RunRecord:
-    """Build the record of one run; a nominal setting that changes within it is a defect.
-
-    Parameters
-    ----------
-    run : RunColumns
-        The columns.
-    R : float
-        Radius of the belt's centreline on the pulley [m].
-    kind : RigKind
-        What the rig measures.
-    drag : Drag, optional
-        Bearing drag to subtract from a torque.
-    """
-    columns = dict(run.numbers)
-    stated, defects, nominal = kind, [], {}
+    """Build the record of one run; a nominal setting that changes within it is a defect."""
     if kind.is_derived:
         kind = kind.found_in(columns)
-    for name in ("arc_deg", "initial_tension_N", "weight_N"):
-        values = columns.get(name, np.array([NAN]))
+    nominal, defects = dict.fromkeys(NOMINAL, NAN), []
+    for name in NOMINAL:
+        values = columns.get(name, np.full(1, NAN))
         nominal[name] = first = float(values[0])
-        other = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
-        if other.size:
-            defects.append(f"{name} changes within the run from {first:g} to {other[0]:g}")
-    marks = lone_marks(columns["pulley_speed_rad_s"])
-    if marks.size:
-        columns["pulley_speed_rad_s"] = columns["pulley_speed_rad_s"].copy()
-        columns["pulley_speed_rad_s"][marks] = NAN
+        changed = values[~((values == first) | (np.isnan(values) & np.isnan(first)))]
+        if changed.size:
+            defects.append(f"{name} changes within the run from {first:g} to {changed[0]:g}")
+    missing = np.empty(0)
     record = RunRecord(
         time_s=columns["time_s"],
-        tension_tight_N=columns.get("tension_tight_N", NONE),
-        tension_slack_N=columns.get("tension_slack_N", NONE),
+        tension_tight_N=columns.get("tension_tight_N", missing),
+        tension_slack_N=columns.get("tension_slack_N", missing),
         pulley_speed_rad_s=columns["pulley_speed_rad_s"],
         temperature_degC=columns.get("temperature_degC"),
-        run=run.label,
+        run=label,
         arc_deg=nominal["arc_deg"],
         nominal_tension_N=nominal["initial_tension_N"],
         torque_with=kind.span_beside_torque,
         defect="; ".join(defects) or arc_problem(nominal["arc_deg"]),
         kind=kind,
-        treatment=Treatment.of(stated, drag, marks.size),
-        conditions=Conditions.of(run.texts),
+        drag_N_m=drag_range(kind, drag),
+        conditions=conditions,
     )
     if not kind.is_derived:
         return record
@@ -384,8 +264,7 @@ def run_record(
     tensions = kind.tensions(columns, record.arc_deg, R, drag)
     record.tension_tight_N, record.tension_slack_N = tensions
     record.pulley_speed_rad_s = kind.relative_speed(columns, R)
-    # known errors of the cells are already corrected
-    record.kind = replace(kind, cells=KnownCells())
+    record.kind = replace(kind, cells=PERFECT)  # known errors are already corrected
     if kind.weight is not None and np.isnan(record.nominal_tension_N):
         record.nominal_tension_N = nominal["weight_N"]
     if kind.running:
@@ -394,20 +273,8 @@ def run_record(
     return record
 
 
-def lone_marks(speed: Array) -> NDArray[np.intp]:
-    """Find samples of a speed that are overflow marks or encoder pulses (k,).
-
-    They are far above nearly all others and short; a pulley that rests most of the time still
-    turns for longer.
-
-    Parameters
-    ----------
-    speed : ndarray
-        Samples of one run, nan where one is missing.
-    """
-    size = np.abs(np.nan_to_num(speed, nan=0.0))
-    # divided, not multiplied: ten times an infinite speed is no number
-    high = np.concatenate([[False], size / MARKED > np.quantile(size, MOST_UNMARKED), [False]])
-    starts, ends = np.flatnonzero(high[1:] & ~high[:-1]), np.flatnonzero(high[:-1] & ~high[1:])
-    short = [np.arange(a, b) for a, b in zip(starts, ends, strict=True) if b - a <= LONGEST_MARK]
-    return np.concatenate([np.empty(0, dtype=np.intp), *short])
+def drag_range(kind: RigKind, drag: Drag | None) -> tuple[float, float] | None:
+    """Return the lowest and the highest drag that is subtracted from a torque [N m]."""
+    if drag is None or not kind.has_torque:
+        return None
+    return float(np.min(drag.torque_N_m)), float(np.max(drag.torque_N_m))

@@ -30,8 +30,6 @@ Array = NDArray[np.float64]
 CONTACT_SHARE = 0.01
 """Share of the largest force, on both branches, at which the fit begins: below it, ribs seat one by
 one and the belt may stick to the plate or stay compressed."""
-RATE_SPAN = 2.0
-"""Ratio of speeds from which the rate dependence of force and loss can be determined."""
 MIN_BRANCH_SAMPLES = 8  # minimum per branch within the range of the fit
 MOST_NODES = 40  # per curve
 TURN_SHARE = 0.3  # share of the travel that a reversal of the crosshead may affect
@@ -47,11 +45,6 @@ class BranchSamples:
     name: str
     position_m: Array
     force_N_m: Array
-
-    def between(self, low_m: float, high_m: float) -> BranchSamples:
-        """Return the samples within a range of positions."""
-        inside = (self.position_m >= low_m) & (self.position_m <= high_m)
-        return BranchSamples(self.name, self.position_m[inside], self.force_N_m[inside])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +98,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     unknown = {"temperature_degC": np.full(labels.size, np.nan)}
     columns = {name: np.asarray({**unknown, **press}[name], dtype=float) for name in COLUMNS}
     curves: list[PressCurve] = []
-    notes: dict[str, tuple[str, ...]] = {}
+    notes: list[str] = []
     set_aside: list[tuple[str, str]] = []
     for label in dict.fromkeys(labels.tolist()):
         part = {name: values[labels == label] for name, values in columns.items()}
@@ -116,7 +109,7 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
         except InputError as error:
             set_aside.append((label, "; ".join(f"test {label}: {p}" for p in error.problems)))
             continue
-        notes[label] = (*test.notes, *cycle_notes)
+        notes += [f"test {label}: {text}" for text in (*test.notes, *cycle_notes)]
     if any(c.unloads for c in curves):
         loading_only = dict.fromkeys(c.test for c in curves if not c.unloads)
         set_aside += [(t, f"test {t}: never unloaded, while other tests are") for t in loading_only]
@@ -124,22 +117,12 @@ def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) ->
     if not curves:
         raise InputError([reason for _, reason in set_aside] or "press recording: no samples")
     used = {c.test: c.recorded for c in curves}
-    tests_by_note: dict[str, list[str]] = {}
-    for label in used:
-        for text in notes[label]:
-            tests_by_note.setdefault(text, []).append(label)
     return PressRecording(
         curves=tuple(curves),
         set_aside=tuple(set_aside),
         n_missing=sum(test.n_missing for test in used.values()),
         n_spikes=sum(test.n_spikes for test in used.values()),
-        notes=(
-            *(
-                f"test{'s' if len(tests) > 1 else ''} {', '.join(tests)}: {text}"
-                for text, tests in tests_by_note.items()
-            ),
-            *(f"set aside: {reason}" for _, reason in set_aside),
-        ),
+        notes=(*notes, *(f"set aside: {reason}" for _, reason in set_aside)),
     )
 
 
@@ -161,7 +144,11 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
     threshold = max(CONTACT_SHARE * cycle.peak_force_N / segment_length_m, 6.0 * noise)
     low = max(_contact_begin(b, threshold) for b in branches) + margin
     high = min(_steady_max(b.position_m) for b in branches) - margin
-    fitted = tuple(b.between(low, high) for b in branches)
+    inside = [(b.position_m >= low) & (b.position_m <= high) for b in branches]
+    fitted = tuple(
+        BranchSamples(b.name, b.position_m[k], b.force_N_m[k])
+        for b, k in zip(branches, inside, strict=True)
+    )
     fewest = min(b.position_m.size for b in fitted)
     if fewest < MIN_BRANCH_SAMPLES:
         counts = ", ".join(f"{b.position_m.size} {b.name}" for b in fitted)

@@ -1,14 +1,13 @@
 """Estimate of the damping C_P of Eq. (4) from the hysteresis of the press.
 
-The paper chose C_P = 300 N s/m for numerical stability. This module calculates the coefficient with
-which a damper that acts on approach only, Eqs. (1), (2) and (4), loses as much energy in a loading
-as the belt loses in a press cycle,
+The paper chose C_P = 300 N s/m for numerical stability. A damper that acts on approach only, Eqs.
+(1), (2) and (4), loses as much energy in a loading as the belt loses in a press cycle with
 
-    W = c_P ∫ delta_dot d(delta),      C_P = c_P l,
+    W = c_P v delta_max,      C_P = c_P l,
 
-with the energy W lost per metre of belt [J/m], c_P per metre of belt [N s/m²] and the belt length l
-of a contact point. The hysteresis of rubber hardly depends on the rate, so the result is valid
-*only* at the speed of the press: it is inversely proportional to that speed.
+with the energy W lost per metre of belt [J/m], the speed v of the press, c_P per metre of belt
+[N s/m²] and the belt length l of a contact point. The hysteresis of rubber hardly depends on the
+rate, so the result is valid *only* at the speed of the press.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from beltid.identify.press.curves import PressCurve
 
 POINT_LENGTH_M = 1.0e-3
 """Belt length of a contact point: an elastic-bed length of 5 mm contains five points."""
-BINS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +38,12 @@ class Dissipation:
     def statement(self) -> str:
         """Result in plain words."""
         return (
-            f"Dissipation: {self.energy_J_m:.3g} J per metre and cycle, "
-            f"{100 * self.loss_ratio:.2g} % of the work put in; at the press's "
-            f"{self.approach_speed_m_s * 1e6:.3g} µm/s a damper on approach loses as much with "
-            f"C_P = {self.C_P_N_s_m:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:g} mm "
-            "(the paper's 300 N s/m are for numerical calm). Rubber's hysteresis hardly depends on "
-            "the rate, so no single C_P describes it."
+            f"Each cycle loses {self.energy_J_m:.3g} J per metre of belt, "
+            f"{100 * self.loss_ratio:.2g} % of the work put in. To lose this at the press's "
+            f"{self.approach_speed_m_s * 1e6:.3g} µm/s, the damper of Eq. (1) needs C_P = "
+            f"{self.C_P_N_s_m:.3g} N s/m per contact point of {POINT_LENGTH_M * 1e3:g} mm (the "
+            "paper takes 300 N s/m to calm the computation). The loss of rubber hardly depends on "
+            "the speed: at another speed C_P would be another."
         )
 
 
@@ -57,18 +55,17 @@ def estimate_dissipation(curves: Sequence[PressCurve]) -> Dissipation:
     curves = [c for c in curves if c.unloads]
     if not curves:
         raise InputError("press recording: no test was unloaded, so the hysteresis is unknown")
-    without_clock = sorted({c.test for c in curves if not c.recorded.sample_interval_s > 0.0})
-    if without_clock:
-        raise InputError(
-            [f"test {t}: the clock does not run, so the speed is unknown" for t in without_clock]
-        )
-    speeds, rate_integrals = np.transpose([approach(c) for c in curves])
+    if not all(c.recorded.sample_interval_s > 0.0 for c in curves):
+        raise InputError("the clock of a test does not run, so the speed is unknown")
+    depths = np.array([np.max(c.branches[0].position_m) - c.touch_m for c in curves])
+    samples = [np.count_nonzero(c.branches[0].position_m > c.touch_m) for c in curves]
+    speeds = depths / (np.array(samples) * [c.recorded.sample_interval_s for c in curves])
     energies = np.array([c.dissipated_J_m for c in curves])
     return Dissipation(
         energy_J_m=float(np.mean(energies)),
         loss_ratio=loss_ratio(curves),
         approach_speed_m_s=float(np.mean(speeds)),
-        C_P_N_s_m=float(np.mean(energies / rate_integrals)) * POINT_LENGTH_M,
+        C_P_N_s_m=float(np.mean(energies / (speeds * depths))) * POINT_LENGTH_M,
     )
 
 
@@ -76,16 +73,3 @@ def loss_ratio(curves: Sequence[PressCurve]) -> float:
     """Return the work lost in the loops over the work of loading; nan without unloading."""
     work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
     return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
-
-
-def approach(curve: PressCurve) -> tuple[float, float]:
-    """Return the mean speed [m/s] and ``∫ delta_dot d(delta)`` [m²/s] of a loading, or nan."""
-    x = curve.branches[0].position_m
-    edges = np.linspace(curve.touch_m, float(np.max(x)), BINS + 1)
-    counts = np.histogram(x, edges)[0].astype(float)
-    width = float(edges[1] - edges[0])
-    counts[-1] = np.median(counts)  # the crosshead dwells or turns in the last bin
-    if counts.min() < 3:
-        counts[:] = np.mean(counts)
-    durations = counts * curve.recorded.sample_interval_s
-    return float(BINS * width / durations.sum()), float(np.sum(width**2 / durations))

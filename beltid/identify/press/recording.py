@@ -9,14 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
 from beltid.identify.estimators.signal import SPIKE_WINDOW, difference_sigma, running_median
-from beltid.identify.estimators.statistics import mad_sigma, robust_mean_with_se
+from beltid.identify.estimators.statistics import (
+    integrated_autocorrelation_time,
+    mad_sigma,
+    outlier_mask,
+)
 
 Array = NDArray[np.float64]
 CycleChoice = Literal["last", "first", "all"]
@@ -31,30 +35,13 @@ COLUMNS = ("time_s", "displacement_mm", "force_N", "temperature_degC")
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSettings:
-    """Settings for a press evaluation; :class:`InputError` names every setting out of range."""
+    """Settings for a press evaluation."""
 
-    segment_length_m: float  # belt length under the press, 1 mm to 1 m
+    segment_length_m: float  # belt length under the press
     reference_temperature_degC: float = 22.0  # for the pooled law if temperature matters
     machine_compliance_m_N: float = 0.0
     """Deflection of the press itself per force, included in the crosshead travel."""
     cycles: CycleChoice = "last"  # cycles of a test to use; the first is virgin rubber
-
-    def __post_init__(self) -> None:
-        problems = [
-            f"press.{name} = {value!r}, must be in [{low:g}, {high:g}]{unit}"
-            for name, low, high, unit in (
-                ("segment_length_m", 1e-3, 1.0, " m"),
-                ("machine_compliance_m_N", 0.0, 1e-5, " m/N"),
-            )
-            if not low <= (value := getattr(self, name)) <= high
-        ]
-        if not -273.15 < self.reference_temperature_degC < math.inf:
-            value = f"press.reference_temperature_degC = {self.reference_temperature_degC!r}"
-            problems.append(f"{value}, must be > -273 °C")
-        if self.cycles not in get_args(CycleChoice):
-            problems.append(f"press.cycles = {self.cycles!r}, must be last, first or all")
-        if problems:
-            raise InputError(problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +90,13 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     """
     samples = np.array([part["time_s"], 1e-3 * part["displacement_mm"], part["force_N"]])
     missing = ~np.isfinite(samples[1:]).all(axis=0)
-    samples = _without(samples, missing)
-    spikes = _spikes(samples[1]) | _spikes(samples[2])
-    samples = _without(samples, spikes)
+    samples = samples[:, ~missing]
+    spikes = np.zeros(samples.shape[1], dtype=bool)
+    if spikes.size >= MIN_SAMPLES:
+        spikes = _spikes(samples[1]) | _spikes(samples[2])
+        samples = samples[:, ~spikes]
+    if samples.shape[1] < MIN_SAMPLES:
+        raise InputError(f"{samples.shape[1]} usable samples, must be at least {MIN_SAMPLES}")
     force_sign, travel_sign = _signs(samples[1], samples[2])
     time_s, travel, force = samples * [[1.0], [travel_sign], [force_sign]]
     noise = difference_sigma(force, 2)
@@ -146,14 +137,6 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
         notes=tuple(text for applies, text in changes if applies),
         cycles=find_cycles(travel, force),
     )
-
-
-def _without(samples: Array, removed: NDArray[np.bool_]) -> Array:
-    """Remove samples, shape (..., n); :class:`InputError` if too few are left."""
-    samples = samples[..., ~removed]
-    if samples.shape[-1] < MIN_SAMPLES:
-        raise InputError(f"{samples.shape[-1]} usable samples, must be at least {MIN_SAMPLES}")
-    return samples
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
@@ -247,8 +230,10 @@ def _zero(travel: Array, force: Array, noise: float) -> tuple[float, float, int]
             f"{FEWEST_FREE} over 1 % of the travel, or the zero of the load cell is not known: "
             "lift the plate off the belt before the test"
         )
-    zero = robust_mean_with_se(force[: end // 2])  # the second half may already touch
-    return zero.mean, zero.se if math.isfinite(zero.se) else noise, end
+    before = force[: end // 2]  # the second half may already touch
+    before = before[~outlier_mask(before)]
+    independent = before.size / integrated_autocorrelation_time(before)
+    return float(np.mean(before)), max(float(np.std(before)), noise) / math.sqrt(independent), end
 
 
 def turning_points(travel: Array, threshold: float) -> NDArray[np.intp]:
@@ -309,17 +294,9 @@ def choose_cycles(
     """
     selection = {"all": slice(None), "first": slice(1), "last": slice(-1, None)}[choice]
     complete = tuple(c for c in cycles if c.complete)
-    if not complete:
-        return cycles[selection], ("never unloaded",)
-    kept, wanted = complete[selection], cycles[selection]
-    notes = []
-    if choice == "all" and len(kept) < len(wanted):
-        notes.append(f"{len(wanted) - len(kept)} cycles without unloading left out")
-    elif kept[0] is not wanted[0]:
-        notes.append(
-            f"cycle {wanted[0].number} is not unloaded, cycle {kept[0].number} used in its place"
-        )
+    kept = (complete or cycles)[selection]
+    notes = [] if complete else ["never unloaded"]
     if len(cycles) > 1:
         numbers = ", ".join(str(c.number) for c in kept)
-        notes.append(f"{len(cycles)} cycles found, used: {numbers}")
+        notes.append(f"{len(cycles)} cycles found, {len(complete)} unloaded, used: {numbers}")
     return kept, tuple(notes)

@@ -61,11 +61,6 @@ class LawEstimate:
         return math.sqrt(self.covariance[3])
 
     @property
-    def tests(self) -> tuple[str, ...]:
-        """Labels of the tests."""
-        return tuple(self.contact_m)
-
-    @property
     def law(self) -> NormalLaw:
         """Normal law of Eq. (3)."""
         return NormalLaw(self.k_linear_N_m2, self.k_quadratic_N_m3)
@@ -77,8 +72,7 @@ class TemperatureEffect:
 
     slope_per_K: float  # relative change of the force; nan with a single temperature
     slope_se_per_K: float
-    matters: bool | None
-    """True if significant and relevant; None with fewer than two temperatures."""
+    matters: bool | None  # true if significant and relevant; None with fewer than two temperatures
     statement: str  # result in plain words
 
 

@@ -1,9 +1,5 @@
-"""Sliding speeds of a belt in service, from speed-loss recordings.
+"""Sliding speeds of a belt in service, from speed-loss recordings, Eq. (7).
 
-================  ===================================================================  ===========
-Module            Responsibility                                                       Equation
-================  ===================================================================  ===========
-``slip``          recording -> sliding speed of every operating point                  (7)
-``points``        operating points: creep, gross slip, pulley speeds for the rig       v = omega R
-================  ===================================================================  ===========
+``slip`` finds the sliding speed of every operating point, ``points`` gross slip and the pulley
+speeds that the friction rig must cover.
 """

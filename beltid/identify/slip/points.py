@@ -102,25 +102,22 @@ def required_pulley_speeds(
     slip : SlipResult
         Sliding speeds in service.
     R : float
-        Radius of the belt's centreline on the rig's pulley [m].
+        Radius of the belt's centreline on the rig's pulley [m], > 0.
     configured : sequence of float, optional
         Pulley speeds set on the rig [rad/s].
 
     Raises
     ------
     InputError
-        If R is out of range, or no sliding speed differs significantly from zero.
+        If no sliding speed differs significantly from zero.
     """
-    problems = [] if R > 0.0 else [f"pulley_radius_m = {R!r}, must be > 0 m"]
     speeds = [
         abs(p.slip_speed_m_s)
         for p in slip.points
         if p.status == OK and abs(p.slip_speed_m_s) > SIGNIFICANT * p.slip_speed_se_m_s
     ]
     if not speeds:
-        problems.append("no run has a speed loss that differs significantly from zero")
-    if problems:
-        raise InputError(problems)
+        raise InputError("no run has a speed loss that differs significantly from zero")
     high = max(speeds) / R
     low = max(min(speeds) / R, SMALLEST_SHARE * high)
     statement = f"sliding in service needs pulley speeds from {low:.3g} to {high:.3g} rad/s"

@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri, ndtr, stdtrit
 
 from beltid.errors import InputError
+from beltid.identify.estimators.signal import resolution, rounding_of_mean
 from beltid.identify.estimators.statistics import (
     integrated_autocorrelation_time,
     mad_sigma,
@@ -47,13 +47,12 @@ GAINS = (
 )
 BACKWARDS = "the drive turns backwards: give its speeds a factor of -1 under units.speedloss"
 MIN_SAMPLES = 3  # minimum number of usable samples of a run
-NO_LOAD_SHARE = 0.01  # a torque below this share of the largest counts as zero
-SHAKES = 1.0e-4  # probability below which a run's scatter differs from its series
+NO_LOAD_SHARE, MOST_NOISE = 0.01, 0.2
+"""Torque over the largest that counts as zero: below the first, or within its noise and below the
+second."""
 AT_SPEED = 0.98  # share of its speed above which a driver has reached it
-UNSTEADY = 0.2  # change of torque within a run, over the largest torque, worth a note
 STANDS = 0.05
 """Speed of the driven pulley over the driver's below which its direction is unknown."""
-COARSEST = 0.1  # largest step of a reading, over the largest value, that is a resolution
 
 
 def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipResult:
@@ -73,15 +72,31 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         If columns are missing, the radius is not positive, or no point can be used.
     """
     labels, runs = _runs(speedloss, pulley_radius_m)
-    notes = [*_cut_to_speed(labels, runs), *_unsteady(labels, runs[TORQUE])]
-    tension, torque, speed, driven = (
-        np.array([_mean(samples) for samples in runs[name]]) for name in COLUMNS
-    )
+    notes = _cut_to_speed(labels, runs)
+    one = np.zeros(labels.size, dtype=np.intp)
+    tension, torque, speed, driven = (pooled_means(runs[name], one)[0] for name in COLUMNS)
     series = _series(speed)
     torque_se = pooled_means(runs[TORQUE], series)[1]
-    idle = _without_torque(np.abs(torque), torque_se)
-    rounding = _rounding(runs)
-    ratio, ratio_se, ratio_notes = _pulley_ratio(runs, series, idle, speed, driven, rounding)
+    step = resolution(*runs[DRIVER], *runs[DRIVEN])
+    rounding = [
+        rounding_of_mean(np.array([_scatter(speeds) for speeds in runs[name]]), step)
+        for name in (DRIVER, DRIVEN)
+    ]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
+    ratios, scatter = pooled_means(quotients, series)
+    idle = _without_torque(np.abs(torque), torque_se) & np.isfinite(scatter)
+    if idle.any():
+        coarse = np.hypot(rounding[0], ratios * rounding[1]) / np.abs(driven)
+        ratio, ratio_se = _weighted(ratios[idle], scatter[idle], coarse[idle])
+        text = f"ratio of the pulleys {ratio:.6g} ± {ratio_se:.1g}, from the runs without torque"
+        of_ratio = [text] if abs(ratio - 1.0) > SIGNIFICANT * ratio_se else []
+    else:
+        ratio, ratio_se = 1.0, 0.0
+        of_ratio = [
+            "no run without torque: the pulleys are taken as equal; radii that differ by 0.1 % "
+            f"would be {1e-3 * np.fmax.reduce(np.abs(speed)):.2g} rad/s of the loss"
+        ]
     losses = [a - ratio * b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
     loss, se = pooled_means(losses, series)
     se = np.sqrt(se**2 + rounding[0] ** 2 + (ratio * rounding[1]) ** 2 + (ratio_se * driven) ** 2)
@@ -99,7 +114,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
     service = status == OK
     if not service.any() or (np.any(status == GAINS) and not np.any(loss[service] > se[service])):
         why = zip(labels[~service], status[~service], strict=True)
-        raise InputError([*(f"run {label}: {text}" for label, text in why), *ratio_notes])
+        raise InputError([*(f"run {label}: {text}" for label, text in why), *of_ratio])
     for text in dict.fromkeys(status[~service]):
         named = ", ".join(labels[status == text])
         notes.append(f"{text}: {named}; ignored for the largest sliding speed")
@@ -112,7 +127,7 @@ def fit_slip(speedloss: Mapping[str, NDArray], pulley_radius_m: float) -> SlipRe
         ratio_se=ratio_se,
         max_slip_speed_m_s=abs(float(v[largest])),
         max_slip_run=labels[largest],
-        notes=(*notes, *ratio_notes),
+        notes=(*notes, *of_ratio),
     )
 
 
@@ -123,7 +138,7 @@ def _runs(speedloss: Mapping[str, NDArray], radius: float) -> tuple[NDArray[np.o
     problems = [f"speed-loss recording: column {name} is missing" for name in missing]
     if not (radius > 0.0 and math.isfinite(radius)):
         problems.append(f"pulley_radius_m = {radius!r}, must be > 0 m")
-    if not problems:
+    if not missing:
         sizes = {name: np.shape(speedloss[name]) for name in needed}
         if len(set(sizes.values())) > 1 or sizes["run"] == (0,):
             text = ", ".join(f"{name} {shape}" for name, shape in sizes.items())
@@ -158,21 +173,6 @@ def _cut_to_speed(labels: NDArray[np.object_], runs: Runs) -> list[str]:
     return [f"samples before the driver is up to its speed left out: {', '.join(shortened)}"]
 
 
-def _unsteady(labels: NDArray[np.object_], torques: Sequence[Array]) -> list[str]:
-    """Note runs whose torque changes: their mean is not an operating point."""
-    parts = [np.array_split(torque[np.isfinite(torque)], 8) for torque in torques]
-    medians = [
-        [float(np.median(p)) for p in run if p.size >= MIN_SAMPLES] or [0.0] for run in parts
-    ]
-    largest = max(max(np.abs(run)) for run in medians)
-    return [
-        f"the torque changes within {label} ({min(run):.3g} to {max(run):.3g} N m): only its mean "
-        "is used; split the run by torque"
-        for label, run in zip(labels, medians, strict=True)
-        if max(run) - min(run) > UNSTEADY * largest
-    ]
-
-
 def _series(speed: Array) -> NDArray[np.intp]:
     """Number the series of runs by speed [rad/s]; one of all runs if any speed has too few."""
     series = settings_of(np.abs(speed), SAME_SETTING)
@@ -180,81 +180,23 @@ def _series(speed: Array) -> NDArray[np.intp]:
     return np.zeros_like(series) if one else series
 
 
-def resolution(readings: Array) -> float:
-    """Return the largest step that divides all readings (Euclid), zero if none shows."""
-    levels = np.unique(np.abs(readings[np.isfinite(readings) & (readings != 0.0)]))
-    if levels.size < 3:
-        return 0.0
-    step, rest = float(levels[0]), levels
-    while rest.size:
-        rest = np.abs(levels - step * np.rint(levels / step))
-        rest = rest[rest > 1e-6 * levels[-1]]
-        step = float(np.min(rest, initial=step))
-    return step if step <= COARSEST * levels[-1] else 0.0
-
-
-def rounding_of_mean(recorded: Array, step: float) -> Array:
-    """Return the standard error of means due to readings in steps; averaging does not lower it.
-
-    It is ``step/sqrt(12)`` without noise; noise before the rounding, here a safe lower estimate
-    from the recorded scatter, smooths it as ``exp(-2 pi² noise²/step²)``.
-    """
-    if step == 0.0:
-        return np.zeros(recorded.shape)
-    noise2 = np.maximum((recorded / step) ** 2 - 1.0 / 6.0, 0.0)
-    return np.asarray(step / math.sqrt(12.0) * np.exp(-2.0 * math.pi**2 * noise2))
-
-
-def _rounding(runs: Runs) -> tuple[Array, Array]:
-    """Return the standard errors of the mean speeds (driver, driven) due to coarse readings."""
-    step = resolution(np.concatenate(runs[DRIVER] + runs[DRIVEN]))
-    scatter = [
-        np.array([np.nanstd(w) if np.isfinite(w).any() else 0.0 for w in runs[name]])
-        for name in (DRIVER, DRIVEN)
-    ]
-    return rounding_of_mean(scatter[0], step), rounding_of_mean(scatter[1], step)
-
-
 def _without_torque(torque: Array, se: Array) -> NDArray[np.bool_]:
     """Mark the runs without torque, (R,): below a share of the largest, or within its noise."""
     largest = np.fmax.reduce(torque, initial=0.0)
-    return torque <= np.fmax(NO_LOAD_SHARE * largest, np.fmin(2.0 * se, UNSTEADY * largest))
+    return torque <= np.fmax(NO_LOAD_SHARE * largest, np.fmin(2.0 * se, MOST_NOISE * largest))
 
 
-def _pulley_ratio(
-    runs: Runs,
-    series: NDArray[np.intp],
-    idle: NDArray[np.bool_],
-    speed: Array,
-    driven: Array,
-    rounding: tuple[Array, Array],
-) -> tuple[float, float, list[str]]:
-    """Return the driver-to-driven speed ratio without torque, its standard error, and notes.
+def _scatter(samples: Array) -> float:
+    """Return the standard deviation of the samples that there are; zero without."""
+    return float(np.nanstd(samples)) if np.isfinite(samples).any() else 0.0
 
-    Coarse readings may be wrong by the same amount in all runs: their errors do not average out.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        quotients = [a / b for a, b in zip(runs[DRIVER], runs[DRIVEN], strict=True)]
-    ratios, scatter = pooled_means(quotients, series)
-    idle = idle & np.isfinite(scatter)
-    if not idle.any():
-        unequal = f"{1e-3 * np.fmax.reduce(np.abs(speed)):.2g} rad/s of the loss"
-        text = "no run without torque: the pulleys are taken as equal; radii that differ by 0.1 %"
-        return 1.0, 0.0, [f"{text} would be {unequal}"]
-    ratios, scatter = ratios[idle], scatter[idle]
-    coarse = np.hypot(rounding[0][idle], ratios * rounding[1][idle]) / np.abs(driven[idle])
+
+def _weighted(values: Array, scatter: Array, coarse: Array) -> tuple[float, float]:
+    """Return the weighted mean and its standard error; errors of rounding may be equal in all."""
     weights = 1.0 / np.maximum(scatter**2 + coarse**2, 1e-30)
     weights /= weights.sum()
-    ratio = float(weights @ ratios)
     se = math.hypot(float(np.linalg.norm(weights * scatter)), float(weights @ coarse))
-    notes = [f"ratio of the pulleys {ratio:.6g} ± {se:.1g}, from the runs without torque"]
-    return ratio, se, notes if abs(ratio - 1.0) > SIGNIFICANT * se else []
-
-
-def _mean(samples: Array) -> float:
-    """Average without spikes; nan without samples."""
-    kept = samples[~outlier_mask(samples)]
-    return float(np.mean(kept)) if kept.size else math.nan
+    return float(weights @ values), se
 
 
 def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
@@ -270,41 +212,20 @@ def pooled_means(samples: Sequence[Array], series: NDArray[np.intp]) -> Array:
     Returns
     -------
     ndarray, shape (2, R)
-        Means and standard errors ``t sqrt(s² tau / n)`` with the variance s² and the correlation
-        time tau [samples] of the series, or of the run itself if it scatters far more; Student's t
-        for the degrees of freedom of s² widens it to a probability of 68 %. nan if unknown.
+        Means and standard errors ``s sqrt(tau / n)`` with the variance s² and the correlation time
+        tau [samples] of the series; nan if unknown.
     """
-    pooled = np.full((2, series.size), np.nan)
-    for number in np.unique(series):
-        rows = np.flatnonzero(series == number)
-        pooled[:, rows] = _means_of_series([samples[k] for k in rows.tolist()])
-    return pooled
-
-
-def _means_of_series(recorded: Sequence[Array]) -> Array:
-    """Average each run of one series; see :func:`pooled_means`."""
-    steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in recorded])
-    noise = mad_sigma(np.concatenate([steps, -steps])) / math.sqrt(2.0) if steps.size else 0.0
-    runs = [np.where(outlier_mask(r, noise), np.nan, r) for r in recorded]
+    steps = np.concatenate([np.diff(r[np.isfinite(r)]) for r in samples])
+    noise = mad_sigma(steps) / math.sqrt(2.0) if steps.size else 0.0
+    runs = [np.where(outlier_mask(r, noise), np.nan, r) for r in samples]
     n = np.array([np.count_nonzero(np.isfinite(r)) for r in runs], dtype=float)
     mean = np.array([np.nanmean(r) if k else np.nan for r, k in zip(runs, n, strict=True)])
     squares = np.array([np.nansum((r - m) ** 2) for r, m in zip(runs, mean, strict=True)])
-    shakes = np.zeros(n.size, dtype=bool)
-    several = (n > 1.0) & (squares > 0.0)
-    if np.count_nonzero(several) >= FEWEST_RUNS:
-        # chi² relative to the median of the runs, which ignores those that shake; of unit size,
-        # a run that shakes does not dominate the correlation
-        unit = (runs[k] / math.sqrt(squares[k]) for k in np.flatnonzero(several).tolist())
-        dof = np.maximum(n[several] / integrated_autocorrelation_time(*unit) - 1.0, 1e-3)
-        typical = np.median(squares[several] / chdtri(dof, 0.5))
-        shakes[several] = chdtrc(dof, squares[several] / typical) < SHAKES
     se = np.full(n.size, np.nan)
-    for group in (np.flatnonzero(~shakes & (n > 0.0)), *np.flatnonzero(shakes)[:, None]):
-        tau = integrated_autocorrelation_time(*(runs[k] for k in group))
-        tau_of_run = np.minimum(tau, n[group])
-        dof = np.sum(np.maximum(n[group] / tau_of_run - 1.0, 0.0))
-        if dof > 0.0:
-            s2 = np.sum(squares[group] / tau_of_run) / dof
-            student = stdtrit(max(dof, 1.0), ndtr(1.0))
-            se[group] = student * np.sqrt(s2 * tau_of_run / n[group])
+    for number in np.unique(series):
+        rows = np.flatnonzero((series == number) & (n > 0.0))
+        tau = np.minimum(integrated_autocorrelation_time(*(runs[k] for k in rows)), n[rows])
+        freedom = np.sum(n[rows] / tau - 1.0)
+        if freedom > 0.0:
+            se[rows] = np.sqrt(np.sum(squares[rows] / tau) / freedom * tau / n[rows])
     return np.array([mean, se])

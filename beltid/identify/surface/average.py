@@ -81,8 +81,8 @@ def average(grid: Grid, errors_known: bool) -> tuple[SurfaceGrid, tuple[str, ...
     change = np.abs(mean / unlimited - 1.0)
     if np.any(change > WORTH_A_NOTE):
         notes.append(
-            f"{int((change > WORTH_A_NOTE).sum())} of {mean.size} nodes held within the values "
-            "measured at their speed: arcs continued beyond their last run would put them up to "
+            f"{int((change > WORTH_A_NOTE).sum())} of {mean.size} nodes were limited to the values "
+            "measured at their speed: extrapolated curves of some arcs would put them up to "
             f"{change.max():.1%} outside"
         )
     n_arcs = np.isfinite(mu).sum(axis=0)

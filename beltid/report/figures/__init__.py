@@ -7,10 +7,9 @@ Module       Charts                                            The paper's figur
 ``bench``    press, speed loss, runs over time, along the arc  Figs. 4, 5, 9, 10, 11
 ``proof``    measured against simulated, uncertainties         Fig. 17
 ``drive``    a predicted drive: loss, forces, limits
-``belts``    several belts over each other
 ============ ================================================= ========================
 """
 
-from beltid.report.figures import belts, bench, drive, friction, proof
+from beltid.report.figures import bench, drive, friction, proof
 
-__all__ = ["belts", "bench", "drive", "friction", "proof"]
+__all__ = ["bench", "drive", "friction", "proof"]

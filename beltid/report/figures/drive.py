@@ -7,22 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from beltid.report.cells import MILLI, axis
-from beltid.report.charts import (
-    FAINT,
-    GRID,
-    INK,
-    LINE_FORCE,
-    LOSS,
-    SIMULATED,
-    SPEED,
-    TORQUE,
-    WIDTH,
-    NotDrawn,
-    chart,
-    group,
-    line,
-)
+from beltid.report import style
+from beltid.report.cells import axis, quantity
+from beltid.report.charts import WIDTH, NotDrawn, chart, draw
 from beltid.report.conditions import series_of
 from beltid.report.results import BeltResults, Sheet
 
@@ -55,7 +42,7 @@ def drawing(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         outwards = (centres[i] - middle) / np.hypot(*(centres[i] - middle))
         place = centres[i] + (pulley["radius_m"] + 0.6 * size) * outwards
         force = f"{pulley['pulley']}\n{sheet['hub_force_N'][row]:.0f} N"
-        axes.annotate(force, tuple(place), color=SIMULATED, **centred)
+        axes.annotate(force, tuple(place), color=style.SIMULATED, **centred)
     axes.set_aspect("equal")
     axes.margins(0.2)
     axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -75,27 +62,16 @@ def _draw_belt(
     from matplotlib.patches import Circle
 
     centre, radius = np.array((pulley["x_m"], pulley["y_m"])), pulley["radius_m"]
-    leaves = np.array(pulley["leaves_m"])
-    first, last = _wrapped(np.array(before["arrives_m"]) - centre, leaves - centre, wrap)
-    axes.add_patch(Circle(tuple(centre), radius, facecolor=GRID, edgecolor="none"))
-    around, belt = (centre[:, None] + radius * _on_circle(*to) for to in ((0, 360), (first, last)))
-    axes.plot(*around, color=FAINT, linewidth=0.8)
-    axes.plot(*belt, color=INK, linewidth=2.0)
-    axes.plot(*np.stack([leaves, pulley["arrives_m"]], axis=1), color=INK, linewidth=2.0)
-
-
-def _on_circle(first: float, last: float) -> np.ndarray:
-    """Return points of the unit circle anticlockwise between two polar angles [deg], (2, n)."""
-    turned = (last - first) % 360.0 or 360.0
-    angle = np.radians(first + np.linspace(0.0, turned, 73))
-    return np.stack([np.cos(angle), np.sin(angle)])
-
-
-def _wrapped(arrives: np.ndarray, leaves: np.ndarray, wrap: float) -> tuple[float, float]:
-    """Return the polar angles between which the belt lies on a pulley [deg], anticlockwise."""
-    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in (arrives, leaves))
-    anticlockwise = abs((last - first) % 360.0 - wrap) <= abs((first - last) % 360.0 - wrap)
-    return (first, last) if anticlockwise else (last, first)
+    ends = (before["arrives_m"] - centre, pulley["leaves_m"] - centre)
+    first, last = (np.degrees(np.arctan2(at[1], at[0])) for at in ends)
+    if abs((last - first) % 360.0 - wrap) > abs((first - last) % 360.0 - wrap):  # clockwise
+        first, last = last, first
+    angle = np.radians(first + np.linspace(0.0, (last - first) % 360.0 or 360.0, 73))
+    belt = centre[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)])
+    span = np.stack([pulley["leaves_m"], pulley["arrives_m"]], axis=1)
+    axes.add_patch(Circle(tuple(centre), radius, facecolor=style.GRID, edgecolor=style.FAINT))
+    for line in (belt, span):
+        axes.plot(*line, color=style.INK, linewidth=2.0)
 
 
 def _most_loaded(sheet: Sheet) -> str:
@@ -107,20 +83,21 @@ def _most_loaded(sheet: Sheet) -> str:
     return str(sheet["run"][int(np.argmax(steady))])
 
 
-@chart("loss", "Predicted speed loss over torque", "drive", columns=2)
+@chart("loss", "Predicted speed loss over torque", "drive")
 def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     """Draw the predicted loss of the pulley with the largest torque, and its parts."""
     driven = np.abs(np.nan_to_num(sheet["torque_N_m"]))
     driven = np.where(np.nan_to_num(sheet["speed_loss_rad_s"]) != 0.0, driven, -1.0)
     pulley = str(sheet["pulley"][int(np.argmax(driven))])
+    seating = sheet["loss_creep_rad_s"] + sheet["loss_seating_rad_s"]
+    data = {**sheet.columns, "loss_creep_and_seating_rad_s": seating}
     for k, (name, rows) in enumerate(_series(sheet, sheet["pulley"] == pulley)):
-        torque, look = sheet["torque_N_m"][rows], group(k)
-        band = sheet["speed_loss_u_rad_s"][rows]
-        line(axes, torque, sheet["speed_loss_rad_s"][rows], band=band, label=name, **look)
-        creep, seating = (sheet[f"loss_{part}_rad_s"][rows] for part in ("creep", "seating"))
-        for below in (creep, creep + seating):
-            line(axes, torque, below, color=look["color"], linewidth=0.6)
-    axes.set(xlabel=TORQUE, ylabel=LOSS)
+        look = style.group(k, label=name)
+        thin = {"color": look["color"], "lw": 0.6}
+        for part in ("creep", "creep_and_seating"):
+            draw(axes, data, "torque_N_m", f"loss_{part}_rad_s", rows, **thin)
+        band = "speed_loss_u_rad_s" if "speed_loss_u_rad_s" in data else ""
+        draw(axes, data, "torque_N_m", "speed_loss_rad_s", rows, band=band, **look)
     return (
         f"Predicted speed loss of {pulley} over its torque",
         "A line per driver speed and belt tension, with two standard uncertainties. Thin lines: "
@@ -128,32 +105,21 @@ def loss(axes: Any, sheet: Sheet, results: BeltResults) -> tuple[str, str]:
     )
 
 
-@chart("arcs", "How much of its arc each pulley uses", "drive")
-def arcs(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the sliding part of the arc of every pulley."""
-    torque = np.abs(sheet["torque_N_m"])
-    for k, pulley in enumerate(dict.fromkeys(sheet["pulley"].tolist())):
-        of = sheet["pulley"] == pulley
-        share = 100.0 * sheet["arc_used_deg"][of] / sheet["wrap_deg"][of]
-        axes.plot(torque[of], share, label=str(pulley), **group(k, linestyle="none"))
-    axes.axhline(100.0, color=FAINT, linewidth=0.8)
-    axes.set(xlabel=TORQUE, ylabel="sliding part of the arc [%]")
-    return "Below 100 % the belt sticks at the entry, and the loss does not depend on friction."
-
-
-@chart("along-arcs", "Normal force and sliding along the arcs", "drive", height=TALL, panels=(2, 1))
-def along_arcs(panels: Any, sheet: Sheet, results: BeltResults) -> str:
+@chart("along-arcs", "Normal force and sliding along the arcs", "drive", whole=True)
+def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw line force and sliding speed along each arc at the most loaded point."""
-    force, speed = panels
     rows = _rows(sheet, "arcs")
+    fig.set_figheight(TALL)
+    panels = fig.subplots(2, 1, sharex=True)
     for k, arc in enumerate(rows):
-        angle, look = np.array(arc["angle_deg"]), group(k, marker=None)
-        force.plot(angle, arc["normal_force_N_m"], label=arc["pulley"], **look)
-        speed.plot(angle, MILLI * np.array(arc["slip_speed_m_s"]), **look)
-    speed.axhline(0.0, color=FAINT, linewidth=0.8)
-    force.set_ylabel(LINE_FORCE)
-    force.set_ylim(bottom=0.0)
-    speed.set(xlabel="angle from the entry of the belt [°]", ylabel=SPEED)
+        data = {name: np.array(arc[name]) for name in ("normal_force_N_m", "slip_speed_m_s")}
+        for axes, name in zip(panels, data, strict=True):
+            x, y = np.array(arc["angle_deg"]), quantity(name)[2] * data[name]
+            axes.plot(x, y, **style.group(k, marker=None, label=arc["pulley"]))
+            axes.set_ylabel(axis(name))
+    panels[0].set_ylim(bottom=0.0)
+    panels[1].axhline(0.0, color=style.FAINT, linewidth=0.8)
+    panels[1].set_xlabel("angle from the entry of the belt [°]")
     return (
         f"Point {rows[0]['run']}. Above 0 the pulley is faster than the belt; at 0 the belt sticks."
     )
@@ -166,12 +132,12 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if len(rows) < 2:
         raise NotDrawn("one tension makes no line")
     tension = np.array([row["initial_tension_N"] for row in rows])
-    for k, (name, of) in enumerate(
-        (("adhesion ends", "adhesion_end"), ("gross slip", "slip_limit"))
+    for k, (of, name) in enumerate(
+        {"adhesion_end": "adhesion ends", "slip_limit": "gross slip"}.items()
     ):
         torque = np.array([row[f"{of}_torque_N_m"] for row in rows], dtype=float)
-        axes.plot(tension, torque, label=name, **group(k))
-    axes.set(xlabel=axis("initial_tension_N"), ylabel=TORQUE)
+        data = {"initial_tension_N": tension, "torque_N_m": torque}
+        draw(axes, data, "initial_tension_N", "torque_N_m", label=name, **style.group(k))
     axes.set_xlim(left=0.0)
     axes.set_ylim(bottom=0.0)
     return (
@@ -180,15 +146,13 @@ def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive", columns=2)
+@chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive")
 def compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw measured and predicted speed loss over torque."""
     for k, (name, rows) in enumerate(_series(sheet, np.ones(len(sheet["run"]), dtype=bool))):
-        torque, measured = sheet["torque_N_m"][rows], sheet["loss_measured_rad_s"][rows]
-        line(axes, torque, sheet["loss_predicted_rad_s"][rows], **group(k, marker=None))
-        error = sheet["u_measured_rad_s"][rows]
-        line(axes, torque, measured, error, label=name, **group(k, linestyle="none"))
-    axes.set(xlabel=TORQUE, ylabel=LOSS)
+        draw(axes, sheet, "torque_N_m", "loss_predicted_rad_s", rows, **style.group(k, marker=None))
+        look = style.group(k, ls="none", label=name)
+        draw(axes, sheet, "torque_N_m", "loss_measured_rad_s", rows, err="u_measured_rad_s", **look)
     return (
         "Points: the bench, with two standard errors. Lines: predicted from the identified laws, "
         "which were not fitted to this recording."
@@ -200,4 +164,4 @@ def _series(sheet: Sheet, of: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     rows = np.flatnonzero(of)
     series = series_of(sheet["driver_speed_rad_s"][rows], sheet["initial_tension_N"][rows])
     for (speed, tension), places in series.items():
-        yield f"{speed:.4g} rad/s, {tension:.4g} N", rows[places]
+        yield f"{speed:.4g} rad/s, T₀ = {tension:.4g} N", rows[places]

@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from beltid.laws.friction_surface import FrictionSurface
-from beltid.report.cells import MILLI, between
-from beltid.report.charts import (
-    FAINT,
-    INK,
-    LINE_FORCE,
-    LINES,
-    LOGARITHMIC,
-    MARKERS,
-    MU,
-    ORDERED,
-    SIMULATED,
-    SPEED,
-    NotDrawn,
-    chart,
-    is_wide,
-    line,
-    log_locator,
-    logarithmic,
-    shades,
-)
+from beltid.report import style
+from beltid.report.cells import between
+from beltid.report.charts import LINE_FORCE, MILLI, MU, SPEED, NotDrawn, chart, draw, logarithmic
 from beltid.report.conditions import class_name, classes_of, is_setting
-from beltid.report.results import SIMULATED as SIMULATED_NAMES
-from beltid.report.results import SURFACES, BeltResults, Sheet
+from beltid.report.figures.bench import POINTS, having
+from beltid.report.results import SIMULATED, SURFACES, BeltResults, Sheet
 
 MOST_SPEEDS: Final = 8
 """Largest number of speeds drawn separately; more speeds are grouped into so many classes."""
@@ -38,73 +22,57 @@ LEVEL_SLOPE: Final = 1e-3
 """Relative slope of mu per unit of ln v below which mu counts as constant."""
 
 
-def over_force(
-    axes: Any,
-    arc_deg: np.ndarray,
-    slip_speed_m_s: np.ndarray,
-    force_N_m: np.ndarray,
-    mu: np.ndarray,
-    mu_se: np.ndarray | None = None,
-) -> None:
+def over_force(axes: Any, data: Mapping[str, Any], mu: str, err: str = "") -> None:
     """Draw coefficients over the normal force; shade by speed, marker and line by arc.
 
-    Runs of one arc and speed are joined if arcs and speeds repeat.
+    Runs of one arc and speed are joined if arcs and speeds repeat. `data` has the columns `mu`,
+    `err`, normal_force_N_m, slip_speed_m_s and, of runs, arc_deg.
     """
-    speed, arc = MILLI * np.abs(slip_speed_m_s), np.nan_to_num(arc_deg)
-    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(MARKERS))
+    speed = MILLI * np.abs(data["slip_speed_m_s"])
+    arc = np.nan_to_num(data.get("arc_deg", np.zeros(speed.size)))
+    by_speed, by_arc = classes_of(speed, MOST_SPEEDS), classes_of(arc, len(style.MARKERS))
     joined = all(is_setting(speed[rows]) for rows in by_speed)
     joined &= all(is_setting(arc[rows]) for rows in by_arc)
-    colours, styles = (
-        shades(len(by_speed)),
-        [LINES[i % len(LINES)] if joined else "none" for i in range(len(by_arc))],
-    )
+    colours = style.shades(len(by_speed))
+    looks: list[Any] = [
+        {
+            "marker": style.MARKERS[i],
+            "ls": style.LINES[i % len(style.LINES)] if joined else "none",
+            "lw": 0.9,
+        }
+        for i in range(len(by_arc))
+    ]
     for colour, at_speed in zip(colours, by_speed, strict=True):
-        for i, at_arc in enumerate(by_arc):
+        for look, at_arc in zip(looks, by_arc, strict=True):
             rows = np.intersect1d(at_speed, at_arc)
             if rows.size:
-                look = {"color": colour, "marker": MARKERS[i], "ls": styles[i], "lw": 0.9}
-                err = None if mu_se is None else mu_se[rows]
-                line(axes, force_N_m[rows], mu[rows], err, **look)
-    axes.set(xlabel=LINE_FORCE, ylabel=MU)
-    logarithmic(axes, "x", force_N_m)
+                draw(axes, data, "normal_force_N_m", mu, rows, err=err, color=colour, **look)
     speeds = [axes.plot([], [], color=colour, lw=4)[0] for colour in colours]
     names = [class_name(speed[rows]) for rows in by_speed]
     axes.figure.legend(speeds[::-1], names[::-1], title="v [mm/s]", loc="outside right upper")
-    if arc.any():
-        for i, rows in enumerate(by_arc):
-            look = {"color": FAINT, "marker": MARKERS[i], "ls": styles[i]}
-            axes.plot([], [], label=f"arc {class_name(arc[rows], '°')}", **look)
+    for look, rows in zip(looks if arc.any() else (), by_arc, strict=False):
+        axes.plot([], [], color=style.FAINT, label=f"arc {class_name(arc[rows], '°')}", **look)
 
 
-@chart(
-    "friction",
-    "Measured friction coefficient of every run",
-    "friction",
-    paper="Fig. 12",
-    height=4.6,
-)
+@chart("friction", "Measured friction of every run", "friction", paper="Fig. 12")
 def measured(axes: Any, friction: Sheet, results: BeltResults) -> str:
     """Draw the measured coefficients of all runs that can be used."""
     good = friction["status"] == "ok"
     if not good.any():
         raise NotDrawn("no run could be used")
     combined = np.isfinite(friction["mu_sliding_u"]).any()
-    column = "mu_sliding_u" if combined else "mu_sliding_se"
-    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", column)
-    over_force(axes, *(friction[name][good] for name in names))
+    error = "mu_sliding_u" if combined else "mu_sliding_se"
+    names = ("arc_deg", "slip_speed_m_s", "normal_force_N_m", "mu_sliding", error)
+    over_force(axes, {name: friction[name][good] for name in names}, "mu_sliding", error)
     errors = "combined standard uncertainties" if combined else "standard errors"
     return (
-        f"A point per run, with two {errors}, "
-        "at the mean normal force of Eq. (8). Shade: sliding speed; marker: contact arc."
+        f"A point per run, with two {errors}, at the mean normal force of Eq. (8). Shade: sliding "
+        "speed; marker: contact arc."
     )
 
 
 @chart(
-    "simulated:{name}",
-    "Simulated friction coefficient of every run, {of} surface",
-    *SIMULATED_NAMES,
-    paper="Fig. 16",
-    height=4.6,
+    "simulated:{name}", "Simulated friction of every run, {of} surface", *SIMULATED, paper="Fig. 16"
 )
 def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the simulated coefficients of all runs."""
@@ -112,11 +80,25 @@ def simulated(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if not rows:
         raise NotDrawn("no simulated run could be used")
     names = ("arc_deg", "pulley_speed_rad_s", "normal_force_N_m", "mu")
-    arc, omega, force, mu = (np.array([row[name] for row in rows], dtype=float) for name in names)
-    over_force(axes, arc, (sheet.pulley_radius_m or np.nan) * omega, force, mu)
+    data = {name: np.array([row[name] for row in rows], dtype=float) for name in names}
+    data["slip_speed_m_s"] = sheet.pulley_radius_m * data["pulley_speed_rad_s"]
+    over_force(axes, data, "mu")
     return (
         "The same runs on the simulated rig, each reduced by Eqs. (6) and (8) like a measured one."
     )
+
+
+@chart("cuts", "The friction surface along the force", *SURFACES, once=True)
+def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
+    """Draw the nodes of the surface over the force, a line per speed."""
+    surface = sheet.surface
+    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
+    data = {"normal_force_N_m": f.ravel(), "slip_speed_m_s": v.ravel()}
+    data["mu"] = surface.mu_nodes.ravel()
+    if surface.mu_se_nodes is not None:
+        data["mu_se"] = surface.mu_se_nodes.ravel()
+    over_force(axes, data, "mu", "mu_se" if "mu_se" in data else "")
+    return f"A line per speed of the grid, with twice the {sheet.uncertainty}."
 
 
 def grid_of(surface: FrictionSurface, force: int, speed: int) -> tuple[np.ndarray, ...]:
@@ -124,10 +106,7 @@ def grid_of(surface: FrictionSurface, force: int, speed: int) -> tuple[np.ndarra
 
     A range of one node is widened by 10 % either way.
     """
-    f, v = (
-        _fine(nodes, n)
-        for nodes, n in ((surface.normal_force_N_m, force), (surface.slip_speed_m_s, speed))
-    )
+    f, v = _fine(surface.normal_force_N_m, force), _fine(surface.slip_speed_m_s, speed)
     return f, v, np.asarray(surface.mu(f[:, None], v[None, :]))
 
 
@@ -138,19 +117,7 @@ def _fine(nodes: np.ndarray, count: int) -> np.ndarray:
     return (np.geomspace if low > 0.0 else np.linspace)(low, high, count)
 
 
-@chart("cuts", "The friction surface along the force", *SURFACES, height=4.6, once=True)
-def slices(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the nodes of the surface over the force, a line per speed."""
-    surface = sheet.surface
-    f, v = np.meshgrid(surface.normal_force_N_m, surface.slip_speed_m_s, indexing="ij")
-    errors = None if surface.mu_se_nodes is None else surface.mu_se_nodes.ravel()
-    over_force(axes, np.zeros(f.size), v.ravel(), f.ravel(), surface.mu_nodes.ravel(), errors)
-    return f"A line per speed of the grid, with twice the {sheet.uncertainty}."
-
-
-@chart(
-    "map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)", height=4.4, columns=2
-)
+@chart("map-{name}", "The {of} surface as a map", *SURFACES, paper="Fig. 13 (b)")
 def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw contours of the surface over force and speed, with the measured points."""
     from matplotlib.ticker import MaxNLocator
@@ -161,18 +128,9 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     if high - low < 1e-6 * high:
         low, high = 0.99 * low, 1.01 * high
     levels = MaxNLocator(LEVELS).tick_values(low, high)
-    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=ORDERED)
+    filled = axes.contourf(f, v * MILLI, mu.T, levels=levels, cmap=style.ORDERED)
     lines = axes.contour(f, v * MILLI, mu.T, levels=levels[::2], colors="white", linewidths=0.7)
     axes.clabel(lines, fontsize=10, fmt="%g")
-    runs_f = runs_v = np.zeros(0)
-    if friction is not None:
-        good = friction["status"] == "ok"
-        runs_f, runs_v = (
-            friction["normal_force_N_m"][good],
-            np.abs(friction["slip_speed_m_s"][good]),
-        )
-        look = {"mfc": "none", "mec": SIMULATED, "ms": 4, "mew": 1.1}
-        axes.plot(runs_f, runs_v * MILLI, "o", label="measured runs (mean of Eq. 8)", **look)
     falling = falls_with_speed(surface, f, v)
     if falling.any():
         shown = {"levels": [0.5, 1.5], "colors": "none", "hatches": ["////"]}
@@ -180,31 +138,33 @@ def as_map(axes: Any, sheet: Sheet, results: BeltResults) -> str:
         axes.fill([], [], fill=False, hatch="////", label="µ falls with the speed")
     box_f = surface.normal_force_N_m[[0, -1, -1, 0, 0]]
     box_v = surface.slip_speed_m_s[[0, 0, -1, -1, 0]] * MILLI
-    axes.plot(box_f, box_v, "-", color=INK, lw=1.6, label="range of validity")
+    axes.plot(box_f, box_v, "-", color=style.INK, lw=1.6, label="range of validity")
+    if friction is not None:
+        good = friction["status"] == "ok"
+        runs = friction["normal_force_N_m"][good], MILLI * np.abs(friction["slip_speed_m_s"][good])
+        look = {"mfc": "none", "mec": style.SIMULATED, "ms": 4, "mew": 1.1}
+        axes.plot(*runs, "o", label="measured runs (mean of Eq. 8)", **look)
     axes.set(xlabel=LINE_FORCE, ylabel=SPEED)
-    logarithmic(axes, "x", np.append(f, runs_f))
-    logarithmic(axes, "y", np.append(v, runs_v) * MILLI)
+    logarithmic(axes, "y")
     axes.use_sticky_edges = False  # leave a margin around the box and points on it
     axes.margins(0.04)
     axes.grid(False)
     axes.figure.colorbar(filled, ax=axes, label=MU)
     forces = between(*(f"{force:.0f}" for force in surface.normal_force_N_m[[0, -1]]))
     speeds = class_name(MILLI * surface.slip_speed_m_s)
-    share = 100.0 * falling.mean()
-    return (
-        f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used. "
-        + (
-            f"Hatched, {share:.0f} % of the box: µ falls with the speed, and sliding can excite "
-            "noise and stick-slip. "
-            if falling.any()
-            else "µ does not fall with the speed anywhere. "
+    said = [f"µ at {forces} N/m, {speeds} mm/s (box); beyond it the nearest value is used."]
+    if falling.any():
+        said.append(
+            f"Hatched, {100.0 * falling.mean():.0f} % of the box: µ falls with the speed, and "
+            "sliding can excite noise and stick-slip."
         )
-        + (
+    else:
+        said.append("µ does not fall with the speed anywhere.")
+    if sheet.name == "surface_refined":
+        said.append(
             "The box is wider than the circles: local forces in the contact exceed the mean."
-            if sheet.name == "surface_refined"
-            else ""
         )
-    ).strip()
+    return " ".join(said)
 
 
 def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -215,37 +175,67 @@ def falls_with_speed(surface: FrictionSurface, f: np.ndarray, v: np.ndarray) -> 
 
 
 @chart(
-    "surface-space",
-    "The friction surface in space",
-    *SURFACES,
-    paper="Fig. 13 (a)",
-    height=4.6,
-    panels=None,
-    once=True,
+    "surface-space", "The surface in space", *SURFACES, paper="Fig. 13 (a)", whole=True, once=True
 )
 def in_space(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw the surface in 3-D."""
-    from matplotlib.ticker import MaxNLocator
-
     f, v, mu = grid_of(sheet.surface, 25, 21)
     fig.set_layout_engine("none")
     axes: Any = fig.add_axes((0.09, 0.02, 0.85, 1.0), projection="3d")
-    places = []
-    for axis, values, label in ((axes.xaxis, f, LINE_FORCE), (axes.yaxis, v * MILLI, SPEED)):
-        if wide := is_wide(values):
-            ticks = np.asarray(log_locator(values).tick_values(values.min(), values.max()))
-            ticks = ticks[(ticks >= values.min()) & (ticks <= values.max())]
-            axis.set_ticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
-        else:
-            axis.set_major_locator(MaxNLocator(5))
-        axis.set_label_text(label + LOGARITHMIC * wide)
-        axis.labelpad = 9
-        places.append(np.log10(values) if wide else values)
-    x, y = np.meshgrid(*places, indexing="ij")
+    x, y = np.meshgrid(f, v * MILLI, indexing="ij")
     look = {"lw": 0.25, "edgecolor": "#00000055", "rcount": 25, "ccount": 21}
-    axes.plot_surface(x, y, mu, cmap=ORDERED, **look)
+    axes.plot_surface(x, y, mu, cmap=style.ORDERED, **look)
+    axes.set_xlabel(LINE_FORCE, labelpad=9)
+    axes.set_ylabel(SPEED, labelpad=9)
+    axes.locator_params(axis="x", nbins=4)
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel("µ [-]", labelpad=8, rotation=90)
     axes.view_init(elev=25, azim=-130)
     axes.set_box_aspect((1.2, 1.0, 0.75), zoom=0.92)
     return "The surface over its range of validity."
+
+
+@chart("belts-force", "Friction of every belt over normal force")
+def belts_over_force(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
+    """Draw the best surface of every belt over the force, at a common speed."""
+    surfaces = having(belts, *SURFACES)
+    speed = _common([s.surface.slip_speed_m_s for _, s in surfaces])
+    label = f"v = {MILLI * speed:.3g} mm/s"
+    said = _cut(axes, surfaces, "normal_force_N_m", "slip_speed_m_s", speed, label)
+    return f"Friction over normal force, at {label}", said
+
+
+@chart("belts-speed", "Friction of every belt over sliding speed")
+def belts_over_speed(axes: Any, belts: Sequence[BeltResults]) -> tuple[str, str]:
+    """Draw the best surface of every belt over the speed, at a common force."""
+    surfaces = having(belts, *SURFACES)
+    force = _common([s.surface.normal_force_N_m for _, s in surfaces])
+    label = f"{force:.4g} N/m"
+    said = _cut(axes, surfaces, "slip_speed_m_s", "normal_force_N_m", force, label)
+    return f"Friction over sliding speed, at {label}", said
+
+
+def _cut(
+    axes: Any, surfaces: list[tuple[str, Sheet]], along: str, across: str, value: float, label: str
+) -> str:
+    """Draw surfaces along the force or the speed, each over its own range."""
+    beyond = []
+    for i, (belt, sheet) in enumerate(surfaces):
+        x, nodes = getattr(sheet.surface, along), getattr(sheet.surface, across)
+        x = np.geomspace(x[0], x[-1], POINTS) if x[0] > 0.0 else x
+        at = {along: x, across: np.full(x.size, value)}
+        at |= {"mu": sheet.surface.mu(**at), "mu_se": sheet.surface.mu_se_at(**at)}
+        look = style.group(i, label=belt, markevery=max(1, x.size // 8))
+        draw(axes, at, along, "mu", band="mu_se", **look)
+        if not nodes[0] <= value <= nodes[-1]:
+            beyond.append(belt)
+    said = "The refined surface of each belt (else the published one), with twice its uncertainty."
+    if not beyond:
+        return said
+    return f"{said} {label} lies outside the range of {', '.join(beyond)}: its nearest value."
+
+
+def _common(nodes: Sequence[np.ndarray]) -> float:
+    """Return the middle of the common range; of the gap if the ranges do not overlap."""
+    low, high = max(float(n[0]) for n in nodes), min(float(n[-1]) for n in nodes)
+    return float(np.sqrt(low * high)) if low > 0.0 and high > 0.0 else 0.5 * (low + high)
