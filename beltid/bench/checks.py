@@ -97,8 +97,8 @@ class Checker:
         values, idle = self.columns[column.name], self.columns.get("idle")
         runs = pd.Series(values).groupby(self.codes)
         low, high = runs.min(), runs.max()
-        sizes = (high - low) / 2 if column.unit == "mm" else np.maximum(low.abs(), high.abs())
-        largest = sizes.max()
+        size = (high - low) / 2 if column.unit == "mm" else high.abs().combine(low.abs(), max)
+        sizes, largest = size.to_dict(), size.max()
         for run, rows in runs.indices.items():
             if not 0.0 < OTHER_RUN * sizes[run] < largest:
                 continue

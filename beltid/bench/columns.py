@@ -114,7 +114,7 @@ def together(raws: Sequence[Raw], needs: Needs) -> Raw:
     if len(raws) == 1:
         return raws[0]
     place, wrong = raws[0].place, needs.problems.count
-    raws = [replace(raw, groups=dict.fromkeys(raw.frame, raw.name)) for raw in raws]
+    raws = [replace(raw, groups=dict.fromkeys(map(str, raw.frame), raw.name)) for raw in raws]
     roles = [meant(channels_of([raw]), needs) for raw in raws]
     wanted = [{f.channel.name for fs in of.values() for f in fs} for of in roles]
     times = {k: v for k, v in _times(raws, needs).items() if wanted[k] - {v[0]}}
@@ -185,9 +185,10 @@ def _interpolated(
     raw: Raw, name: str, time: np.ndarray, clock: np.ndarray, needs: Needs
 ) -> np.ndarray | None:
     """Return a channel at other times, nan outside its own; None if it holds no numbers."""
-    values = raw.frame[name]
-    if is_text(values):
-        if not all(map(is_number, first_texts(values)[:1])):
+    column = raw.frame[name]
+    numbers = column.to_numpy()
+    if is_text(column):
+        if not all(map(is_number, first_texts(column)[:1])):
             return None
-        values = numbers_of(values, raw.signs, name, raw.at, needs.problems)
-    return np.interp(clock, time, values, left=np.nan, right=np.nan)
+        numbers = numbers_of(column, raw.signs, name, raw.at, needs.problems)
+    return np.interp(clock, time, numbers, left=np.nan, right=np.nan)

@@ -13,13 +13,12 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from beltid.bench.header import SEARCHED, distinct_names, find_head, unit_in_name
+from beltid.bench.header import MAX_COLUMNS, SEARCHED, distinct_names, find_head, unit_in_name
 from beltid.bench.numbers import NumberSigns
 from beltid.bench.raw import Raw, first_texts
 from beltid.errors import InputError
 from beltid.store.disk import MAX_BYTES
 
-MAX_COLUMNS: Final = 2000
 _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*</v>|</c>)")
 """A formula without a value in the XML of a sheet."""
 

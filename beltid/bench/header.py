@@ -16,6 +16,7 @@ from beltid.tables.units import canonical_unit, is_known_unit
 
 SEARCHED: Final = 400
 """Rows searched for a header below title lines."""
+MAX_COLUMNS: Final = 2000
 BLOCK: Final = 5
 """Number of similar rows that mark the beginning of the numbers."""
 _OTHER: Final = "1 - -- % # V mV mV/V A mA Hz Pa kPa MPa bar W kW J mm/s mm/min m/s m/s^2 m/s²"

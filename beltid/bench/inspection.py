@@ -12,13 +12,22 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.files import sources_of
-from beltid.bench.mapping import KINDS, Channel, Found, Needs, bench_of, channels_of, meant, rig_of
-from beltid.bench.mapping import mapped as mapped_channels
+from beltid.bench.mapping import (
+    Channel,
+    Found,
+    Needs,
+    bench_of,
+    channels_of,
+    mapped,
+    meant,
+    rig_of,
+)
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
 from beltid.bench.recording import of_plateaus, read_recording, tables_in
 from beltid.bench.runs import settings_in_head
+from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
@@ -134,7 +143,7 @@ def inspect_recording(
     except InputError as error:
         found, notes, problems = {}, tables[0].notes, error.problems
         for table in tables:
-            found = mapped_channels(channels_of([table]), needs, "") | found
+            found = mapped(channels_of([table]), needs, "") | found
     if rig:
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
     return Inspection(kind, names, tables, channels, found, runs, notes, problems, rig, pattern)

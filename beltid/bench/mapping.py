@@ -310,16 +310,18 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
     def ask(what: str, *units: str) -> str:
         return f"{found.shown} {what}: state {needs.say('units', column.name, *units)}"
 
+    if canonical_unit(str(stated)) == "rad/s" and channel.is_in_rpm_by_name:
+        return ask("is in rpm by its name, not in rad/s", "rpm", "{factor: 1, offset: 0}")
     if isinstance(stated, str):
-        if canonical_unit(stated) == "rad/s" and channel.is_in_rpm_by_name:
-            what = "is in rpm by its name, not in rad/s"
-            return ask(what, "rpm", "{factor: 1, offset: 0}")
-        stated = calibration(stated, ours) or conversion(stated, ours)
-    if isinstance(stated, Calibration):
-        wrong = f"is in {unit}, but the calibration of the config is for {stated.per}"
-        return stated.conversion(unit) or f"{found.shown} {wrong}"
-    if stated is not None:
-        return stated
+        setting: Calibration | Conversion | None = calibration(stated, ours)
+        setting = setting or conversion(stated, ours)
+    else:
+        setting = stated
+    if isinstance(setting, Calibration):
+        wrong = f"is in {unit}, but the calibration of the config is for {setting.per}"
+        return setting.conversion(unit) or f"{found.shown} {wrong}"
+    if setting is not None:
+        return setting
     both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
     ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
     is_turn = any(word in simplified(channel.name) for word in ("drehzahl", "rpm", "rev", "tour"))

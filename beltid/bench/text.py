@@ -19,7 +19,15 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pa_csv
 
-from beltid.bench.header import SEARCHED, Head, distinct_names, find_head, head_at, is_sample
+from beltid.bench.header import (
+    MAX_COLUMNS,
+    SEARCHED,
+    Head,
+    distinct_names,
+    find_head,
+    head_at,
+    is_sample,
+)
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
@@ -27,11 +35,11 @@ from beltid.errors import InputError, Problems
 
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
-TOP: Final = 1 << 20
+TOP: Final = 1 << 18
 """Bytes in which the header is searched."""
-MAX_COLUMNS: Final = 2000
 LONGEST_LINE: Final = 1 << 24
 csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
+Bytes = bytes | bytearray
 BLOCK: Final = 4 << 20
 """Bytes that Arrow reads at a time."""
 _BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
@@ -46,16 +54,18 @@ def read(
 
     A first line with two of the `known` names is the header.
     """
-    body = bytearray(path.stat().st_size)  # whose head is taken off without a copy
+    data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
-        file.readinto(body)
-    body, encoding, notes = as_utf8(body, place, dialect["encoding"])
-    top = _top(body, place)
+        file.readinto(data)
+    data, encoding, notes = as_utf8(data, place, dialect["encoding"])
+    top = _top(data, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
     head, separator = _head(kept, place, dialect, known)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
-    del body[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
+    body: Bytes = data
+    del data
     names = distinct_names(
         [name.lstrip("# ") if i == 0 else name for i, name in enumerate(head.names)]
     )
@@ -72,17 +82,17 @@ def read(
     signs, problems = _signs(columns, dialect, f"{place}:{head.row + 1}", notes), Problems()
     plain = {n for n, c in columns.items() if c and not signs.thousands and all(map(is_number, c))}
     misfits = list[Any]()
-    frame = _by_arrow(body, names, plain, (separator, signs.decimal), misfits) if plain else None
+    lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
+    frame = _by_arrow(body, names, plain, written, len(lines), misfits) if plain else None
     if frame is None:  # the header may be repeated among the rows, a cell may be no number
         for line in above:
             body = re.sub(rb"(?m)^%s$" % re.escape(line.encode()), b"", body)
-        tries = (
-            _by_arrow(body, names, n, (separator, signs.decimal), misfits) for n in (plain, ())
-        )
+        lines = _lines(body, head.first_row + 1)
+        tries = (_by_arrow(body, names, n, written, len(lines), misfits) for n in (plain, ()))
         frame = next((frame for frame in tries if frame is not None), None)
     if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
-    lines, rows = _lines(body, head.first_row + 1), [row.number - 1 for row in misfits]
+    rows = [row.number - 1 for row in misfits]
     told = [row for row in misfits if not re.match(r"\s*(?:#|$)", row.text)]
     problems.add_alike(
         range(len(told)),
@@ -174,7 +184,7 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _first_cells(body: bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
+def _first_cells(body: Bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the cells of the first rows, column by column, without remarks and repeated headers.
 
     A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
@@ -212,7 +222,7 @@ def _signs(
     return signs
 
 
-def _lines(body: bytes, first_line: int) -> Sequence[int] | np.ndarray:
+def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
     """Return the line of every row that is not blank."""
     if b"\n\n" not in body and body[:1] != b"\n":
         return range(first_line, first_line + body.count(b"\n") + (not body.endswith(b"\n")))
@@ -223,10 +233,11 @@ def _lines(body: bytes, first_line: int) -> Sequence[int] | np.ndarray:
 
 
 def _by_arrow(
-    body: bytes,
+    body: Bytes,
     names: Sequence[str],
     numeric: Collection[str],
     signs: tuple[str, str],
+    n_rows: int,
     misfits: list[Any],
 ) -> pd.DataFrame | None:
     """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
@@ -234,7 +245,6 @@ def _by_arrow(
     `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
     """
     misfits.clear()
-    n_rows = len(_lines(body, 1))
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}
     texts: dict[str, list[Any]] = {key: [] for key, kind in types.items() if kind == pa.string()}
