@@ -146,7 +146,7 @@ def test_reports_compare_the_belts_and_cost_nothing_when_they_are_in_date(tmp_pa
     page = tmp_path / "runs" / "report.html"
     assert beltid(tmp_path, "run", "a.yaml").exit_code == 0
     assert not page.exists()  # of a single belt
-    assert beltid(tmp_path, "run", "b.yaml").exit_code == 0
+    assert beltid(tmp_path, "run", *configs).exit_code == 0
     text = page.read_text()
     assert 'href="a/report.html"' in text
     assert 'href="b/report.html"' in text
