@@ -46,7 +46,6 @@ check: $(DEVELOPMENT)  ## formatting, lint, types, import contracts, size of the
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m benchmarks.house
-	$(BIN)/python -m benchmarks.audit
 
 bench: $(BENCHMARK)  ## the benchmark beside its peer; writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.bench $(ARGS)
