@@ -361,10 +361,13 @@ class Simulator:
     def _forwards(self, point: DrivePoint, near: DriveResult | None) -> DriveResult:
         """Solve a point with the belt running in the order of the pulleys."""
         rest, key = self.at_rest(point), (point.omega, _rest_key(point))
+        unloaded = point.scaled(0.0)
         if key not in self._idle:
-            self._idle[key] = self._loop(point.scaled(0.0), None if near is None else near.idle)
-        state = self._loop(point, None if near is None else near.state)
-        return DriveResult(point, self.drive, rest, state, self._idle[key])
+            self._idle[key] = self._loop(unloaded, None if near is None else near.idle)
+        idle = state = self._idle[key]
+        if point != unloaded:
+            state = self._loop(point, None if near is None else near.state)
+        return DriveResult(point, self.drive, rest, state, idle)
 
     def _loop(self, point: DrivePoint, near: LoopState | None) -> LoopState:
         rest, level = self._rest[_rest_key(point)]

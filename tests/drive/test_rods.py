@@ -44,7 +44,11 @@ def pulley_of(R: float, surface: FrictionSurface = HALF) -> FlowPulley:
 def test_speed_and_torque_of_an_independent_rod(
     R: float, v0: float, P_in: float, P_out: float, W: float, torque: float
 ) -> None:
-    """T6, and a pulley of 20 mm; the strings' speeds of these rows are 8e-5 to 9e-4 away."""
+    """T6, and a pulley of 20 mm; the strings' speeds of these rows are 8e-5 to 9e-4 away.
+
+    On 20 mm the contact points on the few degrees where the ribs seat scatter: -7e-6 to 2.3e-5 for
+    168 to 504 elements.
+    """
     state = flow(pulley_of(R), v0, P_in, T_out=P_out)
     np.testing.assert_allclose(state.W, W, rtol=5e-6 if R > 0.02 else 3e-5)
     assert state.torque == pytest.approx(torque, abs=4e-4)
@@ -70,7 +74,7 @@ def test_friction_that_depends_on_force_and_speed(
 @pytest.mark.parametrize(("R", "P_out"), [(0.05, 85.36), (0.0275, 91.13)])
 def test_full_slip_leaves_the_force_of_an_independent_rod(R: float, P_out: float) -> None:
     state = flow(pulley_of(R), 1.1, 400.0, omega=1.01 / R * 1.1)
-    assert state.T_out == pytest.approx(P_out, abs=0.02)
+    assert state.T_out == pytest.approx(P_out, abs=0.01)
     with pytest.raises(ConvergenceError, match="no steady running"):
         flow(pulley_of(R), 1.1, 400.0, T_out=60.0)
 
@@ -161,7 +165,7 @@ def test_reversed_running_is_the_mirror_image() -> None:
     torque = (0.0, 9.0)
     points = [DrivePoint(40.0, 310.0, torque), DrivePoint(-40.0, 310.0, torque)]
     forwards, backwards = simulate(two_pulleys(), points, method="rod")
-    assert backwards.loss.total[::-1] == pytest.approx(forwards.loss.total, rel=1e-5, abs=1e-8)
+    assert backwards.loss.total[::-1] == pytest.approx(forwards.loss.total, rel=1e-6, abs=1e-9)
     check_power(forwards)
 
 
@@ -175,8 +179,8 @@ def test_idlers_and_backs() -> None:
     drive = two_pulleys(pulleys=pulleys)
     points = [DrivePoint(50.0, 300.0, (0.0, 0.0, load, 0.0)) for load in (0.0, 6.0)]
     idle, loaded = simulate(drive, points, method="rod")
-    assert idle.loss.total == pytest.approx(0.0, abs=1e-6)
-    assert loaded.torque[1] == pytest.approx(0.0, abs=1e-6)
+    assert not idle.loss.total.any()
+    assert loaded.torque[1] == pytest.approx(0.0, abs=1e-9)
     assert loaded.friction_power[1] > 0.0  # its ribs have to seat: the string knows none of it
     assert [rod is None for rod in loaded.state.rods] == [False, False, False, True]
 
