@@ -235,6 +235,40 @@ def test_strings_on_rigid_pulleys(
 
 
 @pytest.mark.parametrize(
+    ("mu", "load", "tight", "slack", "elements"),
+    [
+        (0.5, 25.0, 662.80, 186.47, (664.52, 186.27)),
+        (0.5, 0.0, 519.77, 286.59, (520.57, 286.21)),
+        (1.0, 25.0, 654.27, 177.97, None),
+    ],
+)
+def test_a_published_finite_element_drive(
+    mu: float, load: float, tight: float, slack: float, elements: tuple[float, float] | None
+) -> None:
+    """T2: THREAD-2-3/beltDriveSimulation, whose strain counts from a reference length.
+
+    Its stress-free length is 0.95 of that. The string was solved independently; theirs, with 480
+    nodes, differs by its gravity and numerical creep. The load is `load` + 2 omega of the driven.
+    """
+    R, span = 0.1, 0.1 * math.pi
+    omega_2 = 12.0
+    for _ in range(12):
+        section = section_of(R, span, operating_points=points(12.0, load + 2.0 * omega_2))
+        section["belt_length_m"] = 0.95 * (2.0 * span + 2.0 * math.pi * R)
+        belt = {"axial_stiffness_N": 7600.0, "mass_per_length_kg_m": 0.8288 / 0.95}
+        row = drive(belt, beltid.NormalLaw(3.2e8 / 0.95, 0.0), mu, **section)
+        row = row.set_index("pulley").loc["driven"]
+        omega_2 = row["speed_rad_s"]
+    found = sorted([row["tension_in_N"], row["tension_out_N"]])
+    assert found == pytest.approx([slack, tight], rel=2e-4)
+    if elements is not None:
+        assert found == pytest.approx(sorted(elements), rel=3e-3)
+    if load and mu == 0.5:
+        assert omega_2 / 12.0 == pytest.approx(0.94221, rel=1e-5)
+        assert row["arc_used_deg"] == pytest.approx(145.8, abs=0.05)
+
+
+@pytest.mark.parametrize(
     ("speed", "T0", "torque", "tight", "slack", "loss"),
     [
         (22.0, 310.0, 8.0, 391.162, 230.932, 0.048255),
