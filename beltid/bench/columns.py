@@ -97,8 +97,7 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
     if needs.table.column(found.role).dtype == "string":
         return words_of(column)
     if found.is_clock:
-        dates = None if found.date is None else raw.frame[found.date.name]
-        return (clock or Clock()).read(column, dates, raw.at, needs.problems)
+        return (clock or Clock()).read(column, raw.at, needs.problems)
     numbers = column.to_numpy()
     if is_text(column):
         numbers = numbers_of(column, raw.signs, found.shown, raw.at, needs.problems)

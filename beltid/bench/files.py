@@ -35,12 +35,10 @@ class Source:
         form = "zip" if member else format_of(path, self.inside.name)
         packed = tempfile.TemporaryDirectory(prefix="beltid-") if form in ("gzip", "zip") else None
         with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
-            for name in ("recording", "unpacked"):  # a zip file may hold gzip files
-                if form == "gzip" or member:
-                    out = Path(folder) / name
-                    unpack(path, out, self.name, member)
-                    path, member = out, ""
-                    form = format_of(path, self.inside.name.removesuffix(".gz"))
+            if packed:
+                path = Path(folder) / "recording"
+                unpack(self.path, path, self.name, member)
+                form = format_of(path, self.inside.name.removesuffix(".gz"))
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             if path.stat().st_size > MAX_BYTES:

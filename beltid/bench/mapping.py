@@ -19,13 +19,12 @@ from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_posit
 from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import means_date, roles_meant, simplified, span_of
+from beltid.bench.vocabulary import roles_meant, simplified, span_of
 from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Column, Table
 from beltid.tables.units import (
-    CONVERSIONS,
     Calibration,
     Conversion,
     allowed_units,
@@ -47,21 +46,6 @@ _IN_RPM: Final = re.compile(
 )
 """Names of speeds in turns per minute."""
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
-
-
-def _ending(unit: str) -> str:
-    return "_" + re.sub(r"[ /]", "_", unit)
-
-
-OTHER_UNITS: Final = {
-    column.name.removesuffix(_ending(column.unit)) + _ending(unit): (column.name, unit)
-    for kind in schemas.RECORDINGS
-    for column in schemas.table(kind).columns
-    if column.name.endswith(_ending(column.unit))
-    for unit in CONVERSIONS.get(column.unit, {})
-    if unit != column.unit
-}
-"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +76,7 @@ class Channel:
         """By which it is called: as written, and ever less exactly."""
         qualified = f"{self.raw.groups.get(self.name)}/{self.name}"
         bare = (without_unit(self.name), without_unit(self.base))
-        return (self.name, qualified), (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
+        return (self.name, qualified), (self.base,), bare
 
     @property
     def shown(self) -> str:
@@ -101,14 +85,9 @@ class Channel:
         return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
 
     @property
-    def unit_of_name(self) -> str:
-        """Unit at the end of the name."""
-        return unit_in_name(self.name) or OTHER_UNITS.get(self.base, ("", ""))[1]
-
-    @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
-        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
+        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not unit_in_name(self.name)
         return unitless and bool(_IN_RPM.search(self.name))
 
     @property
@@ -117,7 +96,7 @@ class Channel:
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
         unknown = IN_NAME.search(self.name)
-        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        by_name = unit_in_name(self.name) or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
         return by_name or (unknown[1].strip() if unknown else "")
 
 
@@ -131,7 +110,6 @@ class Found:
     by: Conversion = field(default_factory=lambda: Conversion(1.0))  # with the sign
     stated: bool = False  # whether file or config states the unit
     negated: bool = False  # whether the config reverses the sign
-    date: Channel | None = None  # with the dates of its clock times
 
     @property
     def is_clock(self) -> bool:
@@ -248,7 +226,7 @@ def _named(role: str, channels: Sequence[Channel], options: ReadOptions) -> list
 
 def _called(name: str, channels: Sequence[Channel]) -> list[Channel]:
     """Return the channels of a name; the first way of naming that fits any decides."""
-    found = ([c for c in channels if name in c.names[way]] for way in range(4))
+    found = ([c for c in channels if name in c.names[way]] for way in range(3))
     return next(filter(None, found), [])
 
 
@@ -267,9 +245,7 @@ def mapped(
             problem = _ambiguous([match.channel, *(m.channel for m in others)], role, needs)
             needs.problems.add(f"{place}: {problem}")
         elif match.is_clock:
-            beside = (c for c in channels if c.raw is match.channel.raw and means_date(c.name))
-            dates = [c for c in beside if c.written == "date"]
-            found[role] = replace(match, stated=True, date=dates[0] if len(dates) == 1 else None)
+            found[role] = replace(match, stated=True)
         else:
             found[role] = with_unit(match, needs, place)
     return found
@@ -322,7 +298,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting.conversion(unit) or f"{found.shown} {wrong}"
     if setting is not None:
         return setting
-    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
+    both = [u for u in (unit_in_name(channel.name), channel.unit_cell) if conversion(u, ours)]
     ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
     is_turn = any(word in simplified(channel.name) for word in ("drehzahl", "rpm", "rev", "tour"))
     if len({conversion(u, ours) for u in both}) > 1:
@@ -386,7 +362,6 @@ def refuse_missing(
     shown = [
         names.get(role, role)
         + (f" (which the config names for {role})" if names.get(role, role) != role else "")
-        + (f" (is it {close[role]}?)" if role in close else "")
         for role in missing
     ] or [f"of {table.command}"]
     verb = "is missing" if len(shown) == 1 else "are missing"
@@ -459,6 +434,6 @@ def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channe
         elif match.stated and match.by != Conversion(1.0):
             unit = match.channel.unit or "the unit stated"
             notes.append(f"{match.shown} converted from {unit} to {table.column(role).unit}")
-    used = {c.name for m in found.values() for c in (m.channel, m.date) if c is not None}
+    used = {match.channel.name for match in found.values()}
     left_out = [n for n in dict.fromkeys(c.name for c in channels) if n not in used]
     return [*notes, *(["columns left out: " + ", ".join(left_out[:12])] if left_out else [])]

@@ -93,7 +93,6 @@ class Settings:
         self.needs, self.table = needs, needs.table
         self.pattern = name_pattern(options.pattern) if options.pattern else None
         self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
-        self.used: set[str] = set()
 
     def elsewhere(self, raw: Raw) -> set[str]:
         """Return our columns that the table of a file need not contain."""
@@ -120,17 +119,10 @@ class Settings:
                 )
         if self.rows:
             name = next((n for n in part.names if n in self.rows), "")
-            self.used.add(name)
             found |= self.rows[name][1] if name else {}
             if not name and not is_complete:
                 self.needs.problems.add(f"{self.options.run_table}: has no row for {part.names[0]}")
         return {role: value for role, value in found.items() if role in self.table.names}
-
-    def finish(self) -> None:
-        """Report rows of the table of runs that belong to no file."""
-        for name in self.rows.keys() - self.used:
-            where = f"{self.options.run_table}:{self.rows[name][0]}"
-            self.needs.problems.add(f"{where}: {name} is not among the files read")
 
     def _from_head(self, part: Part) -> dict[str, Any]:
         """Take settings from the head: from fields that the config names, or of known names."""
@@ -237,7 +229,6 @@ def joined(
                 problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(part.raw.place)
-    settings.finish()
     if problems.count > wrong:
         problems.merge_repeated([part.raw.place for part in parts])
         problems.raise_if_any()
@@ -297,19 +288,16 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
 
 def _labels(part: Part, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
-    columns, time, add = part.columns, part.columns["time_s"], "add a column of labels"
+    columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
     labels = np.full(len(time), part.label, dtype=object)
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
         if len(bounds) > 2:
             labels[first:end] = f"{part.label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if len(bounds) > 2 and end - first < MIN_SAMPLES:
-            few = f"run {labels[first]} has {end - first} samples, must be at least {MIN_SAMPLES}"
-            problems.add(f"{part.raw.place}: {few}: {add}")
-        elif _rotations(speed[np.isfinite(speed)]) > 1:
+        if _rotations(speed[np.isfinite(speed)]) > 1:
             stops = f"in run {labels[first]} the pulley turns several times with stops between"
-            problems.add(f"{part.raw.place}: {stops}: {add}")
+            problems.add(f"{part.raw.place}: {stops}: add a column of labels")
     if len(bounds) > 2:
         part.notes.append(
             f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "

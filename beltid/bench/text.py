@@ -26,7 +26,6 @@ from beltid.bench.header import (
     distinct_names,
     find_head,
     head_at,
-    is_sample,
 )
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
@@ -45,6 +44,8 @@ BLOCK: Final = 4 << 20
 _BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
+_ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
+"""Names by which an export of testXpert is known."""
 
 
 def read(
@@ -102,7 +103,7 @@ def read(
     yield Raw(
         place,
         frame,
-        format=_program(top),
+        format="Zwick testXpert text" if _ZWICK.search("\n".join(top[:60])) else "CSV",
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
         lines=np.delete(lines, rows) if rows else lines,
@@ -113,12 +114,6 @@ def read(
         notes=tuple(notes),
         problems=problems,
     )
-
-
-def _program(top: Sequence[str]) -> str:
-    """Recognise the program that wrote a text file from its first lines."""
-    words = re.search("Standardkraft|Standardweg|Traversenweg", "\n".join(top[:60]))
-    return "Zwick testXpert text" if words else "CSV"
 
 
 def _top(data: bytearray, place: str) -> list[str]:
@@ -163,12 +158,6 @@ def _head(
         found = [(spaced, " ")] * (len(spaced.names) == len(blank[spaced.first_row]))
     if len({*rows[own][first]} & {*known}) < 2 and found and not dialect["skip_lines"]:
         return max(found, key=lambda pair: len(pair[0].names))
-    for cells, below in [(split[first], split[second]) for split in rows.values()]:
-        if first != second and is_sample(cells, below, known):
-            raise InputError(
-                f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names "
-                f"of the {len(cells)} columns, dialect: {{names: [...]}}"
-            )
     return head_at(rows[own], first), own
 
 

@@ -103,14 +103,6 @@ def test_two_forces_with_a_travel_are_asked_about(tmp_path, names):
     assert read(path, "press", config).columns["force_N"].tolist() == [3.0, 4.0]
 
 
-def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
-    path = write(tmp_path, "time_s;displacement_in;force_N", PRESS_ROWS)
-    config = {"columns": {"press": {"displacement_mm": "displacement_in"}}}
-    found = read(path, "press", config)
-    assert found.columns["displacement_mm"][0] == pytest.approx(0.5 * 25.4)
-    assert 'displacement_mm (column "displacement_in") converted from in to mm' in found.notes
-
-
 @pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])
 def test_an_ending_that_is_no_other_unit_is_part_of_the_name(tmp_path, name):
     path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)

@@ -81,11 +81,9 @@ def test_a_table_and_files_that_do_not_belong_together(tmp_path, runs):
     assert problems(folder, {"runs": {"rig": {"table": str(table)}}}) == [
         'runs/runs.csv:4: initial_tension_N = "x", must be a number'
     ]
-    table.write_text(
-        "file,arc_deg,initial_tension_N\nR001,40,50\nR002.csv,40,50\nR042.csv,68,50\nR7,1,1\n"
-    )
+    table.write_text("file,arc_deg,initial_tension_N\nR001,40,50\nR002.csv,40,50\nR042.csv,68,50\n")
     found = "\n".join(problems(folder, {"runs": {"rig": {"table": str(table)}}}))
-    for words in ("runs.csv: R100.csv", "R100.csv:1: arc_deg", "R100.csv:1: initial", "csv:5: R7"):
+    for words in ("runs.csv: R100.csv", "R100.csv:1: arc_deg", "R100.csv:1: initial"):
         place, _, word = words.partition(": ")
         assert any(place in line and word in line for line in found.splitlines()), words
 
