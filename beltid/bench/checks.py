@@ -149,9 +149,7 @@ class Checker:
         )
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
-            told = absent(self.label[missing])  # no label, or an unreadable cell
-            if unread := self.problems.unread:
-                told |= np.array([self.place(int(i))[0] in unread for i in missing], dtype=bool)
+            told = absent(self.label[missing])
             allowed = f"{column.name} is empty, must be {column.allowed}"
             self._report(missing[~told], lambda i: allowed)
         elif missing.size == values.size and column.required:

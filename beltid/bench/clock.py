@@ -99,7 +99,6 @@ class Clock:
                 lambda i, why=why: f'{self.name} = "{str(text.iloc[i])[:40]}", {why}',  # type: ignore[misc]
                 place,
             )
-            problems.unread.update(place(int(row))[0] for row in at)
         read, day_ns = ~(wrong | unclear), int(DAY_S * 1e9)
         if self.midnight_ns is None and read.any():
             self.midnight_ns = int(counts[read][0] // day_ns * day_ns)

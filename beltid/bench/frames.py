@@ -105,8 +105,6 @@ def _arrow(values: Any) -> Any:
     """Return a list as an Arrow array, of texts if its values are of several types."""
     if isinstance(values, (pa.Array, pa.ChunkedArray)):
         return values
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         return pa.array(values, from_pandas=True)
     except (pa.ArrowException, ValueError, TypeError):

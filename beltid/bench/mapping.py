@@ -300,7 +300,6 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting
     both = [u for u in (unit_in_name(channel.name), channel.unit_cell) if conversion(u, ours)]
     ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
-    is_turn = any(word in simplified(channel.name) for word in ("drehzahl", "rpm", "rev", "tour"))
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)
         return ask(f"is in {first} by its name and in {second} by its unit", first, second)
@@ -318,7 +317,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return ask(
             f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250, offset: 0}"
         )
-    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND and not is_turn:
+    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND:
         return ask(f"is in {unit}, turns or radians", "rev/s", "rad/s")
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
         return ask(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}")

@@ -116,7 +116,6 @@ def numbers_of(
     for why in wrong.values():
         rows = np.flatnonzero(np.isin(codes, list(why)))
         problems.add_alike(rows, lambda i, why=why: why[codes[i]], place)  # type: ignore[misc]
-        problems.unread.update(place(int(row))[0] for row in rows)
     return values[codes]
 
 

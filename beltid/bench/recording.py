@@ -177,8 +177,7 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
 def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recording:
     """Join the parts of a recording and check it; InputError with all errors."""
     needs = settings.needs
-    if not parts:
-        needs.problems.raise_if_any()
+    needs.problems.raise_if_any()
     columns, place, notes, stated = joined(_distinct(parts), settings)
     checker = Checker(str(path), columns, needs.table, place, needs.problems)
     notes += checker.run({*needs.options.units, *stated})

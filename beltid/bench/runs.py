@@ -206,7 +206,7 @@ def joined(
     of a sample; notes; and the columns whose unit is stated in all parts.
     """
     table, problems = settings.table, settings.needs.problems
-    wrong, timed = problems.count, "time_s" in settings.table.names
+    timed = "time_s" in settings.table.names
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
     for part in parts:
@@ -229,7 +229,7 @@ def joined(
                 problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(part.raw.place)
-    if problems.count > wrong:
+    if problems.count:
         problems.merge_repeated([part.raw.place for part in parts])
         problems.raise_if_any()
     starts = np.cumsum([0, *map(len, parts)])[:-1]

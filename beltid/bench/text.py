@@ -41,7 +41,6 @@ csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 Bytes = bytes | bytearray
 BLOCK: Final = 4 << 20
 """Bytes that Arrow reads at a time."""
-_BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
 _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
@@ -73,10 +72,9 @@ def read(
     if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
-    if separator == " " or b'"' in body:
-        body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
-    above = [line for line in top[max(head.row, 0) : head.first_row] if line.strip()]
-    cells = _first_cells(body, separator, above)
+    if separator == " ":
+        body = _SPACING.sub(b"", body)
+    cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
@@ -85,12 +83,8 @@ def read(
     misfits = list[Any]()
     lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
     frame = _by_arrow(body, names, plain, written, len(lines), misfits) if plain else None
-    if frame is None:  # the header may be repeated among the rows, a cell may be no number
-        for line in above:
-            body = re.sub(rb"(?m)^%s$" % re.escape(line.encode()), b"", body)
-        lines = _lines(body, head.first_row + 1)
-        tries = (_by_arrow(body, names, n, written, len(lines), misfits) for n in (plain, ()))
-        frame = next((frame for frame in tries if frame is not None), None)
+    if frame is None:  # a cell may be no number
+        frame = _by_arrow(body, names, (), written, len(lines), misfits)
     if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
     rows = [row.number - 1 for row in misfits]
@@ -173,8 +167,8 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _first_cells(body: Bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the cells of the first rows, column by column, without remarks and repeated headers.
+def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
+    """Return the cells of the first rows, column by column, without remarks.
 
     A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
     """
@@ -183,7 +177,7 @@ def _first_cells(body: Bytes, separator: str, above: Sequence[str]) -> list[tupl
     if not lines:
         return []
     full = max(line.count(separator) for line in lines)
-    kept = [t for t in lines if t not in above and (t[0] != "#" or t.count(separator) == full)]
+    kept = [line for line in lines if line[0] != "#" or line.count(separator) == full]
     kept = kept or lines
     rows = [cells_of(line, separator) for line in kept]
     columns = [*itertools.zip_longest(*rows, fillvalue="")]
