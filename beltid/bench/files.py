@@ -59,20 +59,7 @@ def exists(path: Path) -> bool:
 
 
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
-    """List the files that a path names.
-
-    Parameters
-    ----------
-    path : Path
-        A file, a zip file, a folder, or a pattern with ``*`` and ``?``.
-    besides : sequence of Path
-        Files that are not recordings and are skipped, such as a table of the runs.
-
-    Raises
-    ------
-    InputError
-        If there is no file, or a folder holds files of several kinds.
-    """
+    """List the files that a file, zip file, folder or pattern names, without those `besides`."""
     if is_many(path):
         root = path if path.is_dir() else folder_of(path)
         files = _files(path, {b.absolute() for b in besides})

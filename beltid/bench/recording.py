@@ -255,22 +255,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
 
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
-    """Return the columns of a table in memory that follows a schema, those that it has.
-
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table or mapping
-        The table.
-    table : Table
-        Its schema; columns of lists and booleans are left out.
-    name : str
-        Its name, for messages.
-
-    Raises
-    ------
-    InputError
-        With every column that holds values of the wrong type.
-    """
+    """Return the columns of numbers and texts that a table in memory has of a schema."""
     raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)

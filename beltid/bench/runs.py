@@ -248,10 +248,7 @@ def joined(
 
 
 def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
-    """Concatenate the columns; those that a part lacks are missing values.
-
-    A column that describes runs (`RUN_TEXTS`) is left out if no part has it.
-    """
+    """Concatenate the columns; of those that no part has, only texts of runs are left out."""
     present, lengths = {name for part in parts for name in part.columns}, [len(p) for p in parts]
     columns = {}
     for column in table.columns:

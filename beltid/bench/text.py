@@ -168,10 +168,7 @@ def cells_of(line: str, sign: str) -> list[str]:
 
 
 def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
-    """Return the cells of the first rows, column by column, without remarks.
-
-    A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
-    """
+    """Return the cells of the first rows, column by column, without remarks (# and few cells)."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
     if not lines:
@@ -218,15 +215,12 @@ def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
 def _by_arrow(
     body: Bytes,
     names: Sequence[str],
-    numeric: Collection[str],
-    signs: tuple[str, str],
+    numeric: Collection[str],  # the others are texts
+    signs: tuple[str, str],  # between cells, of decimals
     n_rows: int,
     misfits: list[Any],
 ) -> pd.DataFrame | None:
-    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
-
-    `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
-    """
+    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
     misfits.clear()
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}

@@ -89,20 +89,6 @@ def test_other_channels_are_not_taken_for_ours():
     assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
 
 
-@pytest.mark.parametrize("names", [("Force 1", "Force 2"), ("Load cell", "Load cell 2")])
-def test_two_forces_with_a_travel_are_asked_about(tmp_path, names):
-    """The second cell of a press is not dropped, and a friction rig is not taken for a press."""
-    one, two = (f"{name} [N]" for name in names)
-    path = write(tmp_path, f"Time [s];Travel [mm];{one};{two}", ["0;1;2;3", "1;2;3;4"])
-    assert problems(path, "press") == [
-        f'bench.csv:1: {one}, {two} can be force_N, say which: columns: {{press: {{force_N: "{one}"'
-        f'}}}}; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{one}", '
-        f'tension_slack_N: "{two}"}}}}'
-    ]
-    config = {"columns": {"press": {"force_N": two}}}
-    assert read(path, "press", config).columns["force_N"].tolist() == [3.0, 4.0]
-
-
 @pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])
 def test_an_ending_that_is_no_other_unit_is_part_of_the_name(tmp_path, name):
     path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
