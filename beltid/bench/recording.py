@@ -22,7 +22,7 @@ from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
 from beltid.bench.runs import Settings, is_timed, joined, tables_of_runs
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -99,7 +99,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     needs, parts = Needs(options.table(kind), options), list[Part]()
     settings: Settings | None = None
     for source in sources:  # one file after the other, so that only one is in memory as written
-        raws = tables_in(source, needs)
+        raws = tables_in(source, options.dialect, needs.problems)
         if settings is None:
             needs = needs if kind != "rig" else of_plateaus(raws, needs)
             settings = Settings(needs)
@@ -125,16 +125,14 @@ def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
     return needs if any(2 * column.nunique() < len(column) for column in labels) else plateaus
 
 
-def tables_in(source: Source, needs: Needs) -> list[Raw]:
-    """Read the tables of one file as written; what is wrong with it is a problem of `needs`."""
-    names, dialect = needs.options.names, needs.options.dialect
-    known = {names.get(c.name, c.name) for c in needs.table.columns}
+def tables_in(source: Source, dialect: Mapping[str, Any], problems: Problems) -> list[Raw]:
+    """Read the tables of one file as written, and report what is wrong with it."""
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(text.read(file, source.name, dialect, known))
+                return list(text.read(file, source.name, dialect))
             if form == "lvm":
                 return list(lvm.read(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
@@ -143,12 +141,12 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             return tables
     except InputError as error:
         for line in error.problems:
-            needs.problems.add(line)
+            problems.add(line)
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
         what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-        needs.problems.add(f"{source.name}: {what}")
+        problems.add(f"{source.name}: {what}")
     return []
 
 

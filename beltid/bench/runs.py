@@ -119,7 +119,7 @@ class Settings:
                 )
         if self.rows:
             name = next((n for n in part.names if n in self.rows), "")
-            found |= self.rows[name][1] if name else {}
+            found |= self.rows[name] if name else {}
             if not name and not is_complete:
                 self.needs.problems.add(f"{self.options.run_table}: has no row for {part.names[0]}")
         return {role: value for role, value in found.items() if role in self.table.names}
@@ -175,24 +175,23 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
     }
 
 
-def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str, Any]]]:
-    """Read a table of runs: name of a file or group -> its line, and the values in it."""
+def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
+    """Read a table of runs: name of a file or group -> the values in its row."""
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional), ReadOptions())
-    (raw,) = text.read(path, str(path), DIALECT, needs.table.names)
+    (raw,) = text.read(path, str(path), DIALECT)
     part = read_part(raw, needs)
     needs.problems.raise_if_any()
     assert part is not None
-    rows: dict[str, tuple[int, Mapping[str, Any]]] = {}
+    rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
-        line = part.at(k)[1]
         cells = {role: values[k] for role, values in part.columns.items()}
         name = str(cells.pop("file") or "")
         if name in rows:
-            needs.problems.add(f"{path}:{line}: {name} is already in line {rows[name][0]}")
-        rows[name] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
+            needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
+        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
     return rows
 

@@ -31,9 +31,12 @@ from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
 from beltid.errors import InputError, Problems
+from beltid.tables.schemas import RECORDINGS, table
 
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
+OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
+"""Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18
 """Bytes in which the header is searched."""
 LONGEST_LINE: Final = 1 << 24
@@ -47,20 +50,15 @@ _ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
 """Names by which an export of testXpert is known."""
 
 
-def read(
-    path: Path, place: str, dialect: Mapping[str, Any], known: Collection[str]
-) -> Iterator[Raw]:
-    """Read the table in a text file; what is None in `dialect` is detected.
-
-    A first line with two of the `known` names is the header.
-    """
+def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+    """Read the table in a text file; what is None in `dialect` is detected."""
     data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
         file.readinto(data)
     data, encoding, notes = as_utf8(data, place, dialect["encoding"])
     top = _top(data, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
-    head, separator = _head(kept, place, dialect, known)
+    head, separator = _head(kept, place, dialect)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
     del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
@@ -121,9 +119,7 @@ def _top(data: bytearray, place: str) -> list[str]:
     return [line.decode() for line in top]
 
 
-def _head(
-    top: Sequence[str], place: str, dialect: Mapping[str, Any], known: Collection[str]
-) -> tuple[Head, str]:
+def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[Head, str]:
     """Find header and separator."""
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
     filled = [i for i, line in enumerate(top) if not remark.match(line)]
@@ -141,16 +137,14 @@ def _head(
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     plain = [sign for sign in rows if sign != " "] or [" "]
-    own = max(
-        plain, key=lambda sign: (len({*rows[sign][first]} & {*known}), len(rows[sign][first]))
-    )
+    own = max(plain, key=lambda sign: (len(OURS & {*rows[sign][first]}), len(rows[sign][first])))
     blank = rows.get(" ", rows[own])
     if len(rows[own][first]) == 1 < len(blank[first]) == len(blank[second]):
         own = " "
     found = [(above, sign) for sign in plain if (above := find_head(rows[sign]))]
     if not found and " " in rows and (spaced := find_head(blank)):
         found = [(spaced, " ")] * (len(spaced.names) == len(blank[spaced.first_row]))
-    if len({*rows[own][first]} & {*known}) < 2 and found and not dialect["skip_lines"]:
+    if len(OURS & {*rows[own][first]}) < 2 and found and not dialect["skip_lines"]:
         return max(found, key=lambda pair: len(pair[0].names))
     return head_at(rows[own], first), own
 
