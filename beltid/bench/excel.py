@@ -38,6 +38,7 @@ def read(path: Path, place: str) -> Iterator[Raw]:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
             if sheet.sheet_state != "visible":
+                left_out.append(sheet.title)
                 continue
             rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True)]
             table = _table(place, sheet.title, rows)
@@ -49,7 +50,7 @@ def read(path: Path, place: str) -> Iterator[Raw]:
         _refuse_formulas(path, place)
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
-    notes = [f"sheet {title} left out: no table of numbers found" for title in left_out]
+    notes = [f"sheet {title} left out: hidden, or without a table of numbers" for title in left_out]
     yield replace(found[0], notes=tuple(notes))
     yield from found[1:]
 

@@ -25,6 +25,7 @@ from beltid.errors import Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Column, Table
 from beltid.tables.units import (
+    CONVERSIONS,
     Calibration,
     Conversion,
     allowed_units,
@@ -46,6 +47,21 @@ _IN_RPM: Final = re.compile(
 )
 """Names of speeds in turns per minute."""
 _PER_SECOND: Final = ("1/s", "s-1", "s^-1", "s⁻¹")
+
+
+def _ending(unit: str) -> str:
+    return "_" + re.sub(r"[ /]", "_", unit)
+
+
+OTHER_UNITS: Final = {
+    column.name.removesuffix(_ending(column.unit)) + _ending(unit): (column.name, unit)
+    for kind in schemas.RECORDINGS
+    for column in schemas.table(kind).columns
+    if column.name.endswith(_ending(column.unit))
+    for unit in CONVERSIONS.get(column.unit, {})
+    if unit != column.unit
+}
+"""Names such as ``force_kN`` -> the column ``force_N``, and ``kN``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +92,7 @@ class Channel:
         """By which it is called: as written, and ever less exactly."""
         qualified = f"{self.raw.groups.get(self.name)}/{self.name}"
         bare = (without_unit(self.name), without_unit(self.base))
-        return (self.name, qualified), (self.base,), bare
+        return (self.name, qualified), (self.base,), bare, OTHER_UNITS.get(self.base, ("",))[:1]
 
     @property
     def shown(self) -> str:
@@ -85,9 +101,14 @@ class Channel:
         return f"{self.name} [{unit}]" if unit and not unit_in_name(self.name) else self.name
 
     @property
+    def unit_of_name(self) -> str:
+        """Unit at the end of the name."""
+        return unit_in_name(self.name) or OTHER_UNITS.get(self.base, ("", ""))[1]
+
+    @property
     def is_in_rpm_by_name(self) -> bool:
         """Whether the name alone says that a channel without a unit is in turns per minute."""
-        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not unit_in_name(self.name)
+        unitless = canonical_unit(self.unit_cell) in NO_UNIT and not self.unit_of_name
         return unitless and bool(_IN_RPM.search(self.name))
 
     @property
@@ -96,7 +117,7 @@ class Channel:
         if canonical_unit(self.unit_cell) not in NO_UNIT:
             return self.unit_cell
         unknown = IN_NAME.search(self.name)
-        by_name = unit_in_name(self.name) or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
+        by_name = self.unit_of_name or ("rpm" if self.is_in_rpm_by_name else self.unit_cell)
         return by_name or (unknown[1].strip() if unknown else "")
 
 
@@ -226,7 +247,7 @@ def _named(role: str, channels: Sequence[Channel], options: ReadOptions) -> list
 
 def _called(name: str, channels: Sequence[Channel]) -> list[Channel]:
     """Return the channels of a name; the first way of naming that fits any decides."""
-    found = ([c for c in channels if name in c.names[way]] for way in range(3))
+    found = ([c for c in channels if name in c.names[way]] for way in range(4))
     return next(filter(None, found), [])
 
 
@@ -298,7 +319,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting.conversion(unit) or f"{found.shown} {wrong}"
     if setting is not None:
         return setting
-    both = [u for u in (unit_in_name(channel.name), channel.unit_cell) if conversion(u, ours)]
+    both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
     ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)

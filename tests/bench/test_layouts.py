@@ -155,6 +155,7 @@ def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
     book.save(tmp_path / "press.xlsx")
     recording = read_recording(tmp_path / "press.xlsx", "press")
     assert len(recording.columns["test"]) == 8
+    assert any("sheet A left out" in note for note in recording.notes)
     book["B"]["C5"] = "overload"
     book.save(tmp_path / "press.xlsx")
     with pytest.raises(InputError, match=r'press\.xlsx:5: force_N .* = "overload", must be a'):

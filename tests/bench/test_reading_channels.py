@@ -89,6 +89,13 @@ def test_other_channels_are_not_taken_for_ours():
     assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
 
 
+def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
+    path = write(tmp_path, "time_ms;displacement_mm;force_kN", PRESS_ROWS)
+    found = read(path, "press").columns
+    np.testing.assert_allclose(found["force_N"], [1e4, 2e4, 3e4], rtol=1e-12)
+    np.testing.assert_allclose(found["time_s"], [0.0, 0.001, 0.002], rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])
 def test_an_ending_that_is_no_other_unit_is_part_of_the_name(tmp_path, name):
     path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
