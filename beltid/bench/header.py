@@ -96,6 +96,13 @@ def _is_value(cell: str) -> bool:
     return is_number(cell) or is_clock(cell) or is_date(cell)
 
 
+def is_sample(cells: Sequence[str], below: Sequence[str]) -> bool:
+    """Return whether a row is like the one below it and at least half values: no names."""
+    are_values = [*map(_is_value, cells)]
+    alike = are_values == [*map(_is_value, below)]
+    return alike and sum(are_values) >= 2 and 2 * sum(are_values) >= len(cells)
+
+
 def is_units_row(cells: Sequence[str]) -> bool:
     """Return whether a row holds units: no number, and at least half of its cells are units."""
     filled = [cell for cell in cells if cell]

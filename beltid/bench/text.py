@@ -26,6 +26,7 @@ from beltid.bench.header import (
     distinct_names,
     find_head,
     head_at,
+    is_sample,
 )
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
@@ -146,6 +147,15 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
         found = [(spaced, " ")] * (len(spaced.names) == len(blank[spaced.first_row]))
     if len(OURS & {*rows[own][first]}) < 2 and found and not dialect["skip_lines"]:
         return max(found, key=lambda pair: len(pair[0].names))
+    if (
+        first != second
+        and not OURS & {*rows[own][first]}
+        and is_sample(rows[own][first], rows[own][second])
+    ):
+        raise InputError(
+            f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names of "
+            f"the {len(cells)} columns, dialect: {{names: [...]}}"
+        )
     return head_at(rows[own], first), own
 
 
