@@ -35,7 +35,7 @@ A straight line through groups with offsets of their own, and white noise of unk
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -117,6 +117,7 @@ class Posterior:
     model: Mixed  # the model
     P: Array  # projection of (M2), at a scale of one, (R, m, m)
     level_weights: Array  # weights of the data in the level, (R, m)
+    converged: bool = True  # whether the search for the sizes ended
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""
@@ -246,7 +247,7 @@ class Mixed:
             cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
         )
         theta[free] = found.x
-        return self._evaluate(theta)[0]
+        return replace(self._evaluate(theta)[0], converged=bool(found.success))
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""

@@ -170,10 +170,13 @@ class RefinedSurface:
         return mean, np.sqrt(np.diag(covariance))
 
     def convergence_warnings(self) -> tuple[str, ...]:
-        """Return a sentence if the iteration did not converge."""
+        """Return a sentence for each iteration that did not converge."""
+        sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
+        lines = () if self.posterior.converged else (sizes,)
         if not self.still_changing:
-            return ()
+            return lines
         return (
+            *lines,
             f"no convergence in {self.iterations} iterations: last change of mu "
             f"{percent(100 * self.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
         )
@@ -432,7 +435,7 @@ class Problem:
         at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
         weight, residual = np.ones(self.log_mu.size), np.zeros(self.log_mu.size)
         sizes: dict[str, float] = {}
-        share, change, choices, iteration = 1.0, np.inf, 0, 0
+        converged, share, change, choices, iteration = True, 1.0, np.inf, 0, 0
         try:
             done = sweep(self.rig, self.curves, self.B @ at)
             before, response = done.log_mu, done.J.sum(axis=1)
@@ -442,8 +445,9 @@ class Problem:
                     weight, response = _weights(residual), done.J.sum(axis=1)
                     choices += 1
                 runs = self.linearised(done, at, weight, response)
-                sizes = runs.choose(sizes) if fresh else sizes
-                posterior = runs.model().at(sizes)
+                posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
+                converged = posterior.converged if fresh else converged
+                sizes, posterior = posterior.sizes, replace(posterior, converged=converged)
                 residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
                 step = posterior.mean[: at.size] - at
                 # effect of the step on the data: knots that carry no load may drift

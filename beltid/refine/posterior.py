@@ -95,15 +95,16 @@ class LinearRuns:
         own = [Own(name, priors[name], diagonal=sd[:, None]) for name, sd in noise.items()]
         return Mixed(self.y[:, None], terms, own)
 
-    def choose(self, start: Sizes) -> dict[str, float]:
-        """Find the sizes, from those chosen before or, without any, from several starts.
+    def choose(self, start: Sizes) -> Posterior:
+        """Find sizes and posterior, from sizes chosen before or, without any, from several starts.
 
         A run-in over a campaign sorted by arcs is explained by the order or by the arcs: the
         evidence may have several maxima.
         """
         found = self._best(start)
         sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}
-        return sizes | {effect.key: _usual_size(found, effect) for effect in self.effects}
+        sizes |= {effect.key: _usual_size(found, effect) for effect in self.effects}
+        return replace(self.model().at(sizes), converged=found.converged)
 
     def log_evidence_for(self, keys: Collection[str]) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.

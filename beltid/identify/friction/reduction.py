@@ -118,7 +118,8 @@ def _reduce_together(
     runs, records = zip(*sliding, strict=True)
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    levels = fit_bench(records).levels
+    bench = fit_bench(records)
+    levels = bench.levels
     own = np.array([level.variance for level in levels])
     own += np.square([record.rounding for record in records])
     cells = cell_errors(
@@ -144,7 +145,7 @@ def _reduce_together(
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
-        run.held = float(cells.held[k])
+        run.held, run.converged = float(cells.held[k]), bench.converged
         run.drift = level.drift / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
