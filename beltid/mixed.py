@@ -329,10 +329,7 @@ class Mixed:
         return mean, C, np.tensordot(w, moments, 1), total
 
     def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
-        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.
-
-        Returns h, its covariance, the second moment of q about its mean, and the log evidence.
-        """
+        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method."""
         positive = self.positive
         q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
         value, h = self._cost(q, M, b, Q)

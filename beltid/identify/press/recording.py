@@ -140,11 +140,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
-    """Mark spikes that could change the law; a reversal of the crosshead is not a spike.
-
-    A running median of seven samples follows a ramp and lags by three steps at a reversal; a limit
-    of four steps allows for steps that grow with the travel.
-    """
+    """Mark spikes that could change the law; a reversal of the crosshead is not a spike."""
     deviation = x - running_median(x, SPIKE_WINDOW)
     steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
     return np.abs(deviation) > max(SPIKE * mad_sigma(deviation), steps, 2e-3 * spread(x))

@@ -137,10 +137,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
-    """Group the curves by nominal temperature, ascending; ignore unknown temperatures.
-
-    A group spans less than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
-    """
+    """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
     usable = [c for c in curves if math.isfinite(c.recorded.temperature_degC)]
     groups: list[list[PressCurve]] = []
     for curve in sorted(usable, key=lambda c: c.recorded.temperature_degC):
