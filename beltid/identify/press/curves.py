@@ -90,7 +90,7 @@ class PressRecording:
 def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
     """Clean the tests of a recording, select their cycles and build the curves.
 
-    `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
+    `press` holds the columns ``test``, ``displacement_mm``, ``force_N`` and, if known,
     ``temperature_degC``, shape (n,) each, checked when they were read; nan where missing. Raises
     :class:`InputError`, with all problems, if no test can be used.
     """

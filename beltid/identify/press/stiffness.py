@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from beltid.errors import NumericsError
 from beltid.identify.press.curves import PressCurve, PressRecording, read_recording
-from beltid.identify.press.dissipation import loss_ratio
 from beltid.identify.press.law import FittedLaw, fit_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.laws.penalty import NormalLaw
@@ -177,7 +176,7 @@ def _estimate(
         for c, p in zip(curves, contact, strict=True)
         for b in c.fitted
     ]
-    loss = loss_ratio(curves)
+    loss = _loss_ratio(curves)
     depth = float(np.max([c.top_position_m for c in curves] - contact))
     force = max(c.top_force_N_m for c in curves)
     notes, warnings = _findings(curves, fitted, depth, force)
@@ -199,6 +198,12 @@ def _estimate(
         notes=notes,
         warnings=warnings,
     )
+
+
+def _loss_ratio(curves: Sequence[PressCurve]) -> float:
+    """Return the work lost in the loops over the work of loading; nan without unloading."""
+    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def _findings(
