@@ -51,7 +51,7 @@ DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS, FIRST_STEPS, STEPS = 2, 20, 40
+SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
 """Turns between the sizes and the tail; steps of the search in the first turn, and later."""
 
 
@@ -347,5 +347,5 @@ def _turn(
         powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
         A = posterior.of("tail")[0]
         scale = noise_scale(bench, posterior)
-    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-7)
+    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-6)
     return powers, A, scale, found
