@@ -22,7 +22,8 @@ e = y - X h, the projection P that takes out the levels, and the covariance C of
 
     d log L / d ln s_e = s_e² sum_r tr[K_er (P e e' P + P X C X' P - P)]                        (M2)
 
-(Fisher's identity). A size that too few columns show is averaged over a few values (`choices`).
+(Fisher's identity); where h = exp q, the shift of the mode by s_e adds a term. A size that too few
+columns show is averaged over a few values (`choices`).
 
 A straight line through groups with offsets of their own, and white noise of unknown size::
 
@@ -35,7 +36,7 @@ A straight line through groups with offsets of their own, and white noise of unk
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -47,6 +48,7 @@ from beltid.errors import NumericsError
 Array = NDArray[np.float64]
 NEWTON, SETTLED, SHRINK = 200, 1e-8, 0.9
 """Most steps of Newton's method, decrease of the cost at its end, largest relative fall of h."""
+SMALLEST = -300.0  # ln of a size, whose inverse square is still a number
 FAR = 8.0  # widths of its prior below which no noise is searched: the model is singular there
 
 
@@ -117,6 +119,7 @@ class Posterior:
     model: Mixed  # the model
     P: Array  # projection of (M2), at a scale of one, (R, m, m)
     level_weights: Array  # weights of the data in the level, (R, m)
+    converged: bool = True  # whether the search for the sizes ended
 
     def of(self, name: str) -> tuple[Array, Array]:
         """Return mean and covariance of the coefficients of a term."""
@@ -246,7 +249,7 @@ class Mixed:
             cost, theta[free], jac=True, method="L-BFGS-B", bounds=bounds, options=options
         )
         theta[free] = found.x
-        return self._evaluate(theta)[0]
+        return replace(self._evaluate(theta)[0], converged=bool(found.success))
 
     def at(self, sizes: Mapping[str, float]) -> Posterior:
         """Return the posterior for given sizes; the medians of the priors for those not given."""
@@ -257,6 +260,7 @@ class Mixed:
 
     def _evaluate(self, theta: Array) -> tuple[Posterior, Array]:
         """Return the posterior, and the slope of its log evidence over ln s."""
+        theta = np.maximum(theta, SMALLEST)
         n_shared = theta.size - len(self.own)
         variances, scale = np.exp(2.0 * theta[n_shared:]), self.scale
         V = self.padding + np.tensordot(variances, self.parts, axes=1)
@@ -273,13 +277,15 @@ class Mixed:
         PX = (P / scale[:, None, None]) @ self.X
         M = np.tensordot(self.X, PX, axes=((0, 1), (0, 1)))
         squares = np.einsum("ri,rij,rj->r", self.y, P, self.y) / scale
-        mean, C, moment, log_z = self._coefficients(
+        mean, C, moment, log_z, bent, outward = self._coefficients(
             M, np.einsum("rij,ri->j", PX, self.y), theta[:n_shared]
         )
         residual = self.y - self.X @ mean
         Pe = np.einsum("rij,rj->ri", P, residual)
         spread = Pe[:, :, None] * (Pe / scale[:, None])[:, None, :]
-        spread += scale[:, None, None] * ((PX @ C) @ PX.transpose(0, 2, 1))
+        spread += scale[:, None, None] * ((PX @ (C - bent)) @ PX.transpose(0, 2, 1))
+        lean = (PX @ outward)[:, :, None] * Pe[:, None, :]
+        spread += lean + lean.transpose(0, 2, 1)
         away = self.tightness * (theta - self.mid)
         slope = -self.tightness * away
         slope[n_shared:] += variances * np.tensordot(self.parts, spread - P, axes=3)
@@ -303,7 +309,9 @@ class Mixed:
         )
         return posterior, slope
 
-    def _coefficients(self, M: Array, b: Array, theta: Array) -> tuple[Array, Array, Array, float]:
+    def _coefficients(
+        self, M: Array, b: Array, theta: Array
+    ) -> tuple[Array, Array, Array, float, Array, Array]:
         """Average over the choices: mean and covariance of h, moment of q, log evidence."""
         known = {entry[0].name: s for entry, s in zip(self.sized, np.exp(theta), strict=True)}
         options = [t.choices or [(known.get(t.name, 1.0), 1.0)] for t in self.shared]
@@ -318,20 +326,18 @@ class Mixed:
                 log_prior += np.log(chance) + half_log_det - rank * np.log(s)
             log_p.append(log_prior)
             priors.append(Q)
-        means, covariances, moments, log_z = self._laplace(M, b, np.array(priors))
+        means, covariances, moments, log_z, shifts = self._laplace(M, b, np.array(priors))
         log_z = log_z + log_p
         total = float(np.logaddexp.reduce(log_z))
         w = np.exp(log_z - total)
         mean = w @ means
         away = means - mean
         C = np.tensordot(w, covariances, 1) + away.T @ (w[:, None] * away)
-        return mean, C, np.tensordot(w, moments, 1), total
+        bent = away.T @ (w[:, None] * shifts)
+        return mean, C, np.tensordot(w, moments, 1), total, bent + bent.T, w @ shifts
 
-    def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
-        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method.
-
-        Returns h, its covariance, the second moment of q about its mean, and the log evidence.
-        """
+    def _laplace(self, M: Array, b: Array, Q: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Find the mode of h for every prior precision Q (K, k, k), by Newton's method."""
         positive = self.positive
         q = self.q if len(self.q) == len(Q) else np.tile(self.q[0], (len(Q), 1))
         value, h = self._cost(q, M, b, Q)
@@ -369,7 +375,12 @@ class Mixed:
         inverse = _solve(H, np.broadcast_to(np.eye(b.size), H.shape))
         moment = inverse + away[:, :, None] * away[:, None, :]
         log_z = -value - 0.5 * np.linalg.slogdet(H)[1]
-        return h, D[:, :, None] * inverse * D[:, None, :], moment, log_z
+        # the determinant changes with the mode, too: its slope by q, through the Hessian there
+        by_mode = np.where(positive, 1.0 - np.einsum("kij,kji->ki", inverse, Q), 0.0)
+        pull = (Q @ away[..., None])[..., 0]
+        shift = np.linalg.solve(H - _diagonal(positive * pull), by_mode[..., None])[..., 0]
+        moment = moment - shift[:, :, None] * away[:, None, :] - away[:, :, None] * shift[:, None]
+        return h, D[:, :, None] * inverse * D[:, None, :], moment, log_z, D * shift
 
     def _cost(self, q: Array, M: Array, b: Array, Q: Array) -> tuple[Array, Array]:
         """Return minus the log density of q (K, k), and h(q)."""

@@ -23,76 +23,42 @@ Stop = Literal["goal reached", "shared errors remain", "runs do not help"]
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Uncertainty of ln mu in a part of the target, before and after the runs.
+    """Uncertainty of ln mu in a part of the target, before and after the runs."""
 
-    Attributes
-    ----------
-    force, speed : tuple of float
-        Lowest and highest line force [N/m] and sliding speed [m/s].
-    before, after : float
-        Root of the mean variance of ln mu [-].
-    """
-
-    force: tuple[float, float]
+    force: tuple[float, float]  # lowest and highest line force [N/m] and sliding speed [m/s]
     speed: tuple[float, float]
-    before: float
+    before: float  # root of the mean variance of ln mu [-]
     after: float
 
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """Gain from stating a shared error more accurately.
+    """Gain from stating a shared error more accurately."""
 
-    Attributes
-    ----------
-    source : Source
-        The first source of that name.
-    contribution : float
-        Its contribution to the uncertainty after the runs [-].
-    halved : float
-        Uncertainty after the runs if this error were half as large [-].
-    """
-
-    source: Source
-    contribution: float
-    halved: float
+    source: Source  # the first source of that name
+    contribution: float  # its contribution to the uncertainty after the runs [-]
+    halved: float  # uncertainty after the runs if this error were half as large [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The next runs and their expected gain.
-
-    Attributes
-    ----------
-    chosen : tuple of int
-        Numbers of the candidates, listed once per repetition; empty if the plan is to stop. With n
-        candidates, n + i is candidate i with the pulley turning the other way.
-    gains : tuple of float
-        Relative rise of the uncertainty if that run were left out; below zero only for a run that
-        the plan must contain.
-    needed : dict of int to str
-        Number of a candidate that the plan must contain -> reason: its arc, its repetition.
-    before, after : float
-        Root of the mean variance of ln mu over the target [-].
-    regions : tuple of Region
-        Uncertainty before and after, per region.
-    shared : float
-        Share of the variance after the runs that comes from shared errors.
-    statements : tuple of Statement
-        Shared errors, the largest first, including those that are fitted rather than stated.
-    stop : str or None
-        Reason to stop; None if the runs are worth their time.
-    """
+    """The next runs and their expected gain."""
 
     chosen: tuple[int, ...]
+    """Numbers of the candidates, listed once per repetition; empty if the plan is to stop. With n
+    candidates, n + i is candidate i with the pulley turning the other way."""
     gains: tuple[float, ...]
+    """Relative rise of the uncertainty if that run were left out; below zero only for a run that
+    the plan must contain."""
     needed: dict[int, Need]
-    before: float
+    """Number of a candidate that the plan must contain -> reason: its arc, its repetition."""
+    before: float  # root of the mean variance of ln mu over the target [-]
     after: float
-    regions: tuple[Region, ...]
-    shared: float
+    regions: tuple[Region, ...]  # uncertainty before and after, per region
+    shared: float  # share of the variance after the runs that comes from shared errors
     statements: tuple[Statement, ...]
-    stop: Stop | None
+    """Shared errors, the largest first, including those that are fitted rather than stated."""
+    stop: Stop | None  # reason to stop; None if the runs are worth their time
 
     @property
     def best_statement(self) -> Statement | None:

@@ -52,21 +52,11 @@ OF_CELLS: Final = ("cell_gain", "cell_offset")
 
 @dataclass(frozen=True, slots=True)
 class NoiseLaw:
-    """Noise of a run, (P6).
+    """Noise of a run, (P6)."""
 
-    Attributes
-    ----------
-    friction : float
-        Standard deviation s_r of ln mu from run to run [-].
-    tension : float
-        Standard deviation s_T of the tensions of a run [N].
-    scale : float
-        Factor s from the fit of the surface [-].
-    """
-
-    friction: float = 3.0e-3
-    tension: float = 0.1
-    scale: float = 1.0
+    friction: float = 3.0e-3  # standard deviation s_r of ln mu from run to run [-]
+    tension: float = 0.1  # standard deviation s_T of the tensions of a run [N]
+    scale: float = 1.0  # factor s from the fit of the surface [-]
 
     def variance(self, measured: Measured) -> Array:
         """Return the variance of ln mu of each run (n,)."""
@@ -105,21 +95,11 @@ def _tension_share(measured: Measured) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Available settings of the rig.
+    """Available settings of the rig."""
 
-    Attributes
-    ----------
-    arcs_deg : tuple of float
-        Contact arcs [deg].
-    tensions : tuple of float
-        Initial tensions [N].
-    omegas : tuple of float
-        Speeds of the pulley [rad/s].
-    """
-
-    arcs_deg: tuple[float, ...]
-    tensions: tuple[float, ...]
-    omegas: tuple[float, ...]
+    arcs_deg: tuple[float, ...]  # contact arcs [deg]
+    tensions: tuple[float, ...]  # initial tensions [N]
+    omegas: tuple[float, ...]  # speeds of the pulley [rad/s]
 
     def points(self) -> list[OperatingPoint]:
         """List every combination as operating points in SI units; the speed varies fastest."""
@@ -129,25 +109,13 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Candidate runs, simulated with the present surface.
+    """Candidate runs, simulated with the present surface."""
 
-    Attributes
-    ----------
-    campaign : Campaign
-        The runs with their simulated tensions, and the bench.
-    curves : Curves
-        Knots and speeds of the surface.
-    J, speed_slope : ndarray, shape (n, size), (n,)
-        Derivatives of ln mu with respect to the parameters, and ln v.
-    slopes : ndarray, shape (n, 8)
-        Derivatives with respect to the inputs of the simulated rig.
-    """
-
-    campaign: Campaign
-    curves: Curves
-    J: Array
+    campaign: Campaign  # the runs with their simulated tensions, and the bench
+    curves: Curves  # knots and speeds of the surface
+    J: Array  # derivatives of ln mu with respect to the parameters, and ln v, (n, size), (n,)
     speed_slope: Array
-    slopes: Array
+    slopes: Array  # derivatives with respect to the inputs of the simulated rig, (n, 8)
 
     @property
     def measured(self) -> Measured:

@@ -43,40 +43,25 @@ Need = Literal["arc", "repetition"]
 
 @dataclass(frozen=True, slots=True)
 class RunRows:
-    """Runs as rows of the linear model.
-
-    Attributes
-    ----------
-    J : ndarray, shape (n, size)
-        Derivatives of ln mu of the runs with respect to the parameters of the surface.
-    S : ndarray, shape (n, K)
-        Change of measured less simulated ln mu per standard uncertainty of each shared error.
-    variance : ndarray, shape (n,)
-        Variance of ln mu by the noise of the run.
-    arc : ndarray of int, shape (n,)
-        Number of the arc setting.
-    """
+    """Runs as rows of the linear model."""
 
     J: Array
+    """Derivatives of ln mu of the runs with respect to the parameters of the surface, (n, size)."""
     S: Array
-    variance: Array
-    arc: NDArray[np.intp]
+    """Change of measured less simulated ln mu per standard uncertainty of each shared error, (n,
+    K)."""
+    variance: Array  # variance of ln mu by the noise of the run, (n,)
+    arc: NDArray[np.intp]  # number of the arc setting, (n,)
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """Knowledge of the parameters of a surface.
-
-    Attributes
-    ----------
-    scatter : ndarray, shape (size, size)
-        Covariance by the scatter from run to run, and by what was never measured.
-    changes : ndarray, shape (size, K)
-        Change of the parameters per standard uncertainty of each shared error.
-    """
+    """Knowledge of the parameters of a surface."""
 
     scatter: Array
+    """Covariance by the scatter from run to run, and by what was never measured, (size, size)."""
     changes: Array
+    """Change of the parameters per standard uncertainty of each shared error, (size, K)."""
 
     def after(self, runs: RunRows, chosen: Sequence[int]) -> Knowledge:
         """Update with some of the runs, (P2); a run counts as often as it is listed."""

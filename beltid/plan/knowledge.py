@@ -57,15 +57,9 @@ SAME_SPEED: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class KnownSurface(SurfaceUncertainty):
-    """A measured surface with its stored uncertainty.
+    """A measured surface with its stored uncertainty."""
 
-    Attributes
-    ----------
-    noise_scale : float
-        Scatter of its runs over their standard errors [-].
-    """
-
-    noise_scale: float = 1.0
+    noise_scale: float = 1.0  # scatter of its runs over their standard errors [-]
 
     def stated_otherwise(self, stated: StandardUncertainties, law_scatter: bool) -> list[str]:
         """List the sources whose size was different when the surface was fitted."""

@@ -14,22 +14,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ScheduledRun:
-    """A run at its position in the session.
+    """A run at its position in the session."""
 
-    Attributes
-    ----------
-    run : int
-        Number of the candidate.
-    repeat, repeats : int
-        Count of this run among the runs at its setting, from 1, and their number.
-    start_minutes : float
-        Minutes from the start of the session.
-    """
-
-    run: int
-    repeat: int
+    run: int  # number of the candidate
+    repeat: int  # count of this run among the runs at its setting, from 1, and their number
     repeats: int
-    start_minutes: float
+    start_minutes: float  # minutes from the start of the session
 
 
 def schedule(

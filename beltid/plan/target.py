@@ -21,22 +21,12 @@ REGIONS: Final = 3  # along each axis
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Points at which ln mu must be known, arrays (q,).
+    """Points at which ln mu must be known, arrays (q,)."""
 
-    Attributes
-    ----------
-    normal_force, slip_speed : ndarray
-        Line forces [N/m] and sliding speeds [m/s].
-    weight : ndarray
-        Weights of the points; their sum is one.
-    rows : ndarray, shape (q, size)
-        ln mu at the points per parameter of the surface.
-    """
-
-    normal_force: Array
+    normal_force: Array  # line forces [N/m] and sliding speeds [m/s]
     slip_speed: Array
-    weight: Array
-    rows: Array
+    weight: Array  # weights of the points; their sum is one
+    rows: Array  # ln mu at the points per parameter of the surface, (q, size)
 
     @property
     def W(self) -> Array:

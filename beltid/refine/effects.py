@@ -46,43 +46,23 @@ STEP_OF_TEMPERATURE = 10.0  # K
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Numbers that shift ln mu of the runs.
+    """Numbers that shift ln mu of the runs."""
 
-    Attributes
-    ----------
-    key : str
-        Name of the effect and of its source of uncertainty.
-    columns : ndarray, shape (n, K)
-        Change of ln mu of each run per unit of each number, by a factor on the surface.
-    size : Size
-        Prior of the numbers' standard deviation, which the data determine.
-    """
-
-    key: str
+    key: str  # name of the effect and of its source of uncertainty
     columns: Array
-    size: Size
+    """Change of ln mu of each run per unit of each number, by a factor on the surface, (n, K)."""
+    size: Size  # prior of the numbers' standard deviation, which the data determine
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatedEffect:
-    """An effect as estimated from the data.
+    """An effect as estimated from the data."""
 
-    Attributes
-    ----------
-    effect : Effect
-        The effect.
-    size : float
-        Standard deviation of its numbers.
-    values : ndarray, shape (K,)
-        Its numbers.
-    explained : float
-        Share of the effect that the surface can explain by force and speed of the runs [-].
-    """
-
-    effect: Effect
-    size: float
-    values: Array
+    effect: Effect  # the effect
+    size: float  # standard deviation of its numbers
+    values: Array  # its numbers, (K,)
     explained: float
+    """Share of the effect that the surface can explain by force and speed of the runs [-]."""
 
     @property
     def largest_usual(self) -> float:

@@ -69,65 +69,36 @@ LEAST_SCALE: Final = 0.5  # of the median misfit, by which outliers are judged
 
 @dataclass(frozen=True, slots=True)
 class RefinedSurface:
-    """Solution of the inverse problem.
-
-    Attributes
-    ----------
-    surface : FrictionSurface
-        The surface with the standard errors of its nodes by scatter and effects.
-    curves : Curves
-        The splines from which the surface was tabulated.
-    parameters : ndarray, shape (size,)
-        ln mu at the knots, speed by speed.
-    campaign : Campaign
-        Its runs, with the effects that they show.
-    stated : tuple of Source
-        Errors that runs share, as stated.
-    sources : tuple of Source
-        The same, less what the runs show of the bending stiffness; then the effects.
-    changes : ndarray, shape (size, K)
-        Change of the parameters by one standard uncertainty of each source.
-    scatter : ndarray, shape (size, size)
-        Covariance of the parameters by scatter from run to run and by what is smoothed away.
-    runs : LinearRuns
-        The runs, linearised about the solution, with the errors that they share.
-    posterior : Posterior
-        The estimate: surface and effects, with the sizes of noise, scatter, curve, difference and
-        effects.
-    told : Posterior
-        What the runs say of the errors that they share as well.
-    weight : ndarray, shape (n,)
-        Weight of the runs in the fit [-]: 1, less for outliers.
-    iterations : int
-        Gauss–Newton iterations.
-    still_changing : float
-        Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0.
-    misfit_before, misfit_after : ndarray, shape (n,)
-        Simulated over measured coefficient minus one, with the initial and the refined surface.
-    effects : tuple of EstimatedEffect
-        Effects on the friction apart from the surface.
-    effects_covariance : ndarray, shape (K', K')
-        Covariance of all their numbers, by noise and by the errors that runs share.
-    """
+    """Solution of the inverse problem."""
 
     surface: FrictionSurface
-    curves: Curves
-    parameters: Array
-    campaign: Campaign
-    stated: tuple[Source, ...]
+    """The surface with the standard errors of its nodes by scatter and effects."""
+    curves: Curves  # the splines from which the surface was tabulated
+    parameters: Array  # ln mu at the knots, speed by speed, (size,)
+    campaign: Campaign  # its runs, with the effects that they show
+    stated: tuple[Source, ...]  # errors that runs share, as stated
     sources: tuple[Source, ...]
-    changes: Array
+    """The same, less what the runs show of the bending stiffness; then the effects."""
+    changes: Array  # change of the parameters by one standard uncertainty of each source, (size, K)
     scatter: Array
-    runs: LinearRuns
+    """Covariance of the parameters by scatter from run to run and by what is smoothed away, (size,
+    size)."""
+    runs: LinearRuns  # the runs, linearised about the solution, with the errors that they share
     posterior: Posterior
-    told: Posterior
-    weight: Array
-    iterations: int
+    """The estimate: surface and effects, with the sizes of noise, scatter, curve, difference and
+    effects."""
+    told: Posterior  # what the runs say of the errors that they share as well
+    weight: Array  # weight of the runs in the fit [-]: 1, less for outliers, (n,)
+    iterations: int  # Gauss–Newton iterations
     still_changing: float
+    """Last change of ln mu of a run if the iteration did not converge, at most `NEARLY`; else 0."""
     misfit_before: Array
+    """Simulated over measured coefficient minus one, with the initial and the refined surface,
+    (n,)."""
     misfit_after: Array
-    effects: tuple[EstimatedEffect, ...]
+    effects: tuple[EstimatedEffect, ...]  # effects on the friction apart from the surface
     effects_covariance: Array
+    """Covariance of all their numbers, by noise and by the errors that runs share, (K', K')."""
 
     @property
     def sizes(self) -> Sizes:
@@ -170,10 +141,13 @@ class RefinedSurface:
         return mean, np.sqrt(np.diag(covariance))
 
     def convergence_warnings(self) -> tuple[str, ...]:
-        """Return a sentence if the iteration did not converge."""
+        """Return a sentence for each iteration that did not converge."""
+        sizes = "the search for the sizes of noise and effects did not end: the errors may be wrong"
+        lines = () if self.posterior.converged else (sizes,)
         if not self.still_changing:
-            return ()
+            return lines
         return (
+            *lines,
             f"no convergence in {self.iterations} iterations: last change of mu "
             f"{percent(100 * self.still_changing)}, must be at most {percent(100 * TOLERANCE)}",
         )
@@ -278,10 +252,7 @@ def refine_surface(
 
 
 def _left_by_the_runs(sources: Sequence[Source], told: Posterior) -> list[tuple[Source, float]]:
-    """Return each source with the share of its standard uncertainty that the runs leave to it.
-
-    They show the bending stiffness; of the others they show too little, and that together.
-    """
+    """Return each source with the share of its standard uncertainty that the runs leave to it."""
     left = []
     for k, source in enumerate(sources):
         share = 1.0
@@ -295,25 +266,13 @@ def _left_by_the_runs(sources: Sequence[Source], told: Posterior) -> list[tuple[
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """All runs simulated with one surface.
+    """All runs simulated with one surface."""
 
-    Attributes
-    ----------
-    tight, slack : ndarray, shape (n,)
-        Tensions [N].
-    log_mu : ndarray, shape (n,)
-        Logarithms of the coefficients at the speed of each run.
-    J : ndarray, shape (n, size)
-        Derivatives of ``log_mu`` with respect to the parameters.
-    speed_slope : ndarray, shape (n,)
-        Derivative of ``log_mu`` with respect to ln v of the run.
-    """
-
-    tight: Array
+    tight: Array  # tensions [N], (n,)
     slack: Array
-    log_mu: Array
-    J: Array
-    speed_slope: Array
+    log_mu: Array  # logarithms of the coefficients at the speed of each run, (n,)
+    J: Array  # derivatives of ``log_mu`` with respect to the parameters, (n, size)
+    speed_slope: Array  # derivative of ``log_mu`` with respect to ln v of the run, (n,)
 
 
 def sweep(rig: RigRuns, curves: Curves, parameters: Array) -> Sweep:
@@ -432,7 +391,7 @@ class Problem:
         at = np.asarray(np.linalg.solve(self.B, log_mu.ravel()), dtype=float)
         weight, residual = np.ones(self.log_mu.size), np.zeros(self.log_mu.size)
         sizes: dict[str, float] = {}
-        share, change, choices, iteration = 1.0, np.inf, 0, 0
+        converged, share, change, choices, iteration = True, 1.0, np.inf, 0, 0
         try:
             done = sweep(self.rig, self.curves, self.B @ at)
             before, response = done.log_mu, done.J.sum(axis=1)
@@ -442,8 +401,9 @@ class Problem:
                     weight, response = _weights(residual), done.J.sum(axis=1)
                     choices += 1
                 runs = self.linearised(done, at, weight, response)
-                sizes = runs.choose(sizes) if fresh else sizes
-                posterior = runs.model().at(sizes)
+                posterior = runs.choose(sizes) if fresh else runs.model().at(sizes)
+                converged = posterior.converged if fresh else converged
+                sizes, posterior = posterior.sizes, replace(posterior, converged=converged)
                 residual = posterior.residual[:, 0] / np.sqrt(weight * runs.variance(sizes))
                 step = posterior.mean[: at.size] - at
                 # effect of the step on the data: knots that carry no load may drift
@@ -475,13 +435,7 @@ class Problem:
     def _descend(
         self, at: Array, step: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
     ) -> tuple[float, Array, Sweep]:
-        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has.
-
-        Raises
-        ------
-        BeltidError
-            If the runs cannot be simulated with the shortest share.
-        """
+        """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has."""
         sizes, model = posterior.sizes, posterior.model
         shifts = model.X[:, 0, at.size :] @ posterior.mean[at.size :]  # by the effects
 
@@ -512,10 +466,7 @@ def _weights(misfit: Array) -> Array:
 
 
 def _knots(lowest: float, low: float, high: float) -> Array:
-    """Place knots in ln f: as many as nodes over the surface, and more down to the lowest force.
-
-    With fewer knots than nodes, the covariance of the nodes would be singular.
-    """
+    """Place knots in ln f: as many as nodes over the surface, and more down to the lowest force."""
     inside, gap = np.linspace(low, high, KNOTS, retstep=True)
     below = low - gap * np.arange(math.ceil((low - lowest) / gap), 0, -1)
     return np.concatenate([below, inside])

@@ -54,33 +54,16 @@ ONE_SIGMA: Final = 0.6827
 
 @dataclass(frozen=True, slots=True)
 class LinearRuns:
-    """The runs, linearised about simulated ones.
+    """The runs, linearised about simulated ones."""
 
-    Attributes
-    ----------
-    y : ndarray, shape (n,)
-        Measured less simulated ln mu plus X h of the simulated surface.
-    X : ndarray, shape (n, q)
-        Derivatives with respect to the coordinates of the surface.
-    parts : mapping of str to slice
-        Columns of X of each part of the surface.
-    errors : ndarray, shape (n,)
-        Standard errors of ln mu.
-    response : ndarray, shape (n,)
-        Sensitivity to a factor on the surface.
-    effects : tuple of Effect
-        The effects, their columns as changes of ln mu of the runs.
-    shared : ndarray, shape (n, K')
-        Changes of ln mu by one standard uncertainty of each error that runs share.
-    """
-
-    y: Array
-    X: Array
-    parts: Mapping[str, slice]
-    errors: Array
-    response: Array
-    effects: tuple[Effect, ...] = ()
+    y: Array  # measured less simulated ln mu plus X h of the simulated surface, (n,)
+    X: Array  # derivatives with respect to the coordinates of the surface, (n, q)
+    parts: Mapping[str, slice]  # columns of X of each part of the surface
+    errors: Array  # standard errors of ln mu, (n,)
+    response: Array  # sensitivity to a factor on the surface, (n,)
+    effects: tuple[Effect, ...] = ()  # the effects, their columns as changes of ln mu of the runs
     shared: Array | None = None
+    """Changes of ln mu by one standard uncertainty of each error that runs share, (n, K')."""
 
     def model(self) -> Mixed:
         """Build the mixed model; with the errors that runs share, if there are any."""
@@ -95,15 +78,16 @@ class LinearRuns:
         own = [Own(name, priors[name], diagonal=sd[:, None]) for name, sd in noise.items()]
         return Mixed(self.y[:, None], terms, own)
 
-    def choose(self, start: Sizes) -> dict[str, float]:
-        """Find the sizes, from those chosen before or, without any, from several starts.
+    def choose(self, start: Sizes) -> Posterior:
+        """Find sizes and posterior, from sizes chosen before or, without any, from several starts.
 
         A run-in over a campaign sorted by arcs is explained by the order or by the arcs: the
         evidence may have several maxima.
         """
         found = self._best(start)
         sizes = {**found.sizes, NOISE: max(found.sizes[NOISE], LEAST_NOISE)}
-        return sizes | {effect.key: _usual_size(found, effect) for effect in self.effects}
+        sizes |= {effect.key: _usual_size(found, effect) for effect in self.effects}
+        return replace(self.model().at(sizes), converged=found.converged)
 
     def log_evidence_for(self, keys: Collection[str]) -> float:
         """Compute the log of the probability ratio of the data with and without some effects.
@@ -170,11 +154,7 @@ class LinearRuns:
 
 
 def _usual_size(found: Posterior, effect: Effect) -> float:
-    """Return the half-width of the 68 % interval of an effect's numbers, the other sizes fixed.
-
-    With the precision L and the pull b that the data alone put on its numbers, the likelihood of a
-    size s is ``|1 + s² L|^(-1/2) exp(b' (L + 1/s²)^-1 b / 2)``.
-    """
+    """Return the half-width of the 68 % interval of an effect's numbers, the other sizes fixed."""
     mean, covariance = found.of(effect.key)
     inverse = np.linalg.inv(covariance)
     L, vectors = np.linalg.eigh(inverse - np.eye(mean.size) / found.sizes[effect.key] ** 2)

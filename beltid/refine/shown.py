@@ -25,35 +25,24 @@ LEAST_EVIDENCE: Final = math.log(20.0)
 
 @dataclass(frozen=True, slots=True)
 class ShownEffect:
-    """An effect of the campaign and its size for the reader.
-
-    Attributes
-    ----------
-    key : str
-        Key of the effect; "scatter" for the friction from run to run, "together" for the change
-        over the campaign by run order and temperature if the runs cannot separate the two.
-    size : float
-        Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
-        by 10 K; in addition to the steady change (root mean square); or the standard deviation of
-        the scatter.
-    uncertainty : float
-        Standard uncertainty of the size; nan for the scatter.
-    arcs_deg : tuple of float
-        The arcs with the lower and the higher friction [deg]; empty for other effects.
-    explained : float
-        Share of the order, its course or the temperature that force and speed of the runs explain
-        [-]; nan for others.
-    log_evidence : float
-        Logarithm of how much more probable the runs are with the effect than without it, when other
-        effects and stated errors may replace it; infinite if its size is too small to compute it.
-    """
+    """An effect of the campaign and its size for the reader."""
 
     key: str
+    """Key of the effect; "scatter" for the friction from run to run, "together" for the change over
+    the campaign by run order and temperature if the runs cannot separate the two."""
     size: float
-    uncertainty: float
+    """Change of ln mu: between the arcs that differ most clearly; from the first run to the last;
+    by 10 K; in addition to the steady change (root mean square); or the standard deviation of the
+    scatter."""
+    uncertainty: float  # standard uncertainty of the size; nan for the scatter
     arcs_deg: tuple[float, ...] = ()
+    """The arcs with the lower and the higher friction [deg]; empty for other effects."""
     explained: float = math.nan
+    """Share of the order, its course or the temperature that force and speed of the runs explain
+    [-]; nan for others."""
     log_evidence: float = math.inf
+    """Logarithm of how much more probable the runs are with the effect than without it, when other
+    effects and stated errors may replace it; infinite if its size is too small to compute it."""
 
     @property
     def is_confounded(self) -> bool:

@@ -174,6 +174,8 @@ def _notes_of(run: RunReduction) -> str | None:
 def _warnings(runs: Sequence[RunReduction], kind: RigKind, *, held: bool) -> Iterator[str]:
     """Yield warnings about common mistakes on a rig of this kind, where the runs suggest them."""
     good = [run for run in runs if run.ok]
+    if not all(run.converged for run in good):
+        yield "the search for the noise of the bench did not end: the standard errors may be wrong"
     derived = any(np.isfinite(run.tension_tight_N) for run in good)
     if kind.has_torque and derived and not any(run.drag_N_m for run in good):
         yield (

@@ -8,8 +8,6 @@ import numpy as np
 
 from beltid.bench.recording import Recording
 from beltid.config import Config
-from beltid.errors import BeltidError
-from beltid.identify.press.dissipation import estimate_dissipation
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness
 from beltid.stage import Outcome
@@ -43,7 +41,6 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
         "notes": np.array(notes, dtype=object),
         **combined,
     }
-    damping, said = _damping(result)
     return Outcome(
         columns,
         result,
@@ -51,7 +48,6 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
             **{name: float(columns[name][-1]) for name in COEFFICIENTS},
             "temperature_matters": result.temperature.matters,
             "quadratic_law_supported": result.quadratic_supported,
-            "damping_at_press_speed_N_s_m": damping,
             "n_effective": pooled.n_effective,
             "n_missing": recording.n_missing,
             "n_spikes": recording.n_spikes,
@@ -62,18 +58,9 @@ def fitted(press: Recording, config: Config) -> Outcome[StiffnessResult]:
             "force_N_m": (0.0, pooled.max_force_N_m),
         },
         set_aside=[{"test": test, "why": why} for test, why in recording.set_aside],
-        notes=(*result.notes, said),
+        notes=result.notes,
         warnings=(
             *(f"test {test} set aside: {why}" for test, why in recording.set_aside),
             *pooled.warnings,
         ),
     )
-
-
-def _damping(result: StiffnessResult) -> tuple[float | None, str]:
-    """Return the damping at the speed of the press [N s/m], None if not known, and a note."""
-    try:
-        loss = estimate_dissipation(result.recording.curves)
-    except BeltidError as error:
-        return None, f"No estimate of the dissipation: {error}"
-    return loss.C_P_N_s_m, loss.statement

@@ -37,39 +37,17 @@ SHOWN: Final = 3  # contributions that are named
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Relative standard uncertainties of compared runs, arrays (n,).
+    """Relative standard uncertainties of compared runs, arrays (n,)."""
 
-    Attributes
-    ----------
-    measured : ndarray
-        Of the measured coefficient: shared errors and scatter.
-    measured_scatter : ndarray
-        Of the measured coefficient: scatter only.
-    simulated_scatter : ndarray
-        Of the simulated coefficient by scatter.
-    numerical : ndarray
-        Of the simulated coefficient by mesh and time steps.
-    settings : ndarray
-        Change of the coefficient by the settings that the bench missed.
-    simulated : ndarray, shape (n, K)
-        Changes of the simulated coefficient by each shared source.
-    difference : ndarray, shape (n, K)
-        Changes of the difference by each shared source.
-    sources : tuple of Source
-        Shared errors.
-    inputs_known : bool
-        Whether the uncertainty of the simulated runs is known.
-    """
-
-    measured: Array
-    measured_scatter: Array
-    simulated_scatter: Array
-    numerical: Array
-    settings: Array
-    simulated: Array
-    difference: Array
-    sources: tuple[Source, ...] = ()
-    inputs_known: bool = False
+    measured: Array  # of the measured coefficient: shared errors and scatter
+    measured_scatter: Array  # of the measured coefficient: scatter only
+    simulated_scatter: Array  # of the simulated coefficient by scatter
+    numerical: Array  # of the simulated coefficient by mesh and time steps
+    settings: Array  # change of the coefficient by the settings that the bench missed
+    simulated: Array  # changes of the simulated coefficient by each shared source, (n, K)
+    difference: Array  # changes of the difference by each shared source, (n, K)
+    sources: tuple[Source, ...] = ()  # shared errors
+    inputs_known: bool = False  # whether the uncertainty of the simulated runs is known
 
     @property
     def u_input(self) -> Array:

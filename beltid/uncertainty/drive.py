@@ -34,22 +34,15 @@ SURFACE_VARIANCE: Final = 0.999
 
 @dataclass(frozen=True, slots=True)
 class DriveUncertainty:
-    """Changes of the speed losses [rad/s] by one standard uncertainty of each input.
+    """Changes of the speed losses [rad/s] by one standard uncertainty of each input."""
 
-    Attributes
-    ----------
-    shared : ndarray (n_points, n_pulleys, K)
-        Change by each of the K sources, with its sign.
-    surface : ndarray (n_points, n_pulleys)
-        Standard uncertainty by the friction surface; 0 if it has no covariance.
-    by_string : ndarray of bool (n_points,)
-        Points in full slip whose rods have no steady state with one of the errors; their
-        changes come from the string model.
-    """
-
-    shared: Array
+    shared: Array  # change by each of the K sources, with its sign, (n_points, n_pulleys, K)
     surface: Array
+    """Standard uncertainty by the friction surface; 0 if it has no covariance, (n_points,
+    n_pulleys)."""
     by_string: NDArray[np.bool_]
+    """Points in full slip whose rods have no steady state with one of the errors; their changes
+    come from the string model, (n_points,)."""
 
     def with_source(self, change: Array) -> DriveUncertainty:
         """Append the change (n_points, n_pulleys) by one more source."""
@@ -116,10 +109,7 @@ def drive_uncertainty(
 
 
 def _moved(surface: FrictionSurface) -> list[FrictionSurface]:
-    """Return the surface moved by one standard uncertainty along each principal change of ln mu.
-
-    The signs are those of more friction: with less a drive may have no steady state.
-    """
+    """Return the surface moved by one standard uncertainty along each principal change of ln mu."""
     if surface.factor is None:
         return []
     nodes = surface.factor.reshape(surface.mu_nodes.size, -1)

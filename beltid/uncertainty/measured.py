@@ -134,12 +134,7 @@ class Measured:
         return replace(self, mu=self.mu * np.exp(change), tight=tight, slack=slack)
 
     def _corrected_tensions(self, errors: Errors, beta: Array) -> tuple[Array, Array, Array]:
-        """Return tight, slack and initial tension [N] with errors of the measurement corrected.
-
-        Each kind of rig has its formula, as in :mod:`beltid.identify.friction.kinds`; `beta` (n,)
-        is the corrected arc. A rig with torque has one cell, that of its span; the hub force has
-        the errors of the first cell. A weight has no error.
-        """
+        """Return tight, slack and initial tension [N] with errors of the measurement corrected."""
         kind, R = self.kind, self.R * (1.0 + errors.at("pulley_radius"))
         M = (self.tight - self.slack) * self.R * (1.0 + errors.at("torque_gain"))
         M = M - errors.at("bearing_drag")
@@ -175,10 +170,7 @@ class Measured:
         return tight, slack, self.T_0 - by_mass
 
     def _cell(self, errors: Errors, cell: int, tension: Array) -> Array:
-        """Return tensions with gain and zero of a cell corrected [N]; cell 0 is the tight one.
-
-        The cell also reads m v² of a running belt, which is subtracted by the belt's mass.
-        """
+        """Return tensions with gain and zero of a cell corrected [N]; cell 0 is the tight one."""
         zero, reading = errors.at("cell_offset", cell), tension + self.momentum
         gain = errors.at("tension_gain") + errors.at("cell_gain", cell)
         return np.asarray(tension + reading * gain + zero - self._momentum_error(errors))

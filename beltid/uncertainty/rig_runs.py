@@ -40,21 +40,11 @@ values, those by bending stiffness (0.03) at the smallest tensions by a tenth.""
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Measured runs and the bench on which they are simulated.
+    """Measured runs and the bench on which they are simulated."""
 
-    Attributes
-    ----------
-    measured : Measured
-        The runs.
-    bench : Bench
-        Belt, rig, and the surface that the inverse solution starts from.
-    press : PressLaw
-        The contact law and its fit to the press.
-    """
-
-    measured: Measured
-    bench: Bench
-    press: PressLaw
+    measured: Measured  # the runs
+    bench: Bench  # belt, rig, and the surface that the inverse solution starts from
+    press: PressLaw  # the contact law and its fit to the press
 
     def corrected(self, errors: Errors) -> Self:
         """Return runs and bench with errors corrected."""
@@ -108,27 +98,17 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Sliding:
-    """The sliding limit of a run.
+    """The sliding limit of a run."""
 
-    Attributes
-    ----------
-    tight, slack : float
-        Tensions [N].
-    mu : float
-        Coefficient by Eq. (6) [-].
-    force, load : ndarray, shape (m,)
-        Line forces at which the belt looks up its friction [N/m], and the normal loads on which
-        this friction acts [N].
-    weight : ndarray, shape (m,)
-        Derivatives of ln mu with respect to ln mu of each look-up.
-    """
-
-    tight: float
+    tight: float  # tensions [N]
     slack: float
     mu: float
+    """Coefficient by Eq. (6) [-]."""
     force: Array
+    """Line forces at which the belt looks up its friction [N/m], and the normal loads on which this
+    friction acts [N], (m,)."""
     load: Array
-    weight: Array
+    weight: Array  # derivatives of ln mu with respect to ln mu of each look-up, (m,)
 
 
 class RigRuns:

@@ -44,58 +44,32 @@ FINER_MESH: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SimulatedUncertainty:
-    """Relative changes of simulated coefficients, arrays by run.
-
-    Attributes
-    ----------
-    simulated : ndarray, shape (n, K)
-        Change of the simulated coefficient by one standard uncertainty of each source.
-    difference : ndarray, shape (n, K)
-        Change of simulated minus measured coefficient.
-    scatter : ndarray, shape (n,)
-        Standard uncertainty by the scatter behind the surface.
-    mesh : ndarray, shape (n,)
-        Change by twice as many elements.
-    mu : ndarray, shape (n,)
-        Simulated coefficient in the sliding limit [-].
-    by_setting : ndarray, shape (n, 2)
-        Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
-        misses.
-    """
+    """Relative changes of simulated coefficients, arrays by run."""
 
     simulated: Array
-    difference: Array
-    scatter: Array
-    mesh: Array
-    mu: Array
+    """Change of the simulated coefficient by one standard uncertainty of each source, (n, K)."""
+    difference: Array  # change of simulated minus measured coefficient, (n, K)
+    scatter: Array  # standard uncertainty by the scatter behind the surface, (n,)
+    mesh: Array  # change by twice as many elements, (n,)
+    mu: Array  # simulated coefficient in the sliding limit [-], (n,)
     by_setting: Array
+    """Derivatives of ln mu by the ln of initial tension and speed, for settings that a bench
+    misses, (n, 2)."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunsUncertainty:
-    """Uncertainty of simulated runs as stored in the metadata, arrays by run.
+    """Uncertainty of simulated runs as stored in the metadata, arrays by run."""
 
-    Attributes
-    ----------
-    sources : tuple of Source
-        Shared errors.
-    runs : tuple of str
-        Labels of the runs.
-    simulated, difference : ndarray, shape (n, K)
-        Relative changes of the simulated coefficient, and of its difference from the measured one.
-    scatter, numerical : ndarray, shape (n,)
-        Relative standard uncertainties.
-    by_setting : ndarray, shape (n, 2)
-        Derivatives of ln mu by the ln of initial tension and speed.
-    """
-
-    sources: tuple[Source, ...]
-    runs: tuple[str, ...]
+    sources: tuple[Source, ...]  # shared errors
+    runs: tuple[str, ...]  # labels of the runs
     simulated: Array
+    """Relative changes of the simulated coefficient, and of its difference from the measured one,
+    (n, K)."""
     difference: Array
-    scatter: Array
+    scatter: Array  # relative standard uncertainties, (n,)
     numerical: Array
-    by_setting: Array
+    by_setting: Array  # derivatives of ln mu by the ln of initial tension and speed, (n, 2)
 
     @classmethod
     def of(

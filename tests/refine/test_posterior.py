@@ -69,7 +69,7 @@ def test_sizes_are_found_and_intervals_of_surface_and_arcs_hold_the_truth() -> N
     for seed in range(12):
         arcs = 0.01 * np.random.default_rng(90 + seed).normal(size=3)
         model, h = with_data(runs(seed), seed, arcs)
-        found = model.model().at(model.choose({}))
+        found = model.choose({})
         sizes.append([found.sizes[CURVE], np.sqrt(model.variance(found.sizes)[0])])
         C = B @ found.covariance[: len(B), : len(B)] @ B.T
         errors.append(B @ (found.mean[: len(B)] - h) / np.sqrt(np.diag(C)))
@@ -127,11 +127,11 @@ def test_arcs_that_differ_are_covered_by_the_size_of_their_effect(arcs: int) -> 
     for seed in range(25):
         effects = 0.01 * rng.normal(size=arcs + 1)
         model, _ = with_data(runs(seed, arcs), seed, effects[:-1])
-        size = model.choose({})[ARC]
+        size = model.choose({}).sizes[ARC]
         z.append((effects[-1] - effects[:-1].mean()) / (size * np.sqrt(1.0 + 1.0 / arcs)))
     assert 0.6 < np.mean(np.abs(z) < 1.96) < 1.0
 
 
 def test_a_few_runs_that_fit_by_chance_are_not_called_exact() -> None:
     model, h = with_data(runs(), 8)
-    assert replace(model, y=model.X @ h).choose({})[NOISE] == 0.5
+    assert replace(model, y=model.X @ h).choose({}).sizes[NOISE] == 0.5

@@ -37,6 +37,8 @@ FREE = 0.1
 """Standard deviation of ripples and of the rest of the build-up, in z: practically free."""
 POWER = 0.4
 """Standard deviation of the powers of the settings in the length of the tail."""
+SLOW = 3.0
+"""Error of a mean by the noise at rest, over that while sliding, beyond which the noise is slow."""
 RUNS = 32
 """Evenly chosen runs that determine the sizes; more would add nothing."""
 FREEDOM = 20.0
@@ -49,7 +51,7 @@ DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
 """The same of slow decays of the build-up, relative to the level."""
-SWEEPS, FIRST_STEPS, STEPS = 2, 20, 40
+SWEEPS, FIRST_STEPS, STEPS = 2, 20, 100
 """Turns between the sizes and the tail; steps of the search in the first turn, and later."""
 
 
@@ -142,8 +144,12 @@ class Bench:
             self.relaxation[i, 1, 0] = rest.tension_N / error[1]
             self.rest[i, :2] = rest.tension_N * np.diag(1.0 / error)
             self.fixed[i, [0, 1], [0, 1]] = np.isfinite(error)
-        white = [r.noise_N / np.sqrt(r.count.sum()) for r in records]
-        self.typical_N = float(np.median(white))
+        n = np.array([r.count.sum() for r in records])
+        self.typical_N = float(np.median([r.noise_N for r in records] / np.sqrt(n)))
+        # noise that is slower than the sliding shows at rest only
+        at_rest = [r.rest.imbalance_se_N * np.sqrt(0.5 * r.rest.n_samples) for r in records]
+        slow_N = float(np.median(at_rest / np.sqrt(n)))
+        self.slow_N = slow_N if slow_N > SLOW * self.typical_N else self.typical_N
         longest = max(float(r.travel[-1]) for r in records)
         log_l = np.log(LENGTHS_M)
         self.eta = np.log(0.05) - 1.5 - 0.5 * (log_l - np.log(min(5e-3, longest / 15.0))) ** 2
@@ -165,7 +171,7 @@ class Bench:
         """Return the model, linear in the powers, with runs' own tails about the spectrum A."""
         columns, slopes = self.tail(powers)
         height, length = columns @ A, slopes @ A
-        typical, typical_z = self.typical_N, self.typical_N * float(np.median(self.c / self.level))
+        typical, typical_z = self.slow_N, self.typical_N * float(np.median(self.c / self.level))
         zeros = [(s * self.T0, p) for s, p in ZEROS]
         shared = [
             Shared("tail", columns, precision=self.smooth, mean=self.eta, positive=True),
@@ -240,6 +246,7 @@ class BenchFit:
     powers: Array  # powers of the settings in the length of the tail; spectrum
     A: Array
     scale: Array  # noise variance of each run over that of the bench, (R,)
+    converged: bool  # whether the search for the sizes ended
 
     def exponentials(self, k: int, travel: Array) -> tuple[Array, Array]:
         """Return the exponentials of run k and their derivatives by ln of the length, in z."""
@@ -313,14 +320,14 @@ def fit_bench(records: Sequence[SlidingRecord]) -> BenchFit:
     powers, A, scale, found = max(turns, key=lambda turn: turn[-1].log_evidence)
     for _ in range(SWEEPS - 1):
         powers, A, scale, found = _turn(some, powers, A, scale, found.sizes, STEPS)
-    sizes, scale = found.sizes, np.ones(len(records))
+    sizes, converged, scale = found.sizes, found.converged, np.ones(len(records))
     bench = some if len(chosen) == len(records) else Bench(records, centre)
     for _ in range(2):
         found = bench.model(powers, A, scale).at(sizes)
         A, _ = found.of("tail")
         scale = noise_scale(bench, found)
     found = bench.model(powers, A, scale).at(sizes)
-    return BenchFit(bench, found, powers, A, scale)
+    return BenchFit(bench, found, powers, A, scale, converged)
 
 
 def _turn(
@@ -333,12 +340,12 @@ def _turn(
 ) -> tuple[Array, Array, Array | float, Posterior]:
     """Improve the shape of the tail and the noise of the runs, then the sizes."""
     # slow noise from above: a size that is too small has no slope
-    above = {f"memory {tau:g} s": 3.0 * bench.typical_N for tau in MEMORIES_S[:-1]}
+    above = {f"memory {tau:g} s": 3.0 * bench.slow_N for tau in MEMORIES_S[:-1]}
     sizes = sizes or above
     for _ in range(2):
         posterior = bench.model(powers, A, scale).at(sizes)
         powers = np.clip(powers + posterior.of("powers")[0], -1.5, 1.5)
         A = posterior.of("tail")[0]
         scale = noise_scale(bench, posterior)
-    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-7)
+    found = bench.model(powers, A, scale).fit(start=sizes, steps=steps, tolerance=1e-6)
     return powers, A, scale, found

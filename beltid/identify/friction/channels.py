@@ -161,11 +161,7 @@ def _tension(values: Array, name: str) -> tuple[Array, Mask]:
 
 
 def _require_range(x: Array, name: str) -> None:
-    """Reject a cell that sticks at an extreme reading.
-
-    Only a channel with visible noise can be judged: a noise-free recording may be constant while
-    the belt slides, and a coarse converter repeats values.
-    """
+    """Reject a cell that sticks at an extreme reading."""
     steps, turns = np.diff(np.unique(x)), np.diff(np.sign(np.diff(x)))
     if steps.size < 2 or np.count_nonzero(turns) < NOISY * x.size:
         return
@@ -258,11 +254,7 @@ def find_rotation(speed: Array) -> Rotation:
 
 
 def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
-    """Return first and end index of the first rotation of the pulley; ignore later ones.
-
-    To exclude glitches of the speed channel, the rotation must last at least a fifth as long as the
-    longest one.
-    """
+    """Return first and end index of the first rotation of the pulley; ignore later ones."""
     edges = np.diff(np.concatenate([[0], (magnitude > 0.1 * reached).astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     if starts.size == 0 or reached <= 0.0:
@@ -275,13 +267,7 @@ def _first_rotation(magnitude: Array, reached: float) -> tuple[int, int]:
 
 
 def _second_half(channels: Channels, rotation: Rotation) -> Array:
-    """Return the usable tensions (n, 2) of the second half of the time at full speed.
-
-    Raises
-    ------
-    RunRejected
-        If there are hardly any.
-    """
+    """Return the usable tensions (n, 2) of the second half of the time at full speed."""
     half = slice((rotation.full_speed + rotation.end) // 2, rotation.end)
     tensions = channels.tensions[half][channels.usable[half]]
     if len(tensions) < 3:

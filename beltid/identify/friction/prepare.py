@@ -50,12 +50,6 @@ SPEED_CHANGE_ALLOWED = 0.2
 """Relative changes of the pulley speed between the halves of the rotation: note, reject."""
 FEWEST_SLIDING = 12
 """Fewest usable samples of sliding."""
-RUNS_DOWN = 1.25
-"""Ratio of the speeds in the first and the last quarter of a run-down."""
-RUN_DOWN = (
-    "a run whose speed falls or rises throughout has to be cut into plateaus: give a table with a "
-    "row for each"
-)
 ROUNDING_NOTED = 1e-4
 """Rounding error of ln(T_tight/T_slack) above which a note mentions the converters [-]."""
 MAX_IMBALANCE = 0.2
@@ -87,21 +81,8 @@ def prepare_run(record: RunRecord, R: float) -> tuple[RunReduction, SlidingRecor
     try:
         return run, _sliding(run, record, R)
     except RunRejected as reason:
-        run.status = (
-            f"{reason}; {RUN_DOWN}" if _runs_down(record.pulley_speed_rad_s) else str(reason)
-        )
+        run.status = str(reason)
     return run, None
-
-
-def _runs_down(speed: Array) -> bool:
-    """Return whether the pulley, while it turns, becomes slower or faster throughout."""
-    magnitude = np.abs(speed[np.isfinite(speed)])
-    turning = magnitude[magnitude > 0.02 * float(np.max(magnitude, initial=0.0))]
-    if turning.size < 16:
-        return False
-    quarter = turning.size // 4
-    change = median(turning[-quarter:]) / median(turning[:quarter])
-    return max(change, 1.0 / change) > RUNS_DOWN
 
 
 def _sliding(run: RunReduction, record: RunRecord, R: float) -> SlidingRecord:

@@ -118,7 +118,8 @@ def _reduce_together(
     runs, records = zip(*sliding, strict=True)
     rests = [record.rest for record in records]
     initial = np.array([rest.tension_N for rest in rests])
-    levels = fit_bench(records).levels
+    bench = fit_bench(records)
+    levels = bench.levels
     own = np.array([level.variance for level in levels])
     own += np.square([record.rounding for record in records])
     cells = cell_errors(
@@ -144,7 +145,7 @@ def _reduce_together(
         y, y_se = level.y - float(cells.mean[k]), float(y_ses[k])
         run.initial_tension_N = float(initial[k]) * relaxed
         run.notes += (cells.notes[k],) if cells.notes[k] else ()
-        run.held = float(cells.held[k])
+        run.held, run.converged = float(cells.held[k]), bench.converged
         run.drift = level.drift / y
         run.shared_tail, run.shared_drift, run.shared_cells = (shared[k] / y).tolist()
         try:
@@ -161,10 +162,7 @@ def _reduce_together(
 
 
 def _relaxation(rests: Sequence[Rest]) -> float:
-    """Estimate the relative change of the tension from the mean over the rest to its end.
-
-    A belt relaxes at rest; the change is common to all runs and shrunk towards zero by its noise.
-    """
+    """Estimate the relative change of the tension from the mean over the rest to its end."""
     change = np.array([rest.end_N / rest.tension_N - 1.0 for rest in rests])
     error = np.array([rest.end_se_N / rest.tension_N for rest in rests])
     usable = np.isfinite(error)
@@ -201,10 +199,7 @@ def _set_plateau(
 
 
 def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator[str]:
-    """Write notes to the user on the remaining tail, on a drift and on a rest that is too short.
-
-    `tail` and `error` are the tail left at the end and the standard error, relative to mu.
-    """
+    """Write notes to the user on the remaining tail, on a drift and on a rest that is too short."""
     if abs(tail) > TAIL_NOTED:
         yield (
             f"mu is still {100 * tail:+.2g} % off its plateau at the end of the record: the tail "
@@ -223,11 +218,7 @@ def _notes(run: RunReduction, rest: Rest, tail: float, error: float) -> Iterator
 
 
 def _mean_level(record: SlidingRecord, tail: Array, start: int, y: float) -> float:
-    """Compute ln of the geometric mean of both tensions [N] on the plateau, without the tail.
-
-    If the sum of both tensions is constant, their mean follows the tail by -tanh(y/2)/2; the actual
-    factor is fitted to the record with that value as the prior.
-    """
+    """Compute ln of the geometric mean of both tensions [N] on the plateau, without the tail."""
     weight = record.count
     x = tail - np.average(tail, weights=weight)
     noise = 0.5 * record.noise_N * record.sensitivity
@@ -264,10 +255,7 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
 
 
 def _set_peak(run: RunReduction, record: SlidingRecord, level: RunLevel, y: float) -> str:
-    """Set the sticking peak from the model of the sliding, or return why there is none.
-
-    The peak is corrected for errors of the cells like the level, which becomes `y`.
-    """
+    """Set the sticking peak from the model of the sliding, or return why there is none."""
     first = record.first_s[0], record.travel[0], record.z[0]
     t, travel, z = np.column_stack([record.onset, first])
     # extrapolate the tail back to the end of the build-up, not beyond

@@ -136,6 +136,7 @@ class RunReduction(RunHeader):
     [-]."""
     shared_drift: float = NAN  # the same for a drift of the cells common to all runs [-]
     shared_cells: float = NAN  # the same for zeros and gains of the cells [-]
+    converged: bool = True  # whether the search for the noise of the bench ended
     swapped: bool = False  # whether the columns of the tight and the slack cell were swapped
     notes: tuple[str, ...] = ()  # remarks on the run for the user
 

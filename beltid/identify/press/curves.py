@@ -90,7 +90,7 @@ class PressRecording:
 def read_recording(press: Mapping[str, NDArray], settings: StiffnessSettings) -> PressRecording:
     """Clean the tests of a recording, select their cycles and build the curves.
 
-    `press` holds the columns ``test``, ``time_s``, ``displacement_mm``, ``force_N`` and, if known,
+    `press` holds the columns ``test``, ``displacement_mm``, ``force_N`` and, if known,
     ``temperature_degC``, shape (n,) each, checked when they were read; nan where missing. Raises
     :class:`InputError`, with all problems, if no test can be used.
     """
@@ -178,10 +178,7 @@ def press_curve(test: PressTest, cycle: PressCycle, segment_length_m: float) -> 
 
 
 def _without_hold(test: PressTest, cycle: PressCycle, margin: float) -> tuple[slice, slice]:
-    """Return both branches without a hold at the top, where the force relaxes.
-
-    Fewer than :data:`MIN_BRANCH_SAMPLES` samples at the top are a reversal, not a hold.
-    """
+    """Return both branches without a hold at the top, where the force relaxes."""
     begin, stop = cycle.loading.start, cycle.unloading.stop
     travel = test.travel_m[begin:stop]
     # the crosshead creeps in a hold, but far less than it travels
@@ -211,11 +208,7 @@ def _contact_begin(branch: BranchSamples, threshold: float) -> float:
 
 
 def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
-    """Interpolate the force f of a branch to the centres of the bins [N/m], shape (m,).
-
-    A polynomial follows the shape of the branch, so that the distribution of samples within a bin
-    does not matter. The bin means of its residuals are added, so that it need not be exact.
-    """
+    """Interpolate the force f of a branch to the centres of the bins [N/m], shape (m,)."""
     smooth = np.polynomial.Chebyshev.fit(x, f, 5 if x.size >= 24 else 3)
     nodes = 0.5 * (edges[1:] + edges[:-1])
     filled, bins, count = np.unique(
@@ -226,12 +219,7 @@ def _branch_at_nodes(x: Array, f: Array, edges: Array) -> Array:
 
 
 def _turns(levels: Sequence[Array], in_contact: bool) -> Array:
-    """Return what a reversal of the crosshead adds to the middle [N/m], shape (m,).
-
-    There the new branch starts on the old one and leaves it gradually: half the width of the loop
-    is less than the parabola through the rest of it says. Whether it is a reversal or the shape of
-    the loop, the fit has to find out.
-    """
+    """Return what a reversal of the crosshead adds to the middle [N/m], shape (m,)."""
     if len(levels) == 1:
         return np.zeros(levels[0].size)
     s, half = np.linspace(0.0, 1.0, levels[0].size), 0.5 * (levels[0] - levels[1])

@@ -270,11 +270,7 @@ def _misfit(data: _Scaled, posterior: Posterior, F: Array) -> float:
 def _se_of_held(
     data: _Scaled, k: Array, p: Array, free: NDArray[np.bool_], posterior: Posterior
 ) -> float:
-    """Return the standard error of a coefficient that is held at zero, were it free.
-
-    A linear term only shifts the contact point of a square; there the constant c = -k_linear²/(4
-    k_quadratic) tells about k_linear.
-    """
+    """Return the standard error of a coefficient that is held at zero, were it free."""
     model, y = posterior.model, np.maximum(data.x - p[:, None], 0.0)
     column = y**2 if free[0] else np.ones(y.shape)
     shared = [*model.shared, Shared("held", column * data.used)]

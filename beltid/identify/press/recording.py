@@ -30,7 +30,7 @@ SPIKE = 12.0  # minimum height of a spike, in standard deviations of the noise
 FEWEST_CLIPPED = 4  # equal samples at the largest force that indicate clipping
 FEWEST_FREE = 10  # minimum number of samples before contact for the zero of the load cell
 MIN_FORCE_OVER_NOISE = 10.0  # rise of the force over its noise that proves contact
-COLUMNS = ("time_s", "displacement_mm", "force_N", "temperature_degC")
+COLUMNS = ("displacement_mm", "force_N", "temperature_degC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,6 @@ class PressTest:
 
     label: str
     temperature_degC: float  # nan if unknown
-    time_s: Array  # nan where missing
     travel_m: Array  # crosshead travel, rising in compression
     position_m: Array  # travel minus the deflection of the machine
     force_N: Array  # compressive, zero of the load cell subtracted
@@ -74,31 +73,25 @@ class PressTest:
     notes: tuple[str, ...]  # changes to the data, for the user
     cycles: tuple[PressCycle, ...] = ()  # in time order
 
-    @property
-    def sample_interval_s(self) -> float:
-        """Median step of the clock; 0 or nan if it stands still."""
-        steps = np.diff(self.time_s[np.isfinite(self.time_s)])
-        return float(np.median(steps)) if steps.size else float("nan")
-
 
 def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSettings) -> PressTest:
     """Clean one test, fix its signs, subtract its zero and the deflection of the machine.
 
-    `part` holds ``time_s``, ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
+    `part` holds ``displacement_mm``, ``force_N`` and ``temperature_degC`` in time
     order, shape (n,) each; nan where missing. Raises :class:`InputError` for too few samples, no
     travel, no contact, a test that begins in contact, or a clipped load cell.
     """
-    samples = np.array([part["time_s"], 1e-3 * part["displacement_mm"], part["force_N"]])
-    missing = ~np.isfinite(samples[1:]).all(axis=0)
+    samples = np.array([1e-3 * part["displacement_mm"], part["force_N"]])
+    missing = ~np.isfinite(samples).all(axis=0)
     samples = samples[:, ~missing]
     spikes = np.zeros(samples.shape[1], dtype=bool)
     if spikes.size >= MIN_SAMPLES:
-        spikes = _spikes(samples[1]) | _spikes(samples[2])
+        spikes = _spikes(samples[0]) | _spikes(samples[1])
         samples = samples[:, ~spikes]
     if samples.shape[1] < MIN_SAMPLES:
         raise InputError(f"{samples.shape[1]} usable samples, must be at least {MIN_SAMPLES}")
-    force_sign, travel_sign = _signs(samples[1], samples[2])
-    time_s, travel, force = samples * [[1.0], [travel_sign], [force_sign]]
+    force_sign, travel_sign = _signs(samples[0], samples[1])
+    travel, force = samples * [[travel_sign], [force_sign]]
     noise = difference_sigma(force, 2)
     _require_contact(travel, force, noise)
     _require_range(travel, force)
@@ -124,7 +117,6 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
     return PressTest(
         label=label,
         temperature_degC=float(np.median(temperatures)) if temperatures.size else float("nan"),
-        time_s=time_s,
         travel_m=travel,
         position_m=position,
         force_N=force,
@@ -140,11 +132,7 @@ def prepare_test(label: str, part: Mapping[str, Array], settings: StiffnessSetti
 
 
 def _spikes(x: Array) -> NDArray[np.bool_]:
-    """Mark spikes that could change the law; a reversal of the crosshead is not a spike.
-
-    A running median of seven samples follows a ramp and lags by three steps at a reversal; a limit
-    of four steps allows for steps that grow with the travel.
-    """
+    """Mark spikes that could change the law; a reversal of the crosshead is not a spike."""
     deviation = x - running_median(x, SPIKE_WINDOW)
     steps = 4.0 * float(np.quantile(np.abs(np.diff(x)), 0.95))
     return np.abs(deviation) > max(SPIKE * mad_sigma(deviation), steps, 2e-3 * spread(x))

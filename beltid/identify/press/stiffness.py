@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from beltid.errors import NumericsError
 from beltid.identify.press.curves import PressCurve, PressRecording, read_recording
-from beltid.identify.press.dissipation import loss_ratio
 from beltid.identify.press.law import FittedLaw, fit_law
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.laws.penalty import NormalLaw
@@ -137,10 +136,7 @@ def fit_stiffness(press: Mapping[str, NDArray], settings: StiffnessSettings) -> 
 
 
 def _group_by_temperature(curves: Sequence[PressCurve]) -> dict[float, list[PressCurve]]:
-    """Group the curves by nominal temperature, ascending; ignore unknown temperatures.
-
-    A group spans less than :data:`SAME_TEMPERATURE_K`; its key is the mean, to 0.1 K.
-    """
+    """Group the curves by nominal temperature, ascending; ignore unknown temperatures."""
     usable = [c for c in curves if math.isfinite(c.recorded.temperature_degC)]
     groups: list[list[PressCurve]] = []
     for curve in sorted(usable, key=lambda c: c.recorded.temperature_degC):
@@ -180,7 +176,7 @@ def _estimate(
         for c, p in zip(curves, contact, strict=True)
         for b in c.fitted
     ]
-    loss = loss_ratio(curves)
+    loss = _loss_ratio(curves)
     depth = float(np.max([c.top_position_m for c in curves] - contact))
     force = max(c.top_force_N_m for c in curves)
     notes, warnings = _findings(curves, fitted, depth, force)
@@ -202,6 +198,12 @@ def _estimate(
         notes=notes,
         warnings=warnings,
     )
+
+
+def _loss_ratio(curves: Sequence[PressCurve]) -> float:
+    """Return the work lost in the loops over the work of loading; nan without unloading."""
+    work = np.array([(c.dissipated_J_m, c.stored_J_m) for c in curves if c.unloads])
+    return float(np.divide(*work.sum(axis=0))) if work.size else math.nan
 
 
 def _findings(

@@ -120,11 +120,7 @@ def _force_nodes(grid: Grid) -> Array:
 
 
 def _on_nodes(grid: Grid, nodes: Array) -> tuple[list[Array], list[Array]]:
-    """Return measured and continued values at the nodes, (na, nf) for each speed.
-
-    The first are nan where an arc was not measured, the second only where no other arc shows how it
-    would continue.
-    """
+    """Return measured and continued values at the nodes, (na, nf) for each speed."""
     measured, continued = [], []
     for row in grid.by_speed:
         if nodes.size == 1:  # one tension
@@ -141,11 +137,7 @@ def _on_nodes(grid: Grid, nodes: Array) -> tuple[list[Array], list[Array]]:
 
 
 def _continue_arcs(values: Array) -> Array:
-    """Continue every arc of one speed (na, n) parallel to the arcs that go on.
-
-    Starts at the force with most arcs and proceeds outwards; values remain nan where two
-    neighbouring forces have no arc in common.
-    """
+    """Continue every arc of one speed (na, n) parallel to the arcs that go on."""
     filled = values.copy()
     count = np.isfinite(values).sum(axis=0)
     best = np.flatnonzero(count == count.max())

@@ -96,21 +96,13 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Curves of a campaign: a row of arcs for each speed.
-
-    Attributes
-    ----------
-    by_speed : tuple of tuple of Curve
-        Curves at each speed, ascending, in the order of the arcs.
-    force : tuple of float
-        First and last force that some arc covers at every speed [N/m]; equal for one tension.
-    notes : tuple of str
-        Runs that were averaged.
-    """
+    """Curves of a campaign: a row of arcs for each speed."""
 
     by_speed: tuple[tuple[Curve, ...], ...]
+    """Curves at each speed, ascending, in the order of the arcs."""
     force: tuple[float, float]
-    notes: tuple[str, ...] = ()
+    """First and last force that some arc covers at every speed [N/m]; equal for one tension."""
+    notes: tuple[str, ...] = ()  # runs that were averaged
 
     @property
     def speeds(self) -> Array:
@@ -195,11 +187,7 @@ def _without_repetitions(points: Points) -> Array:
 def _at_common_speed(
     points: Points, at_speed: NDArray[np.intp], speeds: Array, at_arc: NDArray[np.intp]
 ) -> Points:
-    """Correct points to the mean speed of their setting.
-
-    A motor misses its speed by up to a percent. With the slope d ln mu / d ln v between
-    neighbouring settings (0.1 to 0.3) that is a tenth of a percent of mu, corrected here.
-    """
+    """Correct points to the mean speed of their setting."""
     exponent = np.zeros(points.f.size)
     for here in (at_arc == a for a in range(at_arc.max() + 1) if speeds.size > 1):
         x, y, label = np.log(points.f[here]), np.log(points.mu[here]), at_speed[here]

@@ -33,30 +33,17 @@ FEWEST: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class PlateauLaw:
-    """Power law of the line force, fitted to the plateaus.
+    """Power law of the line force, fitted to the plateaus."""
 
-    Attributes
-    ----------
-    mu0, a : float
-        Coefficient at the reference force [-], and exponent [-].
-    mu0_se, a_se : float
-        Their standard errors.
-    reference_force_N_m : float
-        f0 [N/m].
-    rms_N : float
-        Root mean square of calculated less read force [N].
-    of_arcs : mapping of float to (float, float)
-        Logarithm of the ratio of the coefficient at an arc [deg] to that at all others, and its
-        standard error; empty for a single arc.
-    """
-
-    mu0: float
+    mu0: float  # coefficient at the reference force [-], and exponent [-]
     a: float
-    mu0_se: float
+    mu0_se: float  # their standard errors
     a_se: float
-    reference_force_N_m: float
-    rms_N: float
+    reference_force_N_m: float  # f0 [N/m]
+    rms_N: float  # root mean square of calculated less read force [N]
     of_arcs: Mapping[float, tuple[float, float]]
+    """Logarithm of the ratio of the coefficient at an arc [deg] to that at all others, and its
+    standard error; empty for a single arc."""
 
     @property
     def verdict(self) -> str:

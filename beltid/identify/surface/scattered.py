@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 
 SPEED_STEP = 0.18  # spacing of the speeds [ln v]
 FEWEST_RUNS = 4  # of a bilinear surface
-MOST_RUNS, CELLS = 400, 12
-"""Runs beyond which neighbours of one arc are averaged, and cells along each axis."""
 SPLINES = 7  # along each of ln f and ln v
 BEND, ARC_EFFECT, SCATTER, LARGEST = 0.02, 0.007, 0.001, 1.0
 """Usual second difference of ln mu between splines, difference between arcs, scatter of runs; and
@@ -61,7 +59,7 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     # as many nodes along the force as a grid of that many runs would have
     forces = np.geomspace(points.f.min(), points.f.max(), max(2, int(np.ceil(np.sqrt(n / n_arcs)))))
     at = np.stack(np.meshgrid(forces, speeds, indexing="ij"), axis=-1)
-    log_mu, factor = _smooth(*_thinned(points, label), at.reshape(-1, 2))
+    log_mu, factor = _smooth(points, label, at.reshape(-1, 2))
     # limit corners without runs to the measured values
     mu = np.clip(np.exp(log_mu), points.mu.min(), points.mu.max())
     factor = np.column_stack([factor, np.diag(log_mu - np.log(mu))])
@@ -83,23 +81,6 @@ def scattered_grid(points: Points) -> tuple[SurfaceGrid, str]:
     return grid, note
 
 
-def _thinned(points: Points, label: NDArray[np.intp]) -> tuple[Points, NDArray[np.intp]]:
-    """Average very many runs of each arc in cells of the plane (ln f, ln v); leave fewer as is."""
-    if points.f.size <= MOST_RUNS:
-        return points, label
-    cells = [label]
-    for x in (np.log(points.f), np.log(points.v)):
-        share = (x - x.min()) / max(float(np.ptp(x)), EDGE)
-        cells.append(np.minimum(share * CELLS, CELLS - 1).astype(np.intp))
-    kept, cell = np.unique(np.stack(cells, axis=1), axis=0, return_inverse=True)
-    n = np.bincount(cell)
-    arc, f, v, mu = (
-        np.exp(np.bincount(cell, np.log(x)) / n)
-        for x in (points.arc_deg, points.f, points.v, points.mu)
-    )
-    return Points(arc, f, v, mu, np.sqrt(np.bincount(cell, points.se**2)) / n), kept[:, 0]
-
-
 def _smooth(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Array, Array]:
     """Estimate ln mu at forces and speeds (m, 2), with a factor of its covariance (m, r)."""
     x = np.log(np.column_stack([points.f, points.v]))
@@ -107,16 +88,19 @@ def _smooth(points: Points, arc_label: NDArray[np.intp], at: Array) -> tuple[Arr
     bent, one = np.diff(np.eye(SPLINES), 2, axis=0), np.eye(SPLINES)
     rough = np.kron(bent.T @ bent, one) + np.kron(one, bent.T @ bent)
     precision = rough + FLAT * np.eye(len(rough))
-    columns = _splines((x - low) / (high - low))
+    # a run is a group by itself: its errors are independent of the others
+    columns, ones = _splines((x - low) / (high - low))[:, None], np.ones((points.f.size, 1))
     shared = [Shared("surface", columns, Size(BEND, 2.0, LARGEST), precision=precision)]
     if arc_label.max() > 0:
         arcs = np.equal.outer(arc_label, np.arange(arc_label.max() + 1)).astype(float)
-        shared.append(Shared("arc", arcs, Size(ARC_EFFECT, 1.2, LARGEST)))
+        shared.append(Shared("arc", arcs[:, None], Size(ARC_EFFECT, 1.2, LARGEST)))
     own = [
-        Own("scatter", Size(SCATTER, 2.0, LARGEST), diagonal=np.ones(points.f.size)),
-        Own("stated", Size(1.0), diagonal=np.hypot(points.se / points.mu, ROUNDING)),
+        Own("scatter", Size(SCATTER, 2.0, LARGEST), diagonal=ones),
+        Own(
+            "stated", Size(1.0), diagonal=ones * np.hypot(points.se / points.mu, ROUNDING)[:, None]
+        ),
     ]
-    posterior = Mixed(np.log(points.mu), shared, own).fit(tolerance=1e-6)
+    posterior = Mixed(np.log(points.mu)[:, None], shared, own).fit(tolerance=1e-6)
     mean, covariance = posterior.of("surface")
     rows = _splines((np.log(at) - low) / (high - low))
     return rows @ mean, rows @ root(covariance)
