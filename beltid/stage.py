@@ -39,15 +39,6 @@ HIDDEN: Final = ("workers",)
 NO_MATTER: Final = ("jobs", *HIDDEN)
 """Keywords that change no result."""
 BUILT_IN: Final = "built-in 5PK rig"
-OF_BENCH: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-)
-"""Keys of the config that identify a belt and its friction rig."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,8 +238,6 @@ class Stage:
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""
     """Name of the file, or a function of the options that gives it; default: the kind."""
-    bench: tuple[str, ...] = ()
-    """Sections of the config in which the inputs must not differ without a warning."""
     guests: tuple[str, ...] = ()
     """Inputs that may be of another bench."""
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
@@ -306,29 +295,7 @@ class Stage:
         workers: Any = None,
         **options: Any,
     ) -> Built:
-        """Compute from files, unless `out` was made from the same.
-
-        Parameters
-        ----------
-        source : ConfigSource
-            The config and its origin.
-        files : mapping of str to Path
-            Inputs by parameter.
-        out : Path
-            File to write.
-        force : bool
-            Compute again, and replace an artifact of another kind.
-        workers : Workers, optional
-            Run the heavy calls; by default this process.
-        **options
-            Choices of the call.
-
-        Raises
-        ------
-        InputError, ArtifactError
-            If an input is missing, damaged or does not belong to another, or `out` is a file that
-            must stay.
-        """
+        """Compute from files, unless `out` was made from the same."""
         work, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
             return Built(existing, up_to_date=True)
@@ -457,8 +424,6 @@ class Stage:
         artifacts = {role: item for role, item in items.items() if isinstance(item, Artifact)}
         guests = [artifacts[role] for role in self.guests if role in artifacts]
         refuse_misfits([a for role, a in artifacts.items() if role not in self.guests], guests)
-        for artifact in artifacts.values():
-            _warn_of_other_bench(artifact, work.source, self.bench)
         return items
 
     def _write(
@@ -547,23 +512,3 @@ def _kind_of(kind: Kind, path: Path) -> str:
 def _name_of(kind: str, allowed: Kind) -> str:
     """Return the name of an input; a recording in the place of an artifact is of another bench."""
     return "recording" if kind in RECORDINGS and isinstance(allowed, tuple) else kind
-
-
-def _warn_of_other_bench(
-    artifact: Artifact, source: ConfigSource, sections: tuple[str, ...]
-) -> None:
-    """Warn if an artifact was made for another belt or rig than the config in use states."""
-    differing = []
-    for name, item in (key.split(".") for key in OF_BENCH):
-        value = getattr(getattr(source.config, name), item)
-        before = artifact.record.settings.get(name, {}).get(item, value)
-        if name in sections and before != value:
-            differing.append(f"{name}.{item} = {before} (now {value})")
-    if differing:
-        log.warning(
-            "%s: made with %s: if it is not of this belt and bench, use its own config (%s is in "
-            "use)",
-            artifact.path,
-            ", ".join(differing),
-            source.origin,
-        )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from beltid.cli.messages import Terminal, console_for
-from beltid.cli.process import if_stopped, mute, stdout_message
+from beltid.cli.process import if_stopped, mute
 from beltid.cli.program import Common
 from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
 from beltid.notes import heard_by, log, python_warnings
@@ -70,7 +70,7 @@ def _stdout() -> Iterator[None]:
         raise typer.Exit from None
     except OSError as error:
         mute("stdout")
-        raise BeltidError(stdout_message(error)) from None
+        raise BeltidError(f"stdout: {error.strerror or error}") from None
 
 
 @contextmanager

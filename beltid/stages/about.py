@@ -117,10 +117,7 @@ def lacking(config: Config) -> list[str]:
 
 
 def wrong_recordings(source: ConfigSource) -> list[str]:
-    """Return problems of the recordings that a config names, each with its line in the config.
-
-    Folders, patterns and zip files are opened in the same way as by the stage that reads them.
-    """
+    """Return problems of the recordings that a config names, each with its line in the config."""
     data, tables = source.config.data.files, source.config.run_tables
     problems: list[str] = []
     if not data:

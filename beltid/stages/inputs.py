@@ -215,13 +215,7 @@ def friction_in(folder: Path) -> Artifact | None:
 
 
 def friction_of(surface: Artifact) -> Artifact | None:
-    """Return the friction artifact beside a surface that was made from it; None if there is none.
-
-    Raises
-    ------
-    ArtifactError
-        If that of the same recording is another one.
-    """
+    """Return the friction artifact beside a surface made from it; None if there is none."""
     friction = friction_in(surface.path.parent)
     if friction is None:
         return None

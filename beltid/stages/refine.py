@@ -185,10 +185,7 @@ def prepared_campaign(
     config: Config,
     chosen: Mapping[str, str | None],
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-    """Return the campaign with its initial surface, its speeds, its rows, and the runs set aside.
-
-    `chosen` selects condition and side of the belt if the runs were made under several.
-    """
+    """Return the campaign with its initial surface, speeds, rows, and the runs set aside."""
     rig = rig_of_runs(columns, config)
     good, set_aside = usable_runs(columns, rig)
     good = rows_of_one(columns, good, chosen)
@@ -228,10 +225,7 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
 def usable_runs(
     columns: Mapping[str, np.ndarray], rig: Rig
 ) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Return the usable rows, and the others with the reason.
-
-    The tension at rest is required unless a given force stays constant while the pulley turns.
-    """
+    """Return the usable rows, and the others with the reason."""
     needed = (*PUBLISHED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
     status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
     why = np.where(status == "ok", "", status).astype(object)
@@ -246,11 +240,7 @@ def usable_runs(
 
 
 def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the speeds of the refined surface [m/s]: the published ones and those left out there.
-
-    The published surface requires a common range of forces, which a speed with few runs may not
-    share. Here the runs of such a speed define its level, and the neighbouring speeds its shape.
-    """
+    """Return the speeds of the refined surface [m/s]: those published, and those left out there."""
     far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
     if far.size == 0:
         return published

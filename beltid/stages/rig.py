@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast, get_args
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from beltid.stages.inputs import (
 from beltid.stages.planned_runs import (
     KEYS,
     PlannedRun,
-    differing_settings,
     measured_settings,
     planned_runs,
     refuse_running,
@@ -57,7 +56,6 @@ OF_SOLVER: Final = (
 )
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
-SHOWN_FAILURES: Final = 20
 PER_CALL: Final = 24
 """Number of runs whose uncertainty a worker computes in one call."""
 REST_SAMPLES: Final = 10
@@ -113,19 +111,13 @@ def simulated(
     settings = simulation_settings(config, method)
     measured = None if friction is None else measured_settings(friction.columns, config)
     runs = planned_runs(config, measured, picked)
-    differing = differing_settings(config, measured)
-    for line in differing:
-        log.warning("%s", line)
-    stated = differing or measured is None or not measured.size
-    origin = "as the config states" if stated else "at the settings measured"
-    log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
+    log.info("%s, %s", counted(len(runs), "run"), settings.method)
     press = press_law(law, config)
     campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
     failed = campaign.failures
     failures = [f"run {run.label}: {line}" for run, e in failed for line in e.problems]
     if not campaign.finished:
-        more = failures[SHOWN_FAILURES:] and [f"and {len(failures) - SHOWN_FAILURES} more"]
-        raise NumericsError([*failures[:SHOWN_FAILURES], *more])
+        raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(campaign, config, press, stored, settings.elements, workers)
     runs, results = zip(*campaign.finished, strict=True)
@@ -189,6 +181,8 @@ def simulation_settings(
 ) -> SimulationSettings:
     """Return the settings of the simulation from the call, else from the config."""
     section = config.simulation
+    if method not in (None, *get_args(Method)):
+        raise InputError(f"method = {method!r}, must be {' or '.join(get_args(Method))}")
     return SimulationSettings(
         method=cast(Method, method or section.method),
         elements=section.elements if elements is None else elements,
@@ -265,11 +259,7 @@ def recording_columns(
 
 
 def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
-    """Return a recording with two levels, at rest and sliding, for a known sliding limit.
-
-    The sliding limit thus passes the same reduction as any recording. It has no build-up, and
-    therefore no sticking peak.
-    """
+    """Return a recording with two levels, at rest and sliding, for a known sliding limit."""
     omega, T_0, n = run.pulley_speed_rad_s, run.initial_tension_N, REST_SAMPLES + SLIDING_SAMPLES
     turning = np.arange(n) >= REST_SAMPLES
     return {
@@ -317,26 +307,14 @@ class SimulatedRun:
     result: RunResult
     """All results of the simulation as plain arrays."""
     config: Config
-
-    @property
-    def tension_tight_N(self) -> float:
-        """Support force of the tight span while sliding [N]."""
-        return float(self.result.tension_tight_N)
-
-    @property
-    def tension_slack_N(self) -> float:
-        """Support force of the slack span while sliding [N]."""
-        return float(self.result.tension_slack_N)
-
-    @property
-    def mu(self) -> float:
-        """Friction coefficient by Eq. (6) from these tensions [-]."""
-        return self.result.mu
-
-    @property
-    def normal_force_N_m(self) -> float:
-        """Mean normal force per length by Eq. (8) [N/m]."""
-        return self.result.normal_force_N_m
+    tension_tight_N: float
+    """Support force of the tight span while sliding [N]."""
+    tension_slack_N: float
+    """Support force of the slack span while sliding [N]."""
+    mu: float
+    """Friction coefficient by Eq. (6) from these tensions [-]."""
+    normal_force_N_m: float
+    """Mean normal force per length by Eq. (8) [N/m]."""
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -417,7 +395,8 @@ def simulate_rig(
     (result,) = simulate(bench_of(model, surface, law), [run], settings, Workers()).results
     if isinstance(result, BeltidError):
         raise result
-    return SimulatedRun(run, result, model)
+    state = {name: float(getattr(result, name)) for name in STATE}
+    return SimulatedRun(run, result, model, **state)
 
 
 def _checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:

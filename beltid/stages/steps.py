@@ -21,7 +21,6 @@ from beltid.stage import Outcome, stage
 ConfigLike = Any
 OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
 """Sections of the config that matter for every use of the simulated rig."""
-BENCH: Final = ("belt", "rig")
 
 
 @stage(
@@ -154,7 +153,6 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     makes="surface",
     reads={"friction": "friction"},
     uses=("friction", "rig", "belt", "uncertainty"),
-    bench=BENCH,
 )
 def build_surface(
     friction: Any,
@@ -202,7 +200,6 @@ def build_surface(
     file="surface_refined.parquet",
     reads={"friction": "friction", "law": "stiffness"},
     uses=(*OF_RIG, "friction"),
-    bench=BENCH,
 )
 def refine_surface(
     friction: Any,
@@ -269,7 +266,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     file=_campaign_file,
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
-    bench=BENCH,
     guests=("friction",),
     finds=_friction_beside,
     fails_with=EXIT_NUMERICS,
@@ -440,7 +436,6 @@ def cross_validate(
     makes="drive",
     reads={"surface": "surface", "law": "stiffness", "slip": "slip"},
     uses=("belt", "drive", "rig", "press", "uncertainty"),
-    bench=("belt",),
 )
 def predict_drive(
     surface: Any, law: Any, config: ConfigLike = None, *, slip: Any = None
@@ -533,7 +528,6 @@ def _plan_bytes(outcome: Outcome[Any]) -> bytes:
     file="plan.csv",
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction", "plan"),
-    bench=BENCH,
     guests=("friction",),
     writes=_plan_bytes,
 )

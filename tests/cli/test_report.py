@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from beltid.cli.messages import console_for
-from beltid.report.cells import cell, fact, heading, name_and_unit
+from beltid.report.cells import cell, name_and_unit
 from beltid.report.summary import Summary
 from beltid.report.terminal import show
 from beltid.tables import schemas
@@ -73,12 +71,6 @@ def test_values_have_sensible_digits(name: str, value: Any, text: str) -> None:
     assert cell(name, value) == text
 
 
-def test_a_fact_has_its_unit_only_if_it_has_a_value() -> None:
-    assert fact("normal_force_N_m", 5400.0) == ("normal force", "5400 N/m")
-    assert fact("normal_force_N_m", None) == ("normal force", "-")
-    assert heading("torque_N_m") == "torque [N\u00a0m]"
-
-
 def printed(summary: Summary, width: int, **options: bool) -> str:
     file = io.StringIO()
     show(summary, Console(file=file, width=width, color_system=None), **options)
@@ -113,13 +105,6 @@ def test_the_overview_stands_for_a_long_table_unless_all_is_wanted() -> None:
     assert "2000" not in complete  # not one of the columns shown
 
 
-def test_markup_of_a_label_is_not_taken_for_a_style() -> None:
-    table = [{"run": "[red]R1[/red]", "status": ":smile: [bold]"}]
-    text = printed(Summary("x", "t", table=table), 80)
-    assert "[red]R1[/red]" in text
-    assert ":smile: [bold]" in text
-
-
 def test_json_has_null_for_what_is_missing() -> None:
     facts = {"a": math.nan, "b": np.float64(1.5), "c": np.array([1.0, np.inf]), "p": Path("x")}
     product = Summary("x", "t", facts=facts).as_json()
@@ -135,24 +120,3 @@ def test_synthetic_data_are_called_so_in_the_heading(origin: str | None, heading
     summary = Summary("x", "t", table=[{"a": 1.0}], origin=origin)
     assert printed(summary, 80).splitlines()[0] == heading
     assert summary.as_json()["origin"] == origin
-
-
-def test_further_tables_are_for_the_curious() -> None:
-    summary = Summary("x", "t", table=[{"a": 1.0}], details={"solver": [{"steps": 99}]})
-    assert "99" not in printed(summary, 80)
-    assert "99" in printed(summary, 80, complete=True)
-    assert summary.as_json()["details"] == {"solver": [{"steps": 99}]}
-
-
-def test_no_colour_if_nobody_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """NO_COLOR (no-color.org) holds on a terminal, too; FORCE_COLOR brings none into a file."""
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    assert console_for("stdout").color_system is not None
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert console_for("stdout").no_color
-    monkeypatch.delenv("NO_COLOR")
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: False, raising=False)
-    assert console_for("stdout").color_system is None

@@ -116,19 +116,6 @@ def test_hundreds_of_problems_are_counted() -> None:
     assert "460" in caught.value.problems[-1]
 
 
-def test_what_is_no_config(tmp_path: Path) -> None:
-    for source in (5, ["configs/5pk.yaml"], object(), tmp_path, tmp_path / "x.yaml"):
-        with pytest.raises(ConfigError):
-            load_config(source)  # type: ignore[arg-type]
-
-
-def test_a_dict_has_key_paths_but_no_places() -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}})
-    starts = ("rig.arcs_deg[1] = 400, ", 'belt.name = "a/b", ')
-    assert all(any(p.startswith(start) for p in caught.value.problems) for start in starts)
-
-
 def test_the_name_cannot_leave_its_folder() -> None:
     for name in ("..", ".hidden", "a/b", "a\\b", "", "a" * 65, "a b", "-rf", "con\n", "ä", "=1"):
         with pytest.raises(ConfigError, match=r"belt\.name"):

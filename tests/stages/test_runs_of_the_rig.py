@@ -18,7 +18,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
 from beltid.stages.planned_runs import planned_runs
 from beltid.stages.refine import prepared_campaign
-from beltid.stages.rig import recording_columns, simulation_settings
+from beltid.stages.rig import recording_columns
 from beltid.tables import schemas
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -57,31 +57,6 @@ def test_the_sliding_limit_survives_the_reduction_exactly() -> None:
         assert r.initial_tension_N == pytest.approx(run.initial_tension_N, rel=1e-12)
         assert r.pulley_speed_rad_s == pytest.approx(run.pulley_speed_rad_s, rel=1e-12)
         assert math.isnan(r.mu_sticking)  # a limit has no build-up
-
-
-def test_settings_of_the_call_win_over_those_of_the_config() -> None:
-    config = load_config({"simulation": {"method": "steady", "elements": 40}})
-    called = simulation_settings(config, "transient", 20)
-    stated = simulation_settings(config)
-    assert (called.method, called.elements) == ("transient", 20)
-    assert (stated.method, stated.elements) == ("steady", 40)
-
-
-@pytest.mark.parametrize(
-    ("section", "given"),
-    [
-        ({}, "none"),
-        ({"kind": "torque"}, "none"),
-        ({"kind": "torque", "holds": "weight_slack"}, "slack"),
-        ({"kind": "dead_weight", "holds": "weight_tight"}, "tight"),
-        ({"kind": "dead_weight", "holds": "weight_slack"}, "slack"),
-        ({"kind": "torque_hub"}, "hub"),
-        ({"kind": "torque_hub", "holds": "stretch"}, "none"),
-        ({"kind": "running"}, "none"),
-    ],
-)
-def test_each_kind_of_rig_has_its_given_force(section: dict[str, str], given: str) -> None:
-    assert load_config({"rig": section}).rig_params().given_force == given
 
 
 def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
