@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import zipfile
 from itertools import product
 from pathlib import Path
@@ -154,21 +152,3 @@ def test_a_command_that_writes_no_file_says_so(beltid: Any, call: tuple[str, ...
     assert refused.exit_code == 2
     assert "--out = product.txt" in refused.stderr
     assert refused.stdout == ""
-
-
-def test_show_tells_what_an_artifact_is(bench: Path, beltid: Any) -> None:
-    product = json.loads(beltid("show", bench / "friction.parquet", "--json").stdout)
-    facts = product["facts"]
-    assert (facts["kind"], facts["rows"]) == ("friction", 16)
-    assert len(product["table"]) == 16
-    sha256 = hashlib.sha256((bench / "friction.parquet").read_bytes()).hexdigest()
-    assert facts["file_sha256"] == sha256
-    low, high = facts["valid normal_force_N_m"]
-    forces = [row["normal_force_N_m"] for row in product["table"]]
-    assert (low, high) == (min(forces), max(forces))
-    (made_from,) = product["details"]["made from"]
-    assert made_from["input"] == "rig"
-    assert made_from["sha256"] == hashlib.sha256((bench / "rig.csv").read_bytes()).hexdigest()
-    refused = beltid("show", bench / "rig.csv")
-    assert refused.exit_code == 2
-    assert "rig.csv" in refused.stderr

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
@@ -63,19 +61,6 @@ def test_values_in_si_units_have_its_suffix():
     points = {"driver_speed_rad_s": [22, 22], "torque_N_m": {"driven": [4, 4], "x": 1}}
     found = load_config({"drive": {"operating_points": points}}).drive.operating_points
     assert found.si()["torque_N_m"] == {"driven": (4.0, 4.0), "x": (1.0,)}  # may repeat a number
-
-
-def test_paths_count_from_the_folder_of_the_config(tmp_path, monkeypatch):
-    (tmp_path / "configs").mkdir()
-    path = tmp_path / "configs" / "c.yaml"
-    data = f"{{rig: ../data/rig.csv, press: {tmp_path}/p.csv, speedloss: ~/s.csv}}"
-    path.write_text(f"data: {data}\nruns: {{rig: {{table: ../runs.csv}}}}\n")
-    monkeypatch.setenv("HOME", "/home/of/somebody")
-    config = load_config(path)
-    assert config.data.rig == tmp_path / "data" / "rig.csv"
-    assert config.data.press == tmp_path / "p.csv"
-    assert config.data.speedloss == Path("/home/of/somebody/s.csv")
-    assert config.run_tables == {"rig": tmp_path / "runs.csv"}
 
 
 def test_the_hash_follows_the_values_not_the_writing(tmp_path):
@@ -142,10 +127,3 @@ def test_every_key_is_written_with_a_meaning_and_a_number_of_any_yaml():
     keys = [line for line in text.splitlines() if line.startswith("  ")]
     assert len(keys) > 80
     assert not [line for line in keys if " # " not in line]
-
-
-def test_importing_the_config_does_not_import_the_heavy_libraries():
-    heavy = ("pandas", "pyarrow", "scipy", "numba", "ruamel.yaml")
-    code = f"import sys, beltid.config; print([m for m in {heavy} if m in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import beltid
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.identify.friction.reduction import reduce_runs
@@ -85,22 +83,3 @@ def test_runs_measured_with_a_torque_are_not_taken_for_those_of_two_cells() -> N
     columns = {"initial_tension_N": np.full(4, 100.0), "torque_with": np.full(4, "tight")}
     with pytest.raises(InputError, match=r"rig\.kind: torque"):
         prepared_campaign(columns, press_law(LAW, config), config, {})
-
-
-def test_a_surface_corrected_to_a_temperature_needs_temperatures() -> None:
-    tension, speed = (grid.ravel() for grid in np.meshgrid([60.0, 120.0, 200.0], [0.1, 0.4]))
-    half = 0.9 * (tension / 200.0) ** -0.15 * np.radians(90.0) / 2.0
-    plateaus = pd.DataFrame(
-        {
-            "arc_deg": 90.0,
-            "initial_tension_N": tension,
-            "tension_tight_N": tension * np.exp(half),
-            "tension_slack_N": tension * np.exp(-half),
-            "pulley_speed_rad_s": speed,
-            "mu_se": 0.001,
-        }
-    )
-    config = {"friction": {"correct_temperature": True}}
-    friction = beltid.fit_friction(plateaus, config)
-    with pytest.raises(InputError, match="temperature"):
-        beltid.refine_surface(friction, LAW, config)
