@@ -197,7 +197,8 @@ class _Search:
 
     def from_rest(self) -> bool:
         """Solve from the belt laid on: approach what is given, then the last scale."""
-        pulley, s, laid = self.pulley, self.s, self.pulley.laid
+        pulley, laid = self.pulley, self.pulley.laid
+        s = self.s = pulley.model.state()  # nothing is left of another state
         T, EA, momentum = pulley.tension, pulley.belt.EA, self.system.section.momentum
         longer = 1.0 + (T + momentum) / (EA - momentum)
         idle = longer / (pulley.R - float(pulley.law.penetration(T / pulley.R))) * self.v0

@@ -50,6 +50,8 @@ class SimulationSettings:
 
     def __post_init__(self) -> None:
         problems = []
+        if self.method not in ("transient", "steady"):
+            problems.append(f"method = {self.method!r}, must be 'transient' or 'steady'")
         if self.elements is not None and (self.elements < 4 or self.elements % 2):
             problems.append(f"elements = {self.elements}, must be even and >= 4")
         if self.steps < FEWEST_STEPS:

@@ -25,7 +25,6 @@ from beltid.stages.columns import span
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
     friction_columns,
-    friction_of,
     is_number,
     law_from,
     press_law,
@@ -40,7 +39,6 @@ from beltid.stages.planned_runs import (
     refuse_running,
 )
 from beltid.stages.workers import Workers, threads
-from beltid.store.artifact import read_artifact
 from beltid.tables import schemas
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.press_law import PressLaw
@@ -166,14 +164,6 @@ def simulated(
         verdict=f"{len(failed)} of {len(rows)} runs failed" if failed else "",
         passed=False if failed else None,
     )
-
-
-def friction_beside(files: dict[str, Path]) -> dict[str, Path]:
-    """Add the reduced runs to the inputs if they are next to the surface made from them."""
-    if "friction" in files:
-        return files
-    friction = friction_of(read_artifact(files["surface"], "surface"))
-    return files if friction is None else {**files, "friction": friction.path}
 
 
 def simulation_settings(

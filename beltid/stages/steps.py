@@ -255,9 +255,14 @@ def _campaign_file(**options: Any) -> str:
 
 
 def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
-    from beltid.stages.rig import friction_beside
+    """Add the reduced runs to the inputs if they are next to the surface made from them."""
+    if "friction" in files:  # as in the chain, where nothing heavy is imported
+        return files
+    from beltid.stages.inputs import friction_of
+    from beltid.store.artifact import read_artifact
 
-    return friction_beside(files)
+    friction = friction_of(read_artifact(files["surface"], "surface"))
+    return files if friction is None else {**files, "friction": friction.path}
 
 
 @stage(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,15 @@ def test_speed_and_torque_of_an_independent_rod(
     along = v0 * (P_in - P_out) * (1.0 + 0.5 * (P_in + P_out) / 1e5)
     given = state.torque * state.omega
     assert given - state.friction_power == pytest.approx(along, rel=5e-3, abs=0.02)
+
+
+def test_a_start_that_does_not_help_leaves_no_trace() -> None:
+    """From a belt off the pulley there is no way: the search begins anew, from the belt at rest."""
+    pulley = FlowPulley(BELT_5PK, LAW_5PK, HALF.tables(), 0.0812, math.radians(210.2), 0.10, 765.0)
+    far = flow(pulley, 6.75, 1400.0, 248.0)
+    far = replace(far, q=1.2 * far.q)
+    state = flow(pulley, 6.75, 765.7, 765.9, start=far)
+    assert pytest.approx(flow(pulley, 6.75, 765.7, 765.9).W, rel=1e-7) == state.W
 
 
 @pytest.mark.parametrize(
