@@ -109,7 +109,7 @@ class Outcome(Generic[Result]):
         return figures[name]
 
     def save(self, path: str | Path, *, origin: Origin | None = None, force: bool = False) -> Path:
-        """Write the table as an artifact (.parquet) that every command reads, or as .csv.
+        """Write the table as an artifact (.parquet) that every command reads.
 
         Parameters
         ----------
@@ -127,19 +127,14 @@ class Outcome(Generic[Result]):
         ArtifactError
             If it cannot be written.
         """
-        from beltid.report.summary import csv_bytes
         from beltid.store.artifact import write_artifact
-        from beltid.store.disk import write_bytes
 
         path, origin = Path(path), origin or self.origin
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
-        if path.suffix == ".csv":
-            write_bytes(path, csv_bytes(self.columns, origin))
-        elif path.suffix == SUFFIX:
-            write_artifact(path, self.columns, self.record(origin=origin))
-        else:
-            raise InputError(f"{path}: must end in .parquet or .csv")
+        if path.suffix != SUFFIX:
+            raise InputError(f"{path}: must end in {SUFFIX}")
+        write_artifact(path, self.columns, self.record(origin=origin))
         return path
 
     def as_artifact(self) -> Artifact:
@@ -154,12 +149,6 @@ class Outcome(Generic[Result]):
         from beltid.report.view import text_of
 
         return text_of(self.as_artifact())
-
-    def _repr_html_(self) -> str:
-        frame = self.to_frame()[[n for n, values in self.columns.items() if values.ndim == 1]]
-        table = frame.to_html(max_rows=12, na_rep="", border=0, float_format="{:.5g}".format)
-        origin = " (synthetic data)" if self.origin == "synthetic" else ""
-        return f"<p>{self.kind}{origin}: {len(frame)} rows</p>{table}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,9 +124,6 @@ def test_a_recording_agrees_with_itself(rig: pd.DataFrame, friction: Any) -> Non
 
 
 def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Path) -> None:
-    shown = friction._repr_html_()
-    assert "friction: 20 rows" in shown
-    assert shown.count("<tr") < 20  # a notebook gets a table that it can show
     assert friction.plot().axes[0].get_xlabel()
     with pytest.raises(beltid.InputError, match="figure = nothing, must be one of: "):
         friction.plot("nothing")
@@ -136,10 +133,7 @@ def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Pat
     assert surface == published.result.surface
     with pytest.raises(beltid.InputError, match="already exists"):
         friction.save(path)
-    table = pd.read_csv(friction.save(tmp_path / "friction.csv", origin="synthetic"))
-    assert np.allclose(table["mu_sliding"], friction.to_frame()["mu_sliding"])
-    assert set(table["origin"]) == {"synthetic"}
-    with pytest.raises(beltid.InputError, match=r"must end in .parquet or .csv"):
+    with pytest.raises(beltid.InputError, match=r"must end in \.parquet"):
         friction.save(tmp_path / "friction.xlsx")
 
 
@@ -182,24 +176,16 @@ def simulated(surface: Any = 0.5, law: Any = LAW, **changed: Any) -> Any:
     [
         (lambda: simulated(law=None), ["law = None"]),
         (lambda: beltid.simulate_campaign(None, 0.5, "soft"), ["law = str"]),
-        (lambda: beltid.refine_surface(pd.DataFrame({"mu": [1.0]}), None), ["law = None"]),
         (lambda: simulated(arc_deg=400), ["arc_deg = 400", "360 °"]),
-        (lambda: simulated(arc_deg="wide"), ["arc_deg = 'wide'", "number"]),
         (
             lambda: simulated(arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None),
             ["arc_deg = 0", "initial_tension_N = nan", "pulley_speed_rad_s = None"],
         ),
-        (lambda: simulated(initial_tension_N=np.float64(-1.0)), ["initial_tension_N = -1,"]),
         (lambda: simulated(-0.5), ["surface = -0.5"]),
-        (lambda: simulated("steep"), ["surface = str"]),
         (lambda: simulated(True), ["surface = bool"]),
         (lambda: simulated(method="fast"), ["method = 'fast'"]),
         (lambda: simulated(elements=7), ["elements = 7", "even"]),
-        (lambda: simulated(elements="many"), ["elements = 'many'", "even"]),
         (lambda: GRID.mu("a", 1), ["normal_force_N_m"]),
-        (lambda: GRID.gradient(1, "a"), ["slip_speed_m_s"]),
-        (lambda: GRID.covers(None, {}), ["slip_speed_m_s"]),
-        (lambda: GRID.mu_se_at([1, [2]], 1), ["normal_force_N_m"]),
         (lambda: GRID.mu([1.0, 2.0], [1.0, 2.0, 3.0]), ["(2,)", "(3,)"]),
         (
             lambda: beltid.FrictionSurface([2.0, 1.0], [0.01], [[1.0], [1.0]]),

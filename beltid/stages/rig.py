@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast, get_args
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
@@ -171,8 +171,6 @@ def simulation_settings(
 ) -> SimulationSettings:
     """Return the settings of the simulation from the call, else from the config."""
     section = config.simulation
-    if method not in (None, *get_args(Method)):
-        raise InputError(f"method = {method!r}, must be {' or '.join(get_args(Method))}")
     return SimulationSettings(
         method=cast(Method, method or section.method),
         elements=section.elements if elements is None else elements,

@@ -226,8 +226,6 @@ def refine_surface(
         Use only runs on this surface.
     side : {"rib", "back"}, optional
         Use only runs of this side of the belt.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------
@@ -314,8 +312,6 @@ def simulate_recording(
         Only runs with this pulley speed [rad/s], one of those measured; may be repeated.
     jobs : int, optional
         Runs simulated at the same time. Default: one per core.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------
@@ -410,8 +406,6 @@ def cross_validate(
         the config says under cross_validate, else arc.
     jobs : int, optional
         Surfaces refined at the same time. Default: one per core.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------

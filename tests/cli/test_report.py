@@ -23,12 +23,9 @@ from beltid.tables import schemas
     [
         ("normal_force_N_m", "normal force", "N/m"),
         ("k_quadratic_N_m3", "k quadratic", "N/m³"),
-        ("k_linear_se_N_m2", "k linear se", "N/m²"),
-        ("torque_N_m", "torque", "N m"),
         ("at_torque_N_m", "at torque", "N m"),
         ("pulley_speed_rad_s", "pulley speed", "rad/s"),
         ("arc_deg", "arc", "°"),
-        ("mu_sliding", "mu sliding", ""),
         ("status", "status", ""),
     ],
 )
@@ -48,20 +45,13 @@ def test_units_shown_are_those_of_the_tables() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [
-        ("tension_N", 270.0, "270"),
         ("tension_N", 0.0, "0"),
         ("tension_N", 371.0949, "371.1"),
-        ("tension_N", -12.34567, "-12.35"),
-        ("slip_speed_m_s", 0.0025, "0.0025"),
-        ("k_linear_N_m2", 6.4999734e7, "6.5e+07"),
         ("k_linear_se_N_m2", 12163.2, "1.2e+04"),
-        ("mu", 0.49777, "0.4978"),
         ("mu_se", 0.001268, "0.0013"),
         ("mu", float("nan"), "-"),
         ("mu", None, "-"),
-        ("runs", 120, "120"),
         ("swapped", True, "yes"),
-        ("swapped", np.bool_(False), "no"),
         ("mu_range", (0.5, 1.25), "0.5000 to 1.2500"),
         ("arcs_deg", [40.0, 82.0], "40, 82"),
         ("rms_percent", 3.71834, "3.72"),
