@@ -32,7 +32,6 @@ KEYS: Final = {
 }
 """Column of a setting in the friction table -> its list in the section `rig`."""
 OPTIONS: Final = ("--arc", "--tension", "--speed")
-SHOWN_VALUES: Final = 12
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
@@ -80,7 +79,8 @@ def planned_runs(
         known = np.array(of)
         near = [known[_is_same_setting(known, [value], gap)].tolist() for value in values]
         problems += [
-            f"{option} = {value:g}, must be one of those of the campaign: {_listed(known)}"
+            f"{option} = {value:g}, must be one of those of the campaign: "
+            + listed([f"{setting:.4g}" for setting in of])
             for value, found in zip(values, near, strict=True)
             if not found
         ]
@@ -158,10 +158,6 @@ def _setting(values: np.ndarray) -> float:
     error = max(2.0 * scatter / math.sqrt(values.size), NEGLIGIBLE * middle)
     rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
     return next(value for value in rounded if abs(value - middle) <= error)
-
-
-def _listed(values: np.ndarray) -> str:
-    return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
 
 
 def _is_same_setting(

@@ -48,10 +48,6 @@ from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 if TYPE_CHECKING:
     import pandas as pd
 
-OF_SOLVER: Final = (
-    *("elements", "steps", "newton_iterations", "status_changes"),
-    *("halvings", "residual", "slip_m", "cone"),
-)
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
 PER_CALL: Final = 24
@@ -144,19 +140,7 @@ def simulated(
             "lookups": points,
             **({"uncertainty": uncertainty.extra()} if uncertainty else {}),
         },
-        tables={
-            "simulated_runs": rows,
-            "solver": [
-                {
-                    "run": run.label,
-                    **{name: getattr(record, name) for name in OF_SOLVER},
-                    "clamped_lookups_percent": (
-                        100.0 * record.clamped_lookups / max(record.lookups, 1)
-                    ),
-                }
-                for run, record in zip(runs, records, strict=True)
-            ],
-        },
+        tables={"simulated_runs": rows},
         validity={name: span([getattr(run, name) for run in runs]) for name in names},
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
         notes=tuple(notes),
