@@ -136,13 +136,10 @@ class Problems:
         Line number (0 for the whole file) and text of the stored problems.
     count : int
         Number of problems, including those not stored.
-    unread : set of str
-        Places of rows with an unreadable cell, which has already been reported.
     """
 
     found: list[tuple[int, str]] = field(default_factory=list)
     count: int = 0
-    unread: set[str] = field(default_factory=set)
 
     def add(self, text: str, line: int = 0) -> None:
         """Add a problem; beyond a few hundred, only count it."""
@@ -162,7 +159,6 @@ class Problems:
     def take(self, others: Problems) -> None:
         """Add the problems of a part of the file."""
         self.count += others.count
-        self.unread |= others.unread
         self.found += others.found[: 20 * SHOWN - len(self.found)]
 
     def merge_repeated(self, places: Sequence[str]) -> None:

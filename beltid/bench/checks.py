@@ -71,10 +71,8 @@ class Checker:
         self.problems.add_alike(rows, text, self.place)
 
     def _doubts_unit(self, column: Column) -> bool:
-        """Report a column whose numbers are about a thousand times too small or large.
-
-        A few samples of a sensor, most likely of a belt at rest, do not show its unit.
-        """
+        """Report a column whose numbers are about a thousand times too small or large."""
+        # a few samples of a sensor, most likely of a belt at rest, do not show its unit
         few = self.timed and len(self.columns["time_s"]) < MIN_SAMPLES
         values = self.columns[column.name]
         guess = other_unit(column, self.table.kind, values)
@@ -149,9 +147,7 @@ class Checker:
         )
         missing = np.flatnonzero(np.isnan(values))
         if not column.nullable:
-            told = absent(self.label[missing])  # no label, or an unreadable cell
-            if unread := self.problems.unread:
-                told |= np.array([self.place(int(i))[0] in unread for i in missing], dtype=bool)
+            told = absent(self.label[missing])
             allowed = f"{column.name} is empty, must be {column.allowed}"
             self._report(missing[~told], lambda i: allowed)
         elif missing.size == values.size and column.required:

@@ -1,6 +1,6 @@
 """Clock times -> the time of a recording: seconds from the first sample of a run.
 
-Times of day (``13:45:02,125``, ``1:45:02 PM``), alone, after a date or with a date beside; ISO;
+Times of day (``13:45:02,125``, ``1:45:02 PM``), alone or after a date; ISO;
 offsets such as +02:00, Z and UTC. Time stamps of Arrow and Excel come as such texts.
 """
 
@@ -84,15 +84,10 @@ class Clock:
     midnight_ns: int | None = None  # before the first time [ns from 1970-01-01]
     midnights: int = 0  # passed by times of day
 
-    def read(
-        self, times: pd.Series, dates: pd.Series | None, place: PlaceOf, problems: Problems
-    ) -> np.ndarray:
+    def read(self, times: pd.Series, place: PlaceOf, problems: Problems) -> np.ndarray:
         """Convert clock times to seconds from the midnight before the first; nan for none."""
         self.name = self.name or str(times.name)
         text = times.astype("str").str.strip().reset_index(drop=True)
-        if dates is not None and not re.match(r"\d+[-./]", next(iter(text.dropna()), "")):
-            day = dates.astype("str").str.replace(r"[T ]00:00.*", "", regex=True)
-            text = day.reset_index(drop=True) + " " + text
         self.first = self.first or next(iter(text.dropna()), "")
         counts, wrong, unclear = moments(text)
         self.dated = not re.match(r"\d{1,2}:", self.first)
@@ -104,7 +99,6 @@ class Clock:
                 lambda i, why=why: f'{self.name} = "{str(text.iloc[i])[:40]}", {why}',  # type: ignore[misc]
                 place,
             )
-            problems.unread.update(place(int(row))[0] for row in at)
         read, day_ns = ~(wrong | unclear), int(DAY_S * 1e9)
         if self.midnight_ns is None and read.any():
             self.midnight_ns = int(counts[read][0] // day_ns * day_ns)

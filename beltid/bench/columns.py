@@ -17,15 +17,11 @@ from beltid.bench.raw import Raw, first_texts, is_text
 from beltid.tables.units import Conversion
 from beltid.tables.values import absent
 
-MASTERS: Final = {
-    "press": ("force_N", "displacement_mm"),
-    "rig": (
-        *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N"),
-        "pulley_speed_rad_s",
-    ),
-    "speedloss": ("driver_speed_rad_s", "driven_speed_rad_s", "torque_N_m"),
-}
-"""Kind of recording -> channels that determine the result; the first one gives the time."""
+MASTERS: Final = (
+    *("force_N", "displacement_mm", "driver_speed_rad_s", "driven_speed_rad_s"),
+    *("tension_tight_N", "tension_slack_N", "torque_N_m", "hub_force_N", "pulley_speed_rad_s"),
+)
+"""Channels that determine the result; the first one gives the time."""
 MIN_OVERLAP: Final = 5
 """Fewest samples of the master in the time that all channels share."""
 
@@ -97,8 +93,7 @@ def values_of(found: Found, needs: Needs, clock: Clock | None = None) -> np.ndar
     if needs.table.column(found.role).dtype == "string":
         return words_of(column)
     if found.is_clock:
-        dates = None if found.date is None else raw.frame[found.date.name]
-        return (clock or Clock()).read(column, dates, raw.at, needs.problems)
+        return (clock or Clock()).read(column, raw.at, needs.problems)
     numbers = column.to_numpy()
     if is_text(column):
         numbers = numbers_of(column, raw.signs, found.shown, raw.at, needs.problems)
@@ -118,7 +113,7 @@ def together(raws: Sequence[Raw], needs: Needs) -> Raw:
     roles = [meant(channels_of([raw]), needs) for raw in raws]
     wanted = [{f.channel.name for fs in of.values() for f in fs} for of in roles]
     times = {k: v for k, v in _times(raws, needs).items() if wanted[k] - {v[0]}}
-    masters = [k for role in MASTERS.get(needs.table.kind, ()) for k in times if role in roles[k]]
+    masters = [k for role in MASTERS for k in times if role in roles[k]]
     if not times or needs.problems.count > wrong:
         return raws[0]
     first = next(iter(masters or times))

@@ -84,18 +84,14 @@ def read_uff(path: Path, place: str) -> Iterator[Raw]:
     rasters, left_out = Rasters(place, "", "universal file (UFF 58)"), list[str]()
     for number, kind in enumerate(np.atleast_1d(file.get_set_types()).astype(int)):
         record = file.read_sets(number) if kind == 58 else {}
-        if kind != 58:
-            left_out.append(f"dataset {kind} left out")
-        elif record["abscissa_spec_data_type"] != 17:
-            left_out.append("a function that is not of time left out")
-        elif np.iscomplexobj(record["data"]):
-            left_out.append("a function with complex values left out")
-        else:
+        is_time = record.get("abscissa_spec_data_type") == 17
+        if is_time and not np.iscomplexobj(record["data"]):
             _add_record(record, rasters, place)
+        else:
+            left_out.append(f"dataset {number + 1} ({kind}) left out: no real numbers over time")
     if not rasters.parts:
-        held = "; ".join(left_out) or "nothing"
-        raise InputError(f"{place}: holds no time record of real numbers in a dataset 58: {held}")
-    rasters.notes += dict.fromkeys(left_out)
+        raise InputError(f"{place}: no dataset 58 holds real numbers over time")
+    rasters.notes += left_out
     yield from rasters.tables()
 
 

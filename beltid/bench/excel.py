@@ -24,7 +24,7 @@ _UNCOMPUTED: Final = re.compile(rb"(?:</f>|<f/>|<f [^>]*/>)\s*(?:<v\s*/>|<v>\s*<
 
 
 def read(path: Path, place: str) -> Iterator[Raw]:
-    """Read the sheets of a workbook that hold a table; hidden ones only if no other does."""
+    """Read the sheets of a workbook that are shown and hold a table."""
     from openpyxl import load_workbook
 
     with zipfile.ZipFile(path) as archive:
@@ -33,25 +33,24 @@ def read(path: Path, place: str) -> Iterator[Raw]:
         broken = archive.testzip()
         if broken is not None:
             raise InputError(f"{place}: damaged: {broken} in it does not match its checksum")
-    tables: dict[bool, list[Raw]] = {True: [], False: []}
-    left_out = []
+    found, left_out = list[Raw](), list[str]()
     with path.open("rb") as stream:
         book = load_workbook(stream, read_only=True, data_only=True, keep_links=False)
         for sheet in book.worksheets:
+            if sheet.sheet_state != "visible":
+                left_out.append(sheet.title)
+                continue
             rows = [_trimmed(row, place) for row in sheet.iter_rows(values_only=True)]
             table = _table(place, sheet.title, rows)
             if table is not None:
-                tables[sheet.sheet_state == "visible"].append(table)
+                found.append(table)
             elif any(rows):
                 left_out.append(sheet.title)
-    found = tables[True] or tables[False]
     if not found or any(table.frame.isna().to_numpy().any() for table in found):
         _refuse_formulas(path, place)
     if not found:
         raise InputError(f"{place}: no sheet holds a table: a header and rows of numbers below it")
-    notes = [f"sheet {title} left out: no table of numbers found" for title in left_out]
-    hidden = ", ".join(table.name for table in tables[False] if tables[True])
-    notes += [f"hidden sheets left out: {hidden}"] if hidden else []
+    notes = [f"sheet {title} left out: hidden, or without a table of numbers" for title in left_out]
     yield replace(found[0], notes=tuple(notes))
     yield from found[1:]
 

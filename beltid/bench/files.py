@@ -35,12 +35,10 @@ class Source:
         form = "zip" if member else format_of(path, self.inside.name)
         packed = tempfile.TemporaryDirectory(prefix="beltid-") if form in ("gzip", "zip") else None
         with packed or contextlib.nullcontext("") as folder:  # a plain file needs none
-            for name in ("recording", "unpacked"):  # a zip file may hold gzip files
-                if form == "gzip" or member:
-                    out = Path(folder) / name
-                    unpack(path, out, self.name, member)
-                    path, member = out, ""
-                    form = format_of(path, self.inside.name.removesuffix(".gz"))
+            if packed:
+                path = Path(folder) / "recording"
+                unpack(self.path, path, self.name, member)
+                form = format_of(path, self.inside.name.removesuffix(".gz"))
             if form in ("gzip", "zip"):
                 raise InputError(f"{self.name}: is packed twice, unpack it")
             if path.stat().st_size > MAX_BYTES:
@@ -61,20 +59,7 @@ def exists(path: Path) -> bool:
 
 
 def sources_of(path: Path, besides: Sequence[Path] = ()) -> list[Source]:
-    """List the files that a path names.
-
-    Parameters
-    ----------
-    path : Path
-        A file, a zip file, a folder, or a pattern with ``*`` and ``?``.
-    besides : sequence of Path
-        Files that are not recordings and are skipped, such as a table of the runs.
-
-    Raises
-    ------
-    InputError
-        If there is no file, or a folder holds files of several kinds.
-    """
+    """List the files that a file, zip file, folder or pattern names, without those `besides`."""
     if is_many(path):
         root = path if path.is_dir() else folder_of(path)
         files = _files(path, {b.absolute() for b in besides})

@@ -71,20 +71,7 @@ def _texts(values: pa.ChunkedArray, place: str) -> Any:
 
 
 def frame_of(frame: Any, place: str) -> Raw:
-    """Return a table in memory as written; columns of mixed types become texts.
-
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table or mapping
-        The samples; what is no list of values is left out.
-    place : str
-        Name of the frame, for messages.
-
-    Raises
-    ------
-    InputError
-        If the frame is not a table, holds no samples, or columns of different lengths.
-    """
+    """Return a DataFrame, pyarrow Table or mapping as written; what is no list is left out."""
     if not (isinstance(frame, Mapping) or hasattr(frame, "columns")):
         raise InputError(
             f"{place}: is a {type(frame).__name__}, must be a DataFrame, an Arrow table or a dict "
@@ -105,8 +92,6 @@ def _arrow(values: Any) -> Any:
     """Return a list as an Arrow array, of texts if its values are of several types."""
     if isinstance(values, (pa.Array, pa.ChunkedArray)):
         return values
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         return pa.array(values, from_pandas=True)
     except (pa.ArrowException, ValueError, TypeError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -94,15 +94,6 @@ def _is_numbers(block: Sequence[Sequence[str]]) -> bool:
 
 def _is_value(cell: str) -> bool:
     return is_number(cell) or is_clock(cell) or is_date(cell)
-
-
-def is_sample(cells: Sequence[str], below: Sequence[str], known: Collection[str]) -> bool:
-    """Return whether a row is like the one below it and at least half numbers: no names."""
-    if any(a in known and a != b and not _is_value(a) for a, b in zip(cells, below, strict=False)):
-        return False
-    are_values = [*map(_is_value, cells)]
-    alike = are_values == [*map(_is_value, below)]
-    return alike and sum(are_values) >= 2 and 2 * sum(are_values) >= len(cells)
 
 
 def is_units_row(cells: Sequence[str]) -> bool:

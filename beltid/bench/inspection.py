@@ -31,7 +31,6 @@ from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
-from beltid.tables.columns import Table
 
 SETTINGS: Final = ("arc_deg", "initial_tension_N", "weight_N", "temperature_degC")
 _NUMBER: Final = r"[-+]?\d+(?:[.,p]\d+)?"
@@ -98,10 +97,9 @@ def inspect_recording(
     options = {k: ReadOptions.of(config, k) for k in ([kind] if kind else KINDS)}
     sources = sources_of(path, [o.run_table for o in options.values() if o.run_table is not None])
     names = tuple(source.inside.name for source in sources)
-    called = {role: name for option in options.values() for role, name in option.names.items()}
-    needs = Needs(_any_table(), ReadOptions(called, dialect=next(iter(options.values())).dialect))
-    tables = tables_in(sources[0], needs)
-    needs.problems.raise_if_any()
+    problems_of_file = Problems()
+    tables = tables_in(sources[0], next(iter(options.values())).dialect, problems_of_file)
+    problems_of_file.raise_if_any()
     channels = channels_of(tables)
     if not kind:
         plateaus = of_plateaus(tables, Needs(options["rig"].table("rig"), options["rig"]))
@@ -147,13 +145,6 @@ def inspect_recording(
     if rig:
         notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
     return Inspection(kind, names, tables, channels, found, runs, notes, problems, rig, pattern)
-
-
-def _any_table() -> Table:
-    """Return a table with the columns of all kinds, whose names show the header of a file."""
-    tables = [schemas.table(kind) for kind in schemas.RECORDINGS]
-    columns = {c.name: c for table in tables for c in table.columns}
-    return Table("any", "", "", tuple(columns.values()))
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:

@@ -19,7 +19,7 @@ from beltid.bench.header import IN_NAME, read_field, unit_in_name, without_posit
 from beltid.bench.numbers import NumberSigns
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Field, Raw, first_texts
-from beltid.bench.vocabulary import means_date, roles_meant, simplified, span_of
+from beltid.bench.vocabulary import roles_meant, simplified, span_of
 from beltid.config.layout import KINDS
 from beltid.errors import Problems
 from beltid.tables import schemas
@@ -131,7 +131,6 @@ class Found:
     by: Conversion = field(default_factory=lambda: Conversion(1.0))  # with the sign
     stated: bool = False  # whether file or config states the unit
     negated: bool = False  # whether the config reverses the sign
-    date: Channel | None = None  # with the dates of its clock times
 
     @property
     def is_clock(self) -> bool:
@@ -267,9 +266,7 @@ def mapped(
             problem = _ambiguous([match.channel, *(m.channel for m in others)], role, needs)
             needs.problems.add(f"{place}: {problem}")
         elif match.is_clock:
-            beside = (c for c in channels if c.raw is match.channel.raw and means_date(c.name))
-            dates = [c for c in beside if c.written == "date"]
-            found[role] = replace(match, stated=True, date=dates[0] if len(dates) == 1 else None)
+            found[role] = replace(match, stated=True)
         else:
             found[role] = with_unit(match, needs, place)
     return found
@@ -324,7 +321,6 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return setting
     both = [u for u in (channel.unit_of_name, channel.unit_cell) if conversion(u, ours)]
     ending = channel.name.rpartition("_")[2] if channel.name != column.name else ""
-    is_turn = any(word in simplified(channel.name) for word in ("drehzahl", "rpm", "rev", "tour"))
     if len({conversion(u, ours) for u in both}) > 1:
         first, second = map(canonical_unit, both)
         return ask(f"is in {first} by its name and in {second} by its unit", first, second)
@@ -342,7 +338,7 @@ def _conversion(column: Column, found: Found, needs: Needs) -> Conversion | str 
         return ask(
             f"is in {unit} without a calibration", f"250 {ours}/{per}", "{factor: 250, offset: 0}"
         )
-    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND and not is_turn:
+    if ours == "rad/s" and unit.strip(" []()").replace(" ", "") in _PER_SECOND:
         return ask(f"is in {unit}, turns or radians", "rev/s", "rad/s")
     if ours == "rad/s" and plain in ("m/s", "mm/s"):
         return ask(f"is in {unit}, with the radius R of the pulley in m", "{factor: 1/R}")
@@ -386,7 +382,6 @@ def refuse_missing(
     shown = [
         names.get(role, role)
         + (f" (which the config names for {role})" if names.get(role, role) != role else "")
-        + (f" (is it {close[role]}?)" if role in close else "")
         for role in missing
     ] or [f"of {table.command}"]
     verb = "is missing" if len(shown) == 1 else "are missing"
@@ -459,6 +454,6 @@ def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channe
         elif match.stated and match.by != Conversion(1.0):
             unit = match.channel.unit or "the unit stated"
             notes.append(f"{match.shown} converted from {unit} to {table.column(role).unit}")
-    used = {c.name for m in found.values() for c in (m.channel, m.date) if c is not None}
+    used = {match.channel.name for match in found.values()}
     left_out = [n for n in dict.fromkeys(c.name for c in channels) if n not in used]
     return [*notes, *(["columns left out: " + ", ".join(left_out[:12])] if left_out else [])]

@@ -103,20 +103,17 @@ def numbers_of(
     """Convert texts to numbers, nan for a missing one; report what is none or ambiguous."""
     codes, cells = pd.factorize(texts)
     values = np.full(len(cells) + 1, np.nan)
-    wrong: dict[bool, dict[int, str]] = {}
+    wrong: dict[int, str] = {}
     for code, cell in enumerate(cells):
         text = str(cell).strip()
         value = np.nan if text in MISSING else signs.number(text)
         if isinstance(value, str):
             short = text if len(text) <= 40 else text[:37] + "..."
-            kind = value.startswith(NO_NUMBER)
-            wrong.setdefault(kind, {})[code] = f'{shown} = "{short}", {value}'
+            wrong[code] = f'{shown} = "{short}", {value}'
         else:
             values[code] = value
-    for why in wrong.values():
-        rows = np.flatnonzero(np.isin(codes, list(why)))
-        problems.add_alike(rows, lambda i, why=why: why[codes[i]], place)  # type: ignore[misc]
-        problems.unread.update(place(int(row))[0] for row in rows)
+    rows = np.flatnonzero(np.isin(codes, list(wrong)))
+    problems.add_alike(rows, lambda i: wrong[codes[i]], place)
     return values[codes]
 
 

@@ -22,7 +22,7 @@ from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
 from beltid.bench.runs import Settings, is_timed, joined, tables_of_runs
-from beltid.errors import InputError
+from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
 
@@ -99,7 +99,7 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     needs, parts = Needs(options.table(kind), options), list[Part]()
     settings: Settings | None = None
     for source in sources:  # one file after the other, so that only one is in memory as written
-        raws = tables_in(source, needs)
+        raws = tables_in(source, options.dialect, needs.problems)
         if settings is None:
             needs = needs if kind != "rig" else of_plateaus(raws, needs)
             settings = Settings(needs)
@@ -125,16 +125,14 @@ def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
     return needs if any(2 * column.nunique() < len(column) for column in labels) else plateaus
 
 
-def tables_in(source: Source, needs: Needs) -> list[Raw]:
-    """Read the tables of one file as written; what is wrong with it is a problem of `needs`."""
-    names, dialect = needs.options.names, needs.options.dialect
-    known = {names.get(c.name, c.name) for c in needs.table.columns}
+def tables_in(source: Source, dialect: Mapping[str, Any], problems: Problems) -> list[Raw]:
+    """Read the tables of one file as written, and report what is wrong with it."""
     try:
         with source.plain() as (file, form), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             logging.getLogger("asammdf").disabled = True
             if form == "text":
-                return list(text.read(file, source.name, dialect, known))
+                return list(text.read(file, source.name, dialect))
             if form == "lvm":
                 return list(lvm.read(file, source.name, dialect))
             tables = list(READERS[form](file, source.name))
@@ -143,12 +141,12 @@ def tables_in(source: Source, needs: Needs) -> list[Raw]:
             return tables
     except InputError as error:
         for line in error.problems:
-            needs.problems.add(line)
+            problems.add(line)
     except MemoryError:
         raise
     except Exception as error:  # a damaged file can raise nearly anything
         what = f"damaged, or not a file of this format: {type(error).__name__}: {error}"
-        needs.problems.add(f"{source.name}: {what}")
+        problems.add(f"{source.name}: {what}")
     return []
 
 
@@ -177,8 +175,7 @@ def parts_of(inside: PurePath, place: str, raws: Sequence[Raw], settings: Settin
 def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recording:
     """Join the parts of a recording and check it; InputError with all errors."""
     needs = settings.needs
-    if not parts:
-        needs.problems.raise_if_any()
+    needs.problems.raise_if_any()
     columns, place, notes, stated = joined(_distinct(parts), settings)
     checker = Checker(str(path), columns, needs.table, place, needs.problems)
     notes += checker.run({*needs.options.units, *stated})
@@ -256,22 +253,7 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
 
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:
-    """Return the columns of a table in memory that follows a schema, those that it has.
-
-    Parameters
-    ----------
-    frame : DataFrame, pyarrow Table or mapping
-        The table.
-    table : Table
-        Its schema; columns of lists and booleans are left out.
-    name : str
-        Its name, for messages.
-
-    Raises
-    ------
-    InputError
-        With every column that holds values of the wrong type.
-    """
+    """Return the columns of numbers and texts that a table in memory has of a schema."""
     raw, columns, problems = frames.frame_of(frame, name).frame, {}, []
     for column in table.columns:
         values = raw.get(column.name)

@@ -93,7 +93,6 @@ class Settings:
         self.needs, self.table = needs, needs.table
         self.pattern = name_pattern(options.pattern) if options.pattern else None
         self.rows = read_run_table(options.run_table, needs.table) if options.run_table else {}
-        self.used: set[str] = set()
 
     def elsewhere(self, raw: Raw) -> set[str]:
         """Return our columns that the table of a file need not contain."""
@@ -120,17 +119,10 @@ class Settings:
                 )
         if self.rows:
             name = next((n for n in part.names if n in self.rows), "")
-            self.used.add(name)
-            found |= self.rows[name][1] if name else {}
+            found |= self.rows[name] if name else {}
             if not name and not is_complete:
                 self.needs.problems.add(f"{self.options.run_table}: has no row for {part.names[0]}")
         return {role: value for role, value in found.items() if role in self.table.names}
-
-    def finish(self) -> None:
-        """Report rows of the table of runs that belong to no file."""
-        for name in self.rows.keys() - self.used:
-            where = f"{self.options.run_table}:{self.rows[name][0]}"
-            self.needs.problems.add(f"{where}: {name} is not among the files read")
 
     def _from_head(self, part: Part) -> dict[str, Any]:
         """Take settings from the head: from fields that the config names, or of known names."""
@@ -183,24 +175,23 @@ def settings_in_head(fields: Sequence[Field], needs: Needs) -> dict[str, list[Fo
     }
 
 
-def read_run_table(path: Path, table: Table) -> dict[str, tuple[int, Mapping[str, Any]]]:
-    """Read a table of runs: name of a file or group -> its line, and the values in it."""
+def read_run_table(path: Path, table: Table) -> dict[str, Mapping[str, Any]]:
+    """Read a table of runs: name of a file or group -> the values in its row."""
     settings = [c for c in table.columns if c.name in (*SETTINGS, table.label)]
     file = Column("file", "string", "", "name of the file, or of the group")
     optional = (file, *(replace(column, required=False) for column in settings))
     needs = Needs(replace(table, columns=optional), ReadOptions())
-    (raw,) = text.read(path, str(path), DIALECT, needs.table.names)
+    (raw,) = text.read(path, str(path), DIALECT)
     part = read_part(raw, needs)
     needs.problems.raise_if_any()
     assert part is not None
-    rows: dict[str, tuple[int, Mapping[str, Any]]] = {}
+    rows: dict[str, Mapping[str, Any]] = {}
     for k in range(len(part)):
-        line = part.at(k)[1]
         cells = {role: values[k] for role, values in part.columns.items()}
         name = str(cells.pop("file") or "")
         if name in rows:
-            needs.problems.add(f"{path}:{line}: {name} is already in line {rows[name][0]}")
-        rows[name] = line, {role: cell for role, cell in cells.items() if not is_missing(cell)}
+            needs.problems.add(f"{part.at(k)[0]}: {name} is in an earlier line, too")
+        rows[name] = {role: cell for role, cell in cells.items() if not is_missing(cell)}
     needs.problems.raise_if_any()
     return rows
 
@@ -214,7 +205,7 @@ def joined(
     of a sample; notes; and the columns whose unit is stated in all parts.
     """
     table, problems = settings.table, settings.needs.problems
-    wrong, timed = problems.count, "time_s" in settings.table.names
+    timed = "time_s" in settings.table.names
     notes: dict[str, list[str]] = {}
     owners: dict[str, str] = {}
     for part in parts:
@@ -237,8 +228,7 @@ def joined(
                 problems.add(f"{part.raw.place}: {table.label} {label} is already used in {owner}")
         for note in part.notes:
             notes.setdefault(note, []).append(part.raw.place)
-    settings.finish()
-    if problems.count > wrong:
+    if problems.count:
         problems.merge_repeated([part.raw.place for part in parts])
         problems.raise_if_any()
     starts = np.cumsum([0, *map(len, parts)])[:-1]
@@ -257,10 +247,7 @@ def joined(
 
 
 def _together(parts: Sequence[Part], table: Table) -> dict[str, np.ndarray]:
-    """Concatenate the columns; those that a part lacks are missing values.
-
-    A column that describes runs (`RUN_TEXTS`) is left out if no part has it.
-    """
+    """Concatenate the columns; of those that no part has, only texts of runs are left out."""
     present, lengths = {name for part in parts for name in part.columns}, [len(p) for p in parts]
     columns = {}
     for column in table.columns:
@@ -297,19 +284,16 @@ def _fill(part: Part, stated: Mapping[str, Any], table: Table, problems: Problem
 
 def _labels(part: Part, problems: Problems) -> np.ndarray:
     """Label every sample: a run begins where a setting changes or the time restarts."""
-    columns, time, add = part.columns, part.columns["time_s"], "add a column of labels"
+    columns, time = part.columns, part.columns["time_s"]
     bounds = [0, *_starts(columns, time), len(time)]
     labels = np.full(len(time), part.label, dtype=object)
     for k, (first, end) in enumerate(itertools.pairwise(bounds), start=1):
         if len(bounds) > 2:
             labels[first:end] = f"{part.label}-{k}"
         speed = columns.get("pulley_speed_rad_s", time[:0])[first:end]
-        if len(bounds) > 2 and end - first < MIN_SAMPLES:
-            few = f"run {labels[first]} has {end - first} samples, must be at least {MIN_SAMPLES}"
-            problems.add(f"{part.raw.place}: {few}: {add}")
-        elif _rotations(speed[np.isfinite(speed)]) > 1:
+        if _rotations(speed[np.isfinite(speed)]) > 1:
             stops = f"in run {labels[first]} the pulley turns several times with stops between"
-            problems.add(f"{part.raw.place}: {stops}: {add}")
+            problems.add(f"{part.raw.place}: {stops}: add a column of labels")
     if len(bounds) > 2:
         part.notes.append(
             f"no column labels the runs: {len(bounds) - 1} separated by changes of the settings "

@@ -26,15 +26,17 @@ from beltid.bench.header import (
     distinct_names,
     find_head,
     head_at,
-    is_sample,
 )
 from beltid.bench.numbers import MISSING, NumberSigns, contradiction, is_number
 from beltid.bench.packed import as_utf8
 from beltid.bench.raw import Raw
 from beltid.errors import InputError, Problems
+from beltid.tables.schemas import RECORDINGS, table
 
 SEPARATORS: Final = (",", ";", "\t", "|", " ")
 """Signs between cells, the likelier first; any number of blanks separate if no other sign does."""
+OURS: Final = frozenset(name for kind in RECORDINGS for name in table(kind).names)
+"""Our names; a first line with two of them is the header."""
 TOP: Final = 1 << 18
 """Bytes in which the header is searched."""
 LONGEST_LINE: Final = 1 << 24
@@ -42,25 +44,21 @@ csv.field_size_limit(LONGEST_LINE)  # a long cell is refused by what it holds
 Bytes = bytes | bytearray
 BLOCK: Final = 4 << 20
 """Bytes that Arrow reads at a time."""
-_BY_QUOTE: Final = re.compile(rb'(?<=[,;\t|]) +(?=")|(?<=") +(?=[,;\t|\n])')
 _SPACING: Final = re.compile(rb"^ +| +(?=[ \n]|\Z)", re.MULTILINE)
 """Blanks that do not separate cells."""
+_ZWICK: Final = re.compile("Standardkraft|Standardweg|Traversenweg")
+"""Names by which an export of testXpert is known."""
 
 
-def read(
-    path: Path, place: str, dialect: Mapping[str, Any], known: Collection[str]
-) -> Iterator[Raw]:
-    """Read the table in a text file; what is None in `dialect` is detected.
-
-    A first line with two of the `known` names is the header.
-    """
+def read(path: Path, place: str, dialect: Mapping[str, Any]) -> Iterator[Raw]:
+    """Read the table in a text file; what is None in `dialect` is detected."""
     data = bytearray(path.stat().st_size)  # whose head is taken off without a copy
     with path.open("rb") as file:
         file.readinto(data)
     data, encoding, notes = as_utf8(data, place, dialect["encoding"])
     top = _top(data, place)
     kept = ["" if i < dialect["skip_lines"] else line for i, line in enumerate(top)]
-    head, separator = _head(kept, place, dialect, known)
+    head, separator = _head(kept, place, dialect)
     if separator != "," and not dialect["separator"]:
         notes.append(f"separator {separator!r} found in the header")
     del data[: sum(len(line.encode()) + 1 for line in top[: head.first_row])]
@@ -72,10 +70,9 @@ def read(
     if not re.search(rb"\S", body):
         line = f" in line {head.row + 1}" if head.row >= 0 else ""
         raise InputError(f"{place}: holds no samples, only a header{line}")
-    if separator == " " or b'"' in body:
-        body = (_SPACING if separator == " " else _BY_QUOTE).sub(b"", body)
-    above = [line for line in top[max(head.row, 0) : head.first_row] if line.strip()]
-    cells = _first_cells(body, separator, above)
+    if separator == " ":
+        body = _SPACING.sub(b"", body)
+    cells = _first_cells(body, separator)
     names += [""] * (len(cells) - len(names)) if not any(map(any, cells[len(names) :])) else []
     pairs = zip(names, cells, strict=False)
     columns = {name: [c for c in column if c not in MISSING] for name, column in pairs if name}
@@ -84,12 +81,8 @@ def read(
     misfits = list[Any]()
     lines, written = _lines(body, head.first_row + 1), (separator, signs.decimal)
     frame = _by_arrow(body, names, plain, written, len(lines), misfits) if plain else None
-    if frame is None:  # the header may be repeated among the rows, a cell may be no number
-        for line in above:
-            body = re.sub(rb"(?m)^%s$" % re.escape(line.encode()), b"", body)
-        lines = _lines(body, head.first_row + 1)
-        tries = (_by_arrow(body, names, n, written, len(lines), misfits) for n in (plain, ()))
-        frame = next((frame for frame in tries if frame is not None), None)
+    if frame is None:  # a cell may be no number
+        frame = _by_arrow(body, names, (), written, len(lines), misfits)
     if frame is None:
         raise InputError(f'{place}:{head.first_row + 1}: quotation marks (") do not match')
     rows = [row.number - 1 for row in misfits]
@@ -102,7 +95,7 @@ def read(
     yield Raw(
         place,
         frame,
-        format=_program(top),
+        format="Zwick testXpert text" if _ZWICK.search("\n".join(top[:60])) else "CSV",
         units={n: u for n, u in zip(names, head.units, strict=False) if u},
         fields=head.fields,
         lines=np.delete(lines, rows) if rows else lines,
@@ -113,12 +106,6 @@ def read(
         notes=tuple(notes),
         problems=problems,
     )
-
-
-def _program(top: Sequence[str]) -> str:
-    """Recognise the program that wrote a text file from its first lines."""
-    words = re.search("Standardkraft|Standardweg|Traversenweg", "\n".join(top[:60]))
-    return "Zwick testXpert text" if words else "CSV"
 
 
 def _top(data: bytearray, place: str) -> list[str]:
@@ -132,9 +119,7 @@ def _top(data: bytearray, place: str) -> list[str]:
     return [line.decode() for line in top]
 
 
-def _head(
-    top: Sequence[str], place: str, dialect: Mapping[str, Any], known: Collection[str]
-) -> tuple[Head, str]:
+def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[Head, str]:
     """Find header and separator."""
     remark = re.compile(r"\s*$|#|sep=.?\s*$")
     filled = [i for i, line in enumerate(top) if not remark.match(line)]
@@ -152,23 +137,15 @@ def _head(
         units_row = head.units_row - 1 if head.units else -1
         return replace(head, row=-1, units_row=units_row, first_row=head.first_row - 1), sign
     plain = [sign for sign in rows if sign != " "] or [" "]
-    own = max(
-        plain, key=lambda sign: (len({*rows[sign][first]} & {*known}), len(rows[sign][first]))
-    )
+    own = max(plain, key=lambda sign: (len(OURS & {*rows[sign][first]}), len(rows[sign][first])))
     blank = rows.get(" ", rows[own])
     if len(rows[own][first]) == 1 < len(blank[first]) == len(blank[second]):
         own = " "
     found = [(above, sign) for sign in plain if (above := find_head(rows[sign]))]
     if not found and " " in rows and (spaced := find_head(blank)):
         found = [(spaced, " ")] * (len(spaced.names) == len(blank[spaced.first_row]))
-    if len({*rows[own][first]} & {*known}) < 2 and found and not dialect["skip_lines"]:
+    if len(OURS & {*rows[own][first]}) < 2 and found and not dialect["skip_lines"]:
         return max(found, key=lambda pair: len(pair[0].names))
-    for cells, below in [(split[first], split[second]) for split in rows.values()]:
-        if first != second and is_sample(cells, below, known):
-            raise InputError(
-                f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names "
-                f"of the {len(cells)} columns, dialect: {{names: [...]}}"
-            )
     return head_at(rows[own], first), own
 
 
@@ -184,17 +161,14 @@ def cells_of(line: str, sign: str) -> list[str]:
     return cells
 
 
-def _first_cells(body: Bytes, separator: str, above: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the cells of the first rows, column by column, without remarks and repeated headers.
-
-    A remark begins with # and has fewer cells than a row, since a label may begin with #, too.
-    """
+def _first_cells(body: Bytes, separator: str) -> list[tuple[str, ...]]:
+    """Return the cells of the first rows, column by column, without remarks (# and few cells)."""
     top = body[: 1 + max(body.rfind(b"\n", 0, 20_000), body.find(b"\n"))] or body
     lines = [line for line in top.decode(errors="replace").split("\n")[:200] if line.strip()]
     if not lines:
         return []
     full = max(line.count(separator) for line in lines)
-    kept = [t for t in lines if t not in above and (t[0] != "#" or t.count(separator) == full)]
+    kept = [line for line in lines if line[0] != "#" or line.count(separator) == full]
     kept = kept or lines
     rows = [cells_of(line, separator) for line in kept]
     columns = [*itertools.zip_longest(*rows, fillvalue="")]
@@ -235,15 +209,12 @@ def _lines(body: Bytes, first_line: int) -> Sequence[int] | np.ndarray:
 def _by_arrow(
     body: Bytes,
     names: Sequence[str],
-    numeric: Collection[str],
-    signs: tuple[str, str],
+    numeric: Collection[str],  # the others are texts
+    signs: tuple[str, str],  # between cells, of decimals
     n_rows: int,
     misfits: list[Any],
 ) -> pd.DataFrame | None:
-    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected.
-
-    `signs` separate the cells and mark the decimals. Columns that are not `numeric` are texts.
-    """
+    """Read the columns with Arrow, and the rows of another width; None if a cell is unexpected."""
     misfits.clear()
     keys = {f"c{i}": name for i, name in enumerate(names)}
     types = {k: pa.float64() if n in numeric else pa.string() for k, n in keys.items() if n}

@@ -68,11 +68,6 @@ def span_of(name: str) -> str:
     return told[0] if len(told) == 1 else ""
 
 
-def means_date(name: str) -> bool:
-    """Return whether a channel's name says that it holds dates."""
-    return _vocabulary()["date"].mean(simplified(name))
-
-
 @functools.cache
 def _words_of(kind: str) -> tuple[tuple[str, Words], ...]:
     """Return the columns of a kind of recording, or of a table of its runs, with their words."""

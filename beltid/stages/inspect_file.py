@@ -120,7 +120,6 @@ def _channel_rows(inspection: Inspection) -> list[dict[str, Any]]:
     """Return a row per channel of the first file; groups of equal channels appear once."""
     found = inspection.found.values()
     roles = {match.channel.base: match.role for match in found}
-    roles |= {m.date.base: "date of time_s" for m in found if m.date is not None}
     rows: dict[str, dict[str, Any]] = {}
     for channel in inspection.channels:
         if channel.name not in rows:

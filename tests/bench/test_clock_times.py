@@ -80,34 +80,6 @@ def test_the_end_of_summer_time(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(
-    ("line", "times", "words"),
-    [
-        (3, ["12:59:59.5", "01:00:00.0", "01:00:00.5"], "goes back from 12:59:59.500 to 01:00:00"),
-        (4, ["13:45:02", "13:45:03", "13:44:00"], "goes back from 13:45:03 to 13:44:00"),
-        (3, ["03/04/2026 10:00:00", "04/04/2026 10:00:00"], "may be day/month or month/day"),
-        (3, ["10:00:00", "25:00:00"], '"25:00:00", must be a clock time such as'),
-        (3, ["10:00:00", "noon", "midday"], '"noon", must be a clock time such as'),
-        (3, ["2026-02-28T10:00:00", "2026-02-29T10:00:00"], "must be a clock time such as"),
-        (
-            3,
-            ["10:00:00", "2026-02-28T10:00:01"],
-            "like the first time with or without a date or a zone",
-        ),
-        (
-            3,
-            ["2026-02-28T10:00:00Z", "2026-02-28T10:00:01"],
-            "like the first time with or without a date or a zone",
-        ),
-        (2, ["10:00:00"] * 20 + ["10:00:01"] * 20, "its resolution is too coarse"),
-    ],
-)
-def test_what_is_ambiguous_or_wrong_has_its_line(tmp_path, line, times, words):
-    found = problems(press(tmp_path, times))
-    assert words in found[0]
-    assert found[0].startswith(f"P1.csv:{line}: ")
-
-
 def test_a_stop_watch_comes_before_a_clock(tmp_path):
     times = [f"{t.strftime('%H:%M:%S.%f')};{s:.2f}" for t, s in zip(stamps(), 5 + T, strict=True)]
     recording = read(press(tmp_path, times, "Uhrzeit;Zeit [s]"))

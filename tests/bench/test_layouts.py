@@ -155,13 +155,10 @@ def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
     book.save(tmp_path / "press.xlsx")
     recording = read_recording(tmp_path / "press.xlsx", "press")
     assert len(recording.columns["test"]) == 8
-    assert "hidden sheets left out: A" in recording.notes
-    book["B"].sheet_state = "hidden"
-    book.save(tmp_path / "press.xlsx")
-    assert len(read_recording(tmp_path / "press.xlsx", "press").columns["test"]) == 16
+    assert any("sheet A left out" in note for note in recording.notes)
     book["B"]["C5"] = "overload"
     book.save(tmp_path / "press.xlsx")
-    with pytest.raises(InputError, match=r'press\.xlsx, B:5: force_N .* = "overload", must be a'):
+    with pytest.raises(InputError, match=r'press\.xlsx:5: force_N .* = "overload", must be a'):
         read_recording(tmp_path / "press.xlsx", "press")
 
 
@@ -182,20 +179,8 @@ def with_counts_tdms(path: Path, told: dict[str, float]) -> Path:
     return path
 
 
-def with_counts_hdf5(path: Path, told: dict[str, float]) -> Path:
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        file["time_s"] = 0.1 * np.arange(40)
-        file["displacement_mm"] = np.linspace(0, 0.2, 40)
-        file["force_N"] = COUNTS
-        file["force_N"].attrs.update(told)
-    return path
-
-
-@pytest.mark.parametrize("write", [with_counts_tdms, with_counts_hdf5])
-def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path, write):
-    path = write(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
+def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path):
+    path = with_counts_tdms(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
     with pytest.raises(
         InputError, match=r"whole numbers, but the file states Slope = 0\.02, offset = -1"
     ):
@@ -204,26 +189,7 @@ def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path, write):
         config = load_config({"units": {"press": {"force_N": units}}})
         force = read_recording(path, "press", config).columns["force_N"]
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
-    neutral = write(tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0})
+    neutral = with_counts_tdms(
+        tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0}
+    )
     assert read_recording(neutral, "press").columns["force_N"].tolist() == COUNTS.tolist()
-
-
-@pytest.mark.parametrize("computed", [0, 3])
-def test_formulas_that_were_never_computed_are_no_missing_numbers(tmp_path, computed):
-    from openpyxl import Workbook
-
-    book = Workbook()
-    book.active.append(["Zeit [s]", "Weg [mm]", "Kraft [kN]"])
-    for i in range(20):
-        force = f"=0.01*A{i + 2}" if i >= computed else 0.01 * i
-        book.active.append([i, 0.01 * i, force])
-    book.save(tmp_path / "press.xlsx")
-    with pytest.raises(InputError, match="formulas without their values: open it in a spreadsheet"):
-        read_recording(tmp_path / "press.xlsx", "press")
-    book.active.delete_cols(3)
-    book.active.cell(1, 3, "Kraft [N]")
-    for i in range(20):
-        book.active.cell(i + 2, 3, None if i == 5 else 10.0 * i)
-    book.save(tmp_path / "gap.xlsx")
-    force = read_recording(tmp_path / "gap.xlsx", "press").columns["force_N"]
-    assert np.flatnonzero(np.isnan(force)).tolist() == [5]

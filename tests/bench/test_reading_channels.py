@@ -89,26 +89,11 @@ def test_other_channels_are_not_taken_for_ours():
     assert roles_meant("T1", "rig") == roles_meant("Kraft A", "rig") == ()
 
 
-@pytest.mark.parametrize("names", [("Force 1", "Force 2"), ("Load cell", "Load cell 2")])
-def test_two_forces_with_a_travel_are_asked_about(tmp_path, names):
-    """The second cell of a press is not dropped, and a friction rig is not taken for a press."""
-    one, two = (f"{name} [N]" for name in names)
-    path = write(tmp_path, f"Time [s];Travel [mm];{one};{two}", ["0;1;2;3", "1;2;3;4"])
-    assert problems(path, "press") == [
-        f'bench.csv:1: {one}, {two} can be force_N, say which: columns: {{press: {{force_N: "{one}"'
-        f'}}}}; if it is a friction rig: columns: {{rig: {{tension_tight_N: "{one}", '
-        f'tension_slack_N: "{two}"}}}}'
-    ]
-    config = {"columns": {"press": {"force_N": two}}}
-    assert read(path, "press", config).columns["force_N"].tolist() == [3.0, 4.0]
-
-
 def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
-    path = write(tmp_path, "time_s;displacement_in;force_N", PRESS_ROWS)
-    config = {"columns": {"press": {"displacement_mm": "displacement_in"}}}
-    found = read(path, "press", config)
-    assert found.columns["displacement_mm"][0] == pytest.approx(0.5 * 25.4)
-    assert 'displacement_mm (column "displacement_in") converted from in to mm' in found.notes
+    path = write(tmp_path, "time_ms;displacement_mm;force_kN", PRESS_ROWS)
+    found = read(path, "press").columns
+    np.testing.assert_allclose(found["force_N"], [1e4, 2e4, 3e4], rtol=1e-12)
+    np.testing.assert_allclose(found["time_s"], [0.0, 0.001, 0.002], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])

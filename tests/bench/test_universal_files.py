@@ -88,9 +88,9 @@ def both(layout: tuple[int, int, str]) -> bytes:
         (lambda d: d[:-8], r"P1.unv: damaged: the last dataset"),
         (lambda d: d[: len(d) // 4] + d[len(d) // 4 + 4 :], "damaged"),
         (lambda d: d.replace(b"        50", b"        51"), "50 samples found, the header"),
-        (lambda d: d.replace(b"        17", b"        18"), "a function that is not of time left"),
-        (lambda d: d.replace(b"         4        50", b"         6        50"), "complex values"),
-        (lambda d: b"    -1\n   151\nmodel\n    -1\n", "dataset 151 left out"),
+        (lambda d: d.replace(b"        17", b"        18"), "no dataset 58"),
+        (lambda d: d.replace(b"         4        50", b"         6        50"), "no dataset 58"),
+        (lambda d: b"    -1\n   151\nmodel\n    -1\n", "no dataset 58"),
     ],
 )  # fmt: skip
 def test_what_is_damaged_or_not_read_is_reported(tmp_path, change, words):

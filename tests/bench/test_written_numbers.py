@@ -54,16 +54,6 @@ def test_two_groups_leave_one_reading(tmp_path):
     assert forces(press(tmp_path, ["950", "1.250", "1.234.567"])) == [950, 1250, 1234567]
 
 
-def test_one_group_alone_is_refused_with_the_lines_that_settle_it(tmp_path):
-    path = press(tmp_path, ["950", "1,250", "2,100"])
-    assert problems(path)[0] == (
-        'P1.csv:3: force_N (column "Kraft [N]") = "1,250", may be 1.250 or 1250: set dialect: '
-        '{decimal: ","} or {thousands: ","}'
-    )
-    assert forces(path, thousands=",") == [950, 1250, 2100]
-    assert forces(path, decimal=",") == [950, 1.25, 2.1]
-
-
 def test_a_point_that_cannot_be_a_decimal_sign_is_asked_for(tmp_path):
     path = press(tmp_path, ["950", "1.250", "2.100"])
     assert problems(path) == [
