@@ -39,15 +39,6 @@ HIDDEN: Final = ("workers",)
 NO_MATTER: Final = ("jobs", *HIDDEN)
 """Keywords that change no result."""
 BUILT_IN: Final = "built-in 5PK rig"
-OF_BENCH: Final = (
-    "belt.axial_stiffness_N",
-    "belt.bending_stiffness_N_m2",
-    "rig.kind",
-    "rig.pulley_radius_m",
-    "rig.span_length_m",
-    "rig.supports",
-)
-"""Keys of the config that identify a belt and its friction rig."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +109,7 @@ class Outcome(Generic[Result]):
         return figures[name]
 
     def save(self, path: str | Path, *, origin: Origin | None = None, force: bool = False) -> Path:
-        """Write the table as an artifact (.parquet) that every command reads, or as .csv.
+        """Write the table as an artifact (.parquet) that every command reads.
 
         Parameters
         ----------
@@ -136,19 +127,14 @@ class Outcome(Generic[Result]):
         ArtifactError
             If it cannot be written.
         """
-        from beltid.report.summary import csv_bytes
         from beltid.store.artifact import write_artifact
-        from beltid.store.disk import write_bytes
 
         path, origin = Path(path), origin or self.origin
         if path.exists() and not force:
             raise InputError(f"{path}: already exists; force=True replaces it")
-        if path.suffix == ".csv":
-            write_bytes(path, csv_bytes(self.columns, origin))
-        elif path.suffix == SUFFIX:
-            write_artifact(path, self.columns, self.record(origin=origin))
-        else:
-            raise InputError(f"{path}: must end in .parquet or .csv")
+        if path.suffix != SUFFIX:
+            raise InputError(f"{path}: must end in {SUFFIX}")
+        write_artifact(path, self.columns, self.record(origin=origin))
         return path
 
     def as_artifact(self) -> Artifact:
@@ -163,12 +149,6 @@ class Outcome(Generic[Result]):
         from beltid.report.view import text_of
 
         return text_of(self.as_artifact())
-
-    def _repr_html_(self) -> str:
-        frame = self.to_frame()[[n for n, values in self.columns.items() if values.ndim == 1]]
-        table = frame.to_html(max_rows=12, na_rep="", border=0, float_format="{:.5g}".format)
-        origin = " (synthetic data)" if self.origin == "synthetic" else ""
-        return f"<p>{self.kind}{origin}: {len(frame)} rows</p>{table}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,8 +227,6 @@ class Stage:
     compute: Callable[..., Outcome[Any]]
     file: str | Callable[..., str] = ""
     """Name of the file, or a function of the options that gives it; default: the kind."""
-    bench: tuple[str, ...] = ()
-    """Sections of the config in which the inputs must not differ without a warning."""
     guests: tuple[str, ...] = ()
     """Inputs that may be of another bench."""
     finds: Callable[[dict[str, Path]], dict[str, Path]] | None = None
@@ -306,29 +284,7 @@ class Stage:
         workers: Any = None,
         **options: Any,
     ) -> Built:
-        """Compute from files, unless `out` was made from the same.
-
-        Parameters
-        ----------
-        source : ConfigSource
-            The config and its origin.
-        files : mapping of str to Path
-            Inputs by parameter.
-        out : Path
-            File to write.
-        force : bool
-            Compute again, and replace an artifact of another kind.
-        workers : Workers, optional
-            Run the heavy calls; by default this process.
-        **options
-            Choices of the call.
-
-        Raises
-        ------
-        InputError, ArtifactError
-            If an input is missing, damaged or does not belong to another, or `out` is a file that
-            must stay.
-        """
+        """Compute from files, unless `out` was made from the same."""
         work, existing = self.look(source, files, out, force=force, **options)
         if existing is not None:
             return Built(existing, up_to_date=True)
@@ -457,8 +413,6 @@ class Stage:
         artifacts = {role: item for role, item in items.items() if isinstance(item, Artifact)}
         guests = [artifacts[role] for role in self.guests if role in artifacts]
         refuse_misfits([a for role, a in artifacts.items() if role not in self.guests], guests)
-        for artifact in artifacts.values():
-            _warn_of_other_bench(artifact, work.source, self.bench)
         return items
 
     def _write(
@@ -547,23 +501,3 @@ def _kind_of(kind: Kind, path: Path) -> str:
 def _name_of(kind: str, allowed: Kind) -> str:
     """Return the name of an input; a recording in the place of an artifact is of another bench."""
     return "recording" if kind in RECORDINGS and isinstance(allowed, tuple) else kind
-
-
-def _warn_of_other_bench(
-    artifact: Artifact, source: ConfigSource, sections: tuple[str, ...]
-) -> None:
-    """Warn if an artifact was made for another belt or rig than the config in use states."""
-    differing = []
-    for name, item in (key.split(".") for key in OF_BENCH):
-        value = getattr(getattr(source.config, name), item)
-        before = artifact.record.settings.get(name, {}).get(item, value)
-        if name in sections and before != value:
-            differing.append(f"{name}.{item} = {before} (now {value})")
-    if differing:
-        log.warning(
-            "%s: made with %s: if it is not of this belt and bench, use its own config (%s is in "
-            "use)",
-            artifact.path,
-            ", ".join(differing),
-            source.origin,
-        )

@@ -60,16 +60,6 @@ def test_every_public_name_is_there_and_documented() -> None:
         beltid.fit_everything  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_the_package_is_typed_and_has_the_map_of_its_rooms() -> None:
-    assert (Path(beltid.__file__).parent / "py.typed").is_file()
-    assert beltid.__doc__ is not None
-    for path in Path(beltid.__file__).parent.iterdir():
-        room = path.stem
-        if room.startswith("_") or path.suffix not in ("", ".py"):
-            continue
-        assert f"``{room}" in beltid.__doc__, room
-
-
 @pytest.mark.parametrize("surface", [0.5, beltid.FrictionSurface([1000.0], [0.01], [[0.5]])])
 def test_a_number_is_a_constant_friction_coefficient(surface: Any) -> None:
     # first row of the reference table: an independent discretisation of the same rig
@@ -79,22 +69,6 @@ def test_a_number_is_a_constant_friction_coefficient(surface: Any) -> None:
     assert run.mu == pytest.approx(0.49777, rel=1e-3)
     assert run.recording is None
     assert type(run.mu) is float
-
-
-def test_the_profile_carries_the_tensions_and_the_pressure() -> None:
-    run = beltid.simulate_rig({}, 0.5, LAW, **POINT, method="steady")
-    profile = run.profile
-    assert {"arc_position_m", "normal_force_N_m", "slip_speed_m_s", "tension_N"} <= set(profile)
-    assert np.all(np.diff(profile["arc_position_m"]) > 0)
-    assert profile["normal_force_N_m"].max() == pytest.approx(9695, rel=0.02)
-    # Bending carries part of the support force as shear: that is EI/(2 T R^2) of T, 1 and 2 % here,
-    # and the strain of a cubic element ripples by as much about its mean.
-    tight, slack = run.tension_tight_N, run.tension_slack_N
-    assert profile["tension_N"].iloc[:5].mean() == pytest.approx(tight, rel=0.03)
-    assert profile["tension_N"].iloc[-5:].mean() == pytest.approx(slack, rel=0.03)
-    assert run.normal_force_N_m == pytest.approx(
-        (tight - slack) / (0.05 * math.log(tight / slack)), rel=1e-9
-    )
 
 
 def test_a_transient_run_has_a_recording_like_that_of_the_bench() -> None:
@@ -138,15 +112,6 @@ def test_stages_chain_in_memory(friction: Any, published: Any) -> None:
     )
 
 
-def test_rows_set_aside_do_not_enter_the_surface(friction: Any) -> None:
-    frame = friction.to_frame()
-    wild = frame.copy()
-    wild.loc[::7, "mu_sliding"] = 9.0
-    wild.loc[::7, "status"] = "broken"
-    clean = frame.drop(frame.index[::7])
-    assert beltid.build_surface(wild).result.surface == beltid.build_surface(clean).result.surface
-
-
 def test_a_recording_agrees_with_itself(rig: pd.DataFrame, friction: Any) -> None:
     same = beltid.compare(friction, rig)
     assert same.result.passed
@@ -158,49 +123,7 @@ def test_a_recording_agrees_with_itself(rig: pd.DataFrame, friction: Any) -> Non
     assert not apart.result.passed
 
 
-def test_compare_takes_the_table_of_a_campaign(friction: Any) -> None:
-    frame = friction.to_frame()
-    table = pd.DataFrame(
-        {
-            "run": [f"S{i:03d}" for i in range(len(frame))],
-            "arc_deg": frame["arc_deg"],
-            "initial_tension_N": frame["nominal_tension_N"],
-            "pulley_speed_rad_s": frame["pulley_speed_rad_s"],
-            "mu": frame["mu_sliding"] * 1.01,
-            "normal_force_N_m": frame["normal_force_N_m"],
-            "status": "ok",
-        }
-    )
-    assert beltid.compare(friction, table).result.overall.rms == pytest.approx(0.01, rel=1e-9)
-
-
-def test_wrong_arguments_of_the_drive_and_of_a_comparison_are_named(
-    friction: Any, published: Any
-) -> None:
-    drive = {"drive": {"initial_tension_N": [300]}}
-    law = beltid.NormalLaw(6.5e7, 3.0256e11)
-    for surface, normal, said in (
-        ("surface.parquet", law, "surface = str, must be a FrictionSurface"),
-        (friction, law, "surface = result of kind friction, must be a FrictionSurface"),
-        (0.8, 6.5e7, "law = float, must be a NormalLaw"),
-    ):
-        with pytest.raises(beltid.InputError, match=said):
-            beltid.simulate_drive(drive, surface, normal)
-    for pair, argument in (((friction, None), "simulated"), ((None, friction), "friction")):
-        with pytest.raises(beltid.InputError, match=f"^{argument}: is a NoneType, must be a Data"):
-            beltid.compare(*pair)
-    for pair, argument in (
-        ((friction, published), "simulated"),
-        ((published, friction), "friction"),
-    ):
-        with pytest.raises(beltid.InputError, match=f"^{argument} is a surface table, a friction"):
-            beltid.compare(*pair)
-
-
 def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Path) -> None:
-    shown = friction._repr_html_()
-    assert "friction: 20 rows" in shown
-    assert shown.count("<tr") < 20  # a notebook gets a table that it can show
     assert friction.plot().axes[0].get_xlabel()
     with pytest.raises(beltid.InputError, match="figure = nothing, must be one of: "):
         friction.plot("nothing")
@@ -210,24 +133,8 @@ def test_results_behave_like_tables(friction: Any, published: Any, tmp_path: Pat
     assert surface == published.result.surface
     with pytest.raises(beltid.InputError, match="already exists"):
         friction.save(path)
-    table = pd.read_csv(friction.save(tmp_path / "friction.csv", origin="synthetic"))
-    assert np.allclose(table["mu_sliding"], friction.to_frame()["mu_sliding"])
-    assert set(table["origin"]) == {"synthetic"}
-    with pytest.raises(beltid.InputError, match=r"must end in .parquet or .csv"):
+    with pytest.raises(beltid.InputError, match=r"must end in \.parquet"):
         friction.save(tmp_path / "friction.xlsx")
-
-
-def test_recordings_of_any_format_are_read_into_tables(rig: pd.DataFrame, tmp_path: Path) -> None:
-    path = tmp_path / "rig.parquet"
-    rig.to_parquet(path)
-    read = beltid.read_rig(path)
-    assert list(read.columns) == RIG_COLUMNS
-    assert np.array_equal(read["tension_tight_N"], rig["tension_tight_N"])
-    assert set(beltid.read_speedloss(DATA / "speedloss.csv")["run"]) >= {"S01"}
-    odd = tmp_path / "press.csv"
-    odd.write_text("test;time_s;displacement_mm;Kraft [kN]\n" + "P1;0,5;0,1;0,25\n" * 3)
-    force = beltid.read_press(odd, {"columns": {"press": {"force_N": "Kraft [kN]"}}})["force_N"]
-    assert force.tolist() == [250.0] * 3
 
 
 def test_functions_take_what_the_others_return() -> None:
@@ -269,24 +176,16 @@ def simulated(surface: Any = 0.5, law: Any = LAW, **changed: Any) -> Any:
     [
         (lambda: simulated(law=None), ["law = None"]),
         (lambda: beltid.simulate_campaign(None, 0.5, "soft"), ["law = str"]),
-        (lambda: beltid.refine_surface(pd.DataFrame({"mu": [1.0]}), None), ["law = None"]),
         (lambda: simulated(arc_deg=400), ["arc_deg = 400", "360 °"]),
-        (lambda: simulated(arc_deg="wide"), ["arc_deg = 'wide'", "number"]),
         (
             lambda: simulated(arc_deg=0, initial_tension_N=math.nan, pulley_speed_rad_s=None),
             ["arc_deg = 0", "initial_tension_N = nan", "pulley_speed_rad_s = None"],
         ),
-        (lambda: simulated(initial_tension_N=np.float64(-1.0)), ["initial_tension_N = -1,"]),
         (lambda: simulated(-0.5), ["surface = -0.5"]),
-        (lambda: simulated("steep"), ["surface = str"]),
         (lambda: simulated(True), ["surface = bool"]),
         (lambda: simulated(method="fast"), ["method = 'fast'"]),
         (lambda: simulated(elements=7), ["elements = 7", "even"]),
-        (lambda: simulated(elements="many"), ["elements = 'many'", "even"]),
         (lambda: GRID.mu("a", 1), ["normal_force_N_m"]),
-        (lambda: GRID.gradient(1, "a"), ["slip_speed_m_s"]),
-        (lambda: GRID.covers(None, {}), ["slip_speed_m_s"]),
-        (lambda: GRID.mu_se_at([1, [2]], 1), ["normal_force_N_m"]),
         (lambda: GRID.mu([1.0, 2.0], [1.0, 2.0, 3.0]), ["(2,)", "(3,)"]),
         (
             lambda: beltid.FrictionSurface([2.0, 1.0], [0.01], [[1.0], [1.0]]),
@@ -302,9 +201,3 @@ def test_a_wrong_argument_is_named_in_the_words_and_units_of_the_call(
         call()
     assert all(words in str(caught.value) for words in named), str(caught.value)
     assert "float64" not in str(caught.value)
-
-
-def test_an_artifact_in_the_place_of_a_law_file_is_named(friction: Any, tmp_path: Path) -> None:
-    path = friction.save(tmp_path / "friction.parquet")
-    with pytest.raises(beltid.ArtifactError, match="is a friction artifact, part of a contact law"):
-        beltid.load_law(path)

@@ -30,10 +30,8 @@ from beltid.stages.about import wrong_recordings
 from beltid.stages.page_mark import (
     NAME,
     OnPage,
-    config_of,
     links_to,
     made_from,
-    reported_in,
     up_to_date,
 )
 from beltid.stages.workers import available_cores, threads
@@ -55,10 +53,7 @@ COLUMNS: Final = (
 
 
 def config_sources(paths: Sequence[Path], explicit: Path | None = None) -> list[ConfigSource]:
-    """Load the configs of a batch, one per belt, and that of ``--config``.
-
-    All their problems are raised at once as a ConfigError, with missing recordings and equal names.
-    """
+    """Load the configs of a batch, one per belt, and that of ``--config``."""
     named = [(path, str(path)) for path in paths]
     if explicit is not None:
         named.append((explicit, f"{explicit} (--config)"))
@@ -94,11 +89,7 @@ def run_batch(
     force: bool = False,
     report: bool = True,
 ) -> Summary:
-    """Run the chain of every belt and summarize the batch; a belt that fails stops no other.
-
-    Each belt has a folder in `folder`. `jobs` cores are used, by default all; `scheduler` is the
-    address of a Dask cluster that simulates instead. `force` computes again what is up to date.
-    """
+    """Run the chain of every belt and summarize the batch; a belt that fails stops no other."""
     if scheduler:
         ended = _on_cluster(sources, folder, scheduler, force, report)
     else:
@@ -162,18 +153,12 @@ def _on_cluster(
 def _compare_on_page(
     belts: Sequence[Belt], sources: Sequence[ConfigSource], folder: Path, force: bool
 ) -> None:
-    """Write the page that compares the belts, and those of earlier batches in the folder."""
+    """Write the page that compares the belts."""
     shown = {
         folder / belt.name: OnPage(folder / belt.name, source.config, belt.made, belt.failures)
         for belt, source in zip(belts, sources, strict=True)
         if belt.states.get(REPORT, FAILED) != FAILED
     }
-    if not shown:
-        return
-    ours, in_batch = list(shown), {folder / source.name for source in sources}
-    for place in reported_in(folder):
-        if place not in in_batch:
-            shown[place] = OnPage(place, config_of(place))
     if len(shown) < 2:
         return
     on_page, page = [shown[place] for place in sorted(shown)], folder / NAME
@@ -184,7 +169,7 @@ def _compare_on_page(
             of_belts(on_page, page, force=force)
         log.info("%s: comparison of the belts: %s", REPORT, page)
     except BeltidError as error:
-        next(belt for belt in belts if folder / belt.name == ours[-1]).failed(REPORT, error)
+        next(belt for belt in belts if folder / belt.name == [*shown][-1]).failed(REPORT, error)
 
 
 def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
@@ -217,10 +202,7 @@ def _summary(belts: Sequence[Belt], folder: Path) -> Summary:
 
 
 def _row(belt: Belt) -> dict[str, Any]:
-    """Return the law, friction, agreement and status of a belt, and everything else that is known.
-
-    Its origin is "synthetic" if any data are, "measured" if all are.
-    """
+    """Return the law, friction, agreement and status of a belt, and all else that is known."""
     row: dict[str, Any] = {"belt": belt.name}
     for column, step, fact in COLUMNS:
         facts = belt.facts.get(step, {})

@@ -196,7 +196,7 @@ def show(artifact: Path, *, figure: str | None = None, common: Common) -> None:
     Parameters
     ----------
     artifact : ARTIFACT
-        A .parquet file that beltid wrote, or a law file (.json).
+        A .parquet file that beltid wrote.
     figure : NAME
         Which figure --out writes, if there are several.
 
@@ -319,7 +319,6 @@ def config_check(configs: list[Path], *, common: Common) -> None:
     """Check configs as run does: keys, values, recordings that are missing or empty.
 
     Reports all problems at once, with file, line and column. Exit status 2 if there are any.
-    A recording that cannot be read as the config states is a warning.
 
     Parameters
     ----------

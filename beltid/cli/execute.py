@@ -7,13 +7,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import typer
 
 from beltid.cli.messages import Terminal, console_for
-from beltid.cli.process import if_stopped, mute, stdout_message
+from beltid.cli.process import if_stopped, mute
 from beltid.cli.program import Common
 from beltid.errors import EXIT_INPUT, BeltidError, InputError, printable
 from beltid.notes import heard_by, log, python_warnings
@@ -47,17 +46,13 @@ def print_text(work: Callable[[], str], common: Common, endings: tuple[str, ...]
             with _stdout():
                 print(text, end="", flush=True)
         else:
-            _write(text, out, endings, force=common.force)
+            from beltid.store.disk import write_text
+            from beltid.store.place import anyone_s, check_place
+
+            check_place(out, endings, anyone_s, force=common.force)
+            write_text(out, text)
             log.info("%s written", out)
     raise typer.Exit
-
-
-def _write(text: str, out: Path, endings: tuple[str, ...], *, force: bool) -> None:
-    from beltid.store.disk import write_text
-    from beltid.store.place import anyone_s, check_place
-
-    check_place(out, endings, anyone_s, force=force)
-    write_text(out, text)
 
 
 @contextmanager
@@ -70,7 +65,7 @@ def _stdout() -> Iterator[None]:
         raise typer.Exit from None
     except OSError as error:
         mute("stdout")
-        raise BeltidError(stdout_message(error)) from None
+        raise BeltidError(f"stdout: {error.strerror or error}") from None
 
 
 @contextmanager

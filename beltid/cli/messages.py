@@ -37,13 +37,7 @@ def console_for(stream: str) -> Console:
 
 
 class Terminal(logging.Handler):
-    """Handler on stderr: lines, and the progress of long tasks.
-
-    Parameters
-    ----------
-    quiet, verbose : bool
-        Print warnings and errors only; print details too.
-    """
+    """Handler on stderr: lines, and the progress of long tasks."""
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
         level = logging.DEBUG if verbose else logging.INFO

@@ -28,10 +28,7 @@ _kept: list[str] = []
 
 
 def one_thread_each() -> None:
-    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers.
-
-    The calls already use all cores, and small matrices take longer on several than on one.
-    """
+    """Limit linear algebra to one thread, here (if not yet loaded) and in the workers."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
@@ -92,8 +89,3 @@ def mute(name: str) -> None:
     """Redirect a broken output stream to the null device, so that flushing at exit cannot fail."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
-
-
-def stdout_message(error: OSError) -> str:
-    """Return the message for an error of stdout."""
-    return f"stdout: {error.strerror or error}"

@@ -73,7 +73,7 @@ def show_version(context: typer.Context, wanted: bool) -> None:
     raise typer.Exit
 
 
-VERSION: Final = "Show the version and exit; with -v, those of all libraries, and the environment."
+VERSION: Final = "Show the version and exit; with -v, those of all libraries."
 Version = Annotated[bool, typer.Option("--version", callback=show_version, help=VERSION)]
 
 

@@ -150,10 +150,7 @@ def _candidates(recording_path: str | Path) -> Iterator[Path]:
 def effective_values(
     values: Section | Mapping[str, Any], above: KeyPath = ()
 ) -> Iterator[tuple[KeyPath, Any, bool]]:
-    """Yield the path of every key of a config, its value, and whether it is stated, in order.
-
-    Of the layout of files (`columns`, `units`, `runs`), only what is stated.
-    """
+    """Yield the path of every key of a config, its value, and whether it is stated, in order."""
     stated = values.model_fields_set if isinstance(values, Section) else values
     for name, value in dict(values).items():
         path = (*above, name)

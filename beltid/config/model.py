@@ -383,10 +383,7 @@ class Config(Section):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of all that can change a result, independent of the formatting of the file.
-
-        The place of a recording does not matter; its content has a separate hash.
-        """
+        """SHA-256 of all that can change a result, independent of the formatting of the file."""
         values = self.model_dump(mode="json", exclude={"data"})
         text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Versions, the settings of a config, and whether the recordings that it names can be read."""
+"""Versions, the settings of a config, and whether the recordings that it names exist."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 
 from beltid.bench.files import exists, sources_of
 from beltid.config import Config, ConfigSource, load_config
-from beltid.config.loading import ENVIRONMENT_VARIABLE, effective_values
+from beltid.config.loading import effective_values
 from beltid.config.source import KeyPath, format_path, read_source
 from beltid.errors import ConfigError, InputError
 from beltid.report.summary import Summary
@@ -22,9 +22,6 @@ from beltid.store.disk import source_sha256
 LIBRARIES: Final = (
     *("numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic", "rich", "ruamel.yaml", "typer"),
     *("matplotlib", "jinja2", "nptdms", "asammdf", "h5py", "openpyxl", "distributed"),
-)
-VARIABLES: Final = (
-    *(ENVIRONMENT_VARIABLE, "DASK_SCHEDULER_ADDRESS", "NO_COLOR", "COLUMNS", "NUMBA_CACHE_DIR"),
 )
 
 WITHOUT: Final = {
@@ -37,7 +34,7 @@ WITHOUT: Final = {
 
 
 def program() -> Summary:
-    """Summarise the installation, for a bug report: program, Python, libraries, environment."""
+    """Summarise the installation, for a bug report: program, Python, libraries."""
     return Summary(
         stage="version",
         title="",
@@ -49,11 +46,6 @@ def program() -> Summary:
             "processors": os.cpu_count(),
         },
         table=[{"library": name, "version": _version(name)} for name in LIBRARIES],
-        extra_tables={
-            "environment": [
-                {"variable": name, "value": os.environ.get(name, "not set")} for name in VARIABLES
-            ]
-        },
     )
 
 
@@ -86,7 +78,7 @@ def config_values(source: ConfigSource, *, complete: bool) -> Summary:
 
 
 def check_configs(paths: Sequence[Path]) -> Summary:
-    """Check configs, and whether the recordings they name exist and can be read."""
+    """Check configs, and whether the recordings they name exist."""
     problems, warnings, rows = list[str](), list[str](), []
     for path in paths:
         try:
@@ -94,10 +86,7 @@ def check_configs(paths: Sequence[Path]) -> Summary:
         except ConfigError as error:
             problems += error.problems
             continue
-        wrong = wrong_recordings(ConfigSource(config, str(path), path))
-        problems += wrong
-        unread = () if wrong else unread_recordings(config)
-        warnings += [f"{path}: cannot be read with these settings: {line}" for line in unread]
+        problems += wrong_recordings(ConfigSource(config, str(path), path))
         warnings += [f"{path}: {WITHOUT[kind]}" for kind in lacking(config)]
         recordings = ", ".join(config.data.files)
         rows.append({"config": str(path), "belt": config.belt.name, "recordings": recordings})
@@ -117,10 +106,7 @@ def lacking(config: Config) -> list[str]:
 
 
 def wrong_recordings(source: ConfigSource) -> list[str]:
-    """Return problems of the recordings that a config names, each with its line in the config.
-
-    Folders, patterns and zip files are opened in the same way as by the stage that reads them.
-    """
+    """Return problems of the recordings that a config names, each with its line in the config."""
     data, tables = source.config.data.files, source.config.run_tables
     problems: list[str] = []
     if not data:
@@ -131,19 +117,6 @@ def wrong_recordings(source: ConfigSource) -> list[str]:
     for keys, file in named.items():
         place = f"{_place(source, keys)}{format_path(keys)}"
         problems += [f"{place} = {line}" for line in _file_problems(file, tables.values())]
-    return problems
-
-
-def unread_recordings(config: Config) -> list[str]:
-    """Return why named recordings cannot be read."""
-    from beltid.bench.recording import read_recording
-
-    problems: list[str] = []
-    for kind, file in config.data.files.items():
-        try:
-            read_recording(file, kind, config)
-        except InputError as error:
-            problems += error.problems
     return problems
 
 

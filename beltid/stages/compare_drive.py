@@ -108,10 +108,7 @@ def _predicted_rows(slip: Any, drive: Any) -> np.ndarray:
 
 
 def _ratio_at_idle(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the driver's speed over that of each pulley at idle.
-
-    It refers the loss of a pulley to the driver, as the bench measures it.
-    """
+    """Return the driver's speed over that of each pulley at idle."""
     at_idle = np.abs(columns["speed_rad_s"]) + columns["speed_loss_rad_s"]
     return _over(np.abs(columns["driver_speed_rad_s"]), np.where(at_idle > 0.0, at_idle, 0.0))
 

@@ -79,11 +79,7 @@ def _joined(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 
 
 def samples_of_runs(friction: Mapping[str, np.ndarray]) -> dict[str, int]:
-    """Return the runs to keep, and the maximum number of samples of each.
-
-    The typical run of every arc comes first, then runs that were set aside: these are shown one by
-    one. All others keep as many samples as a gallery of small pictures shows.
-    """
+    """Return the runs to keep, and the maximum number of samples of each."""
     labels = friction["run"]
     aside = np.flatnonzero(friction["status"] != "ok")[:MOST_SET_ASIDE].tolist()
     detailed = [str(labels[row]) for row in (*typical_runs(friction), *aside)]
@@ -110,10 +106,7 @@ def _thinned_run(record: RunRecord, most: int) -> dict[str, np.ndarray]:
 
 
 def typical_runs(friction: Mapping[str, np.ndarray]) -> tuple[int, ...]:
-    """Return the rows of the runs nearest to the median settings of every arc, in order of arcs.
-
-    Many arcs are grouped into `MOST_ARCS` classes with one run each.
-    """
+    """Return the rows of the runs nearest to the median settings of every arc, in order of arcs."""
     good = friction["status"] == "ok"
     tension, speed = (
         np.log(friction[name], where=good & (friction[name] > 0.0), out=np.full(good.size, np.nan))

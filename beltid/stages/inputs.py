@@ -20,7 +20,7 @@ from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.stage import Outcome
 from beltid.stages.columns import at
-from beltid.store.artifact import Artifact, read_artifact, stated_kind
+from beltid.store.artifact import Artifact, read_artifact
 from beltid.store.disk import read_bytes
 from beltid.store.together import refuse_misfits
 from beltid.tables import schemas
@@ -51,14 +51,8 @@ def load_law(path: str | Path) -> ContactLaw:
     ArtifactError
         If the file is missing, damaged, changed by hand, or no contact law.
     """
-    try:
-        return law_from_text(read_bytes(Path(path), ArtifactError).decode("utf-8"), str(path))
-    except UnicodeDecodeError:
-        kind = stated_kind(Path(path))
-    what = f"a {kind} artifact, part of a contact law" if kind else "not a contact law"
-    raise ArtifactError(
-        f"{path}: is {what}; name the folder of a belt's results, such as runs/5pk, or a law file"
-    )
+    text = read_bytes(Path(path), ArtifactError).decode("utf-8", "replace")
+    return law_from_text(text, str(path))
 
 
 def load_surface(source: str | Path | Outcome[Any]) -> FrictionSurface:
@@ -215,13 +209,7 @@ def friction_in(folder: Path) -> Artifact | None:
 
 
 def friction_of(surface: Artifact) -> Artifact | None:
-    """Return the friction artifact beside a surface that was made from it; None if there is none.
-
-    Raises
-    ------
-    ArtifactError
-        If that of the same recording is another one.
-    """
+    """Return the friction artifact beside a surface made from it; None if there is none."""
     friction = friction_in(surface.path.parent)
     if friction is None:
         return None

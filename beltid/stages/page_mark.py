@@ -118,14 +118,6 @@ def up_to_date(out: Path, mark: str, *, force: bool) -> bool:
     return text == body + SEAL.format(sha256(body)).encode()
 
 
-def reported_in(folder: Path) -> list[Path]:
-    """Return the subfolders that hold the report of a belt, from this call or an earlier one.
-
-    The page that compares belts thus keeps those of earlier calls.
-    """
-    return [page.parent for page in sorted(folder.glob(f"*/{NAME}")) if mark_of(page)]
-
-
 def config_of(folder: Path) -> Config | None:
     """Return the config found for a folder if its results were made with it, else None."""
     with contextlib.suppress(ConfigError):

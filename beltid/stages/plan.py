@@ -60,10 +60,7 @@ class PlannedRuns:
 def planned(
     surface: Any, law: Any, config: Config, friction: Any, runs: int, goal_u: float
 ) -> Outcome[PlannedRuns]:
-    """Plan from what is known: the surface, the law, the noise of reduced runs.
-
-    The settings of the rig are those of these runs, else of those that the surface was made from.
-    """
+    """Plan from what is known: the surface, the law, the noise of reduced runs."""
     _check(runs, goal_u)
     noise_of = set_by = None if friction is None else friction_columns(friction, NEEDED)
     if set_by is None and isinstance(surface, Artifact):
@@ -181,11 +178,7 @@ def _check(runs: int, goal_u: float) -> None:
 
 
 def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, list[str]]:
-    """Return the possible settings of the rig, and a note on those that are assumed.
-
-    Each list is that of the section plan, else that stated under rig, else that of the runs, else
-    the built-in one.
-    """
+    """Return the possible settings of the rig, and a note on those that are assumed."""
     measured = None
     if friction is not None and all(name in friction for name in KEYS):
         measured = measured_settings(friction, config)
@@ -195,7 +188,7 @@ def _rig_settings(config: Config, friction: Columns | None) -> tuple[Settings, l
     fallbacks = [_thinned(values) for values in setting_lists(config, measured)]
     assumed = [
         f"{key}: {', '.join(f'{value:g}' for value in values)}"
-        for (key, _), of_plan, values in zip(KEYS.values(), stated, fallbacks, strict=True)
+        for key, of_plan, values in zip(KEYS.values(), stated, fallbacks, strict=True)
         if not of_plan and measured is None and key not in config.rig.model_fields_set
     ]
     notes = [f"the possible settings of the rig are not stated, assumed: {'; '.join(assumed)}"]
@@ -246,10 +239,7 @@ def _noise(
 def _session_rows(
     plan: Plan, settings: Settings, candidates: Candidates, config: Config, based_on: str
 ) -> list[dict[str, Any]]:
-    """Return a row per run in the order of the session.
-
-    A run that the plan requires, for its arc or as a repetition, may have no gain of its own.
-    """
+    """Return a row per run in the order of the session."""
     ways = [(p.beta, p.T_0, way * p.omega) for way in (1.0, -1.0) for p in settings.points()]
     section, measured = config.plan, candidates.measured
     session = schedule(plan.chosen, ways, section.minutes_per_run, section.minutes_per_arc_change)
@@ -277,11 +267,7 @@ def _session_rows(
 
 
 def _size(source: Source) -> str:
-    """Format the standard uncertainty of a source; one known only from the data has no figure.
-
-    The scatter of the press and the shared errors of the reduction are known by their contribution
-    only: they are directions of a covariance, not errors of a quantity with a unit.
-    """
+    """Format the standard uncertainty of a source; one known only from the data has no figure."""
     if source.basis == FITTED and source.error not in EFFECT_SOURCES:
         return "by the data"
     return f"{source.shown:.3g} {source.unit}"

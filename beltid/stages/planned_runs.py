@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from beltid.config import Config
 
 KEYS: Final = {
-    "arc_deg": ("arcs_deg", "°"),
-    "nominal_tension_N": ("initial_tensions_N", "N"),
-    "pulley_speed_rad_s": ("pulley_speeds_rad_s", "rad/s"),
+    "arc_deg": "arcs_deg",
+    "nominal_tension_N": "initial_tensions_N",
+    "pulley_speed_rad_s": "pulley_speeds_rad_s",
 }
-"""Column of a setting in the friction table -> its list in the section `rig`, and its unit."""
+"""Column of a setting in the friction table -> its list in the section `rig`."""
 OPTIONS: Final = ("--arc", "--tension", "--speed")
-SHOWN_VALUES: Final = 12
 ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
@@ -68,7 +67,7 @@ def planned_runs(
     lists = setting_lists(config, measured)
     settings = list(product(*lists)) if measured is None else _at_measured(lists, measured)
     if not settings:
-        keys = ", ".join(f"rig.{key}" for key, _ in KEYS.values())
+        keys = ", ".join(f"rig.{key}" for key in KEYS.values())
         raise InputError(
             f"no usable run has an arc, a tension at rest and a speed; state the settings to "
             f"simulate: {keys}"
@@ -80,7 +79,8 @@ def planned_runs(
         known = np.array(of)
         near = [known[_is_same_setting(known, [value], gap)].tolist() for value in values]
         problems += [
-            f"{option} = {value:g}, must be one of those of the campaign: {_listed(known)}"
+            f"{option} = {value:g}, must be one of those of the campaign: "
+            + listed([f"{setting:.4g}" for setting in of])
             for value, found in zip(values, near, strict=True)
             if not found
         ]
@@ -160,31 +160,6 @@ def _setting(values: np.ndarray) -> float:
     return next(value for value in rounded if abs(value - middle) <= error)
 
 
-def differing_settings(config: Config, measured: np.ndarray | None) -> list[str]:
-    """Report settings of the config that differ from the measured ones, with both lists."""
-    lines = []
-    for k, (name, (key, unit)) in enumerate(KEYS.items()):
-        if measured is None or not measured.size or key not in config.rig.model_fields_set:
-            continue
-        stated, occurring, gap = (
-            np.array(getattr(config.rig, key)),
-            np.unique(measured[:, k]),
-            SAME_SETTING[name],
-        )
-        alike = _is_same_setting(occurring, stated, gap), _is_same_setting(stated, occurring, gap)
-        if not (alike[0].all() and alike[1].all()):
-            lines.append(
-                f"rig.{key}: the config states {_listed(stated)} {unit}, measured are "
-                f"{_listed(occurring)} {unit}; the stated ones are simulated (without the key, the "
-                "measured ones)"
-            )
-    return lines
-
-
-def _listed(values: np.ndarray) -> str:
-    return listed([f"{value:.4g}" for value in values], SHOWN_VALUES)
-
-
 def _is_same_setting(
     values: np.ndarray, others: Sequence[float] | np.ndarray, gap: float
 ) -> np.ndarray:
@@ -193,14 +168,11 @@ def _is_same_setting(
 
 
 def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[float]]:
-    """Return arcs, tensions and speeds: those stated, else those measured, else the defaults.
-
-    A stated setting is replaced by the values measured at it.
-    """
+    """Return arcs, tensions and speeds: those stated, else those measured, else the defaults."""
     if measured is None:
-        return [list(getattr(config.rig, key)) for key, _ in KEYS.values()]
+        return [list(getattr(config.rig, key)) for key in KEYS.values()]
     lists = []
-    for k, (name, (key, _)) in enumerate(KEYS.items()):
+    for k, (name, key) in enumerate(KEYS.items()):
         occurring = np.unique(measured[:, k])
         values = occurring.tolist()
         if key in config.rig.model_fields_set:

@@ -171,7 +171,6 @@ def refined(
             "the surface covers all forces within the contacts of the runs, peaks included; beyond "
             "the mean forces of the runs it is inferred from them",
             *_unclear(result.effects),
-            *_bending_stiffness(found),
             *guided_weight(config, measured.points),
             *notes,
         ),
@@ -185,10 +184,7 @@ def prepared_campaign(
     config: Config,
     chosen: Mapping[str, str | None],
 ) -> tuple[Campaign, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-    """Return the campaign with its initial surface, its speeds, its rows, and the runs set aside.
-
-    `chosen` selects condition and side of the belt if the runs were made under several.
-    """
+    """Return the campaign with its initial surface, speeds, rows, and the runs set aside."""
     rig = rig_of_runs(columns, config)
     good, set_aside = usable_runs(columns, rig)
     good = rows_of_one(columns, good, chosen)
@@ -228,10 +224,7 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
 def usable_runs(
     columns: Mapping[str, np.ndarray], rig: Rig
 ) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Return the usable rows, and the others with the reason.
-
-    The tension at rest is required unless a given force stays constant while the pulley turns.
-    """
+    """Return the usable rows, and the others with the reason."""
     needed = (*PUBLISHED, *(("initial_tension_N",) if rig.given_force == "none" else ()))
     status = columns.get("status", np.full(len(columns["run"]), "ok", dtype=object))
     why = np.where(status == "ok", "", status).astype(object)
@@ -246,11 +239,7 @@ def usable_runs(
 
 
 def _speeds(published: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the speeds of the refined surface [m/s]: the published ones and those left out there.
-
-    The published surface requires a common range of forces, which a speed with few runs may not
-    share. Here the runs of such a speed define its level, and the neighbouring speeds its shape.
-    """
+    """Return the speeds of the refined surface [m/s]: those published, and those left out there."""
     far = v[np.abs(np.log(v[:, None] / published)).min(axis=1) > SPEED_GAP]
     if far.size == 0:
         return published
@@ -351,15 +340,3 @@ def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
             f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
             "nearly as well: it is not claimed; make the runs in random order"
         )
-
-
-def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
-    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
-    EI = found.campaign.bench.belt.EI
-    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
-        if source.error == "bending_stiffness":
-            yield (
-                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
-                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
-                f"{100 * source.size * sd:.2g} %; the surface was found with the first value"
-            )

@@ -44,10 +44,7 @@ from beltid.store.together import misfits, refuse_misfits
 def run(
     folders: Sequence[Path], out: Path | None, config: Path | None = None, *, force: bool = False
 ) -> Summary:
-    """Write the report of every belt, and for several belts a page `out` that compares them.
-
-    The config names the recordings of a belt, for its figures over time.
-    """
+    """Write the report of every belt, and for several belts a page `out` that compares them."""
     source = find_config(None, config) if config else None
     for folder in folders:
         if not folder.is_dir():

@@ -34,7 +34,6 @@ from beltid.stages.inputs import (
 from beltid.stages.planned_runs import (
     KEYS,
     PlannedRun,
-    differing_settings,
     measured_settings,
     planned_runs,
     refuse_running,
@@ -49,13 +48,8 @@ from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 if TYPE_CHECKING:
     import pandas as pd
 
-OF_SOLVER: Final = (
-    *("elements", "steps", "newton_iterations", "status_changes"),
-    *("halvings", "residual", "slip_m", "cone"),
-)
 STATE: Final = ("tension_tight_N", "tension_slack_N", "mu", "normal_force_N_m")
 """The sliding state of a run."""
-SHOWN_FAILURES: Final = 20
 PER_CALL: Final = 24
 """Number of runs whose uncertainty a worker computes in one call."""
 REST_SAMPLES: Final = 10
@@ -111,19 +105,13 @@ def simulated(
     settings = simulation_settings(config, method)
     measured = None if friction is None else measured_settings(friction.columns, config)
     runs = planned_runs(config, measured, picked)
-    differing = differing_settings(config, measured)
-    for line in differing:
-        log.warning("%s", line)
-    stated = differing or measured is None or not measured.size
-    origin = "as the config states" if stated else "at the settings measured"
-    log.info("%s, %s, %s", counted(len(runs), "run"), settings.method, origin)
+    log.info("%s, %s", counted(len(runs), "run"), settings.method)
     press = press_law(law, config)
     campaign = simulate(bench_of(config, surface, press.law), runs, settings, workers)
     failed = campaign.failures
     failures = [f"run {run.label}: {line}" for run, e in failed for line in e.problems]
     if not campaign.finished:
-        more = failures[SHOWN_FAILURES:] and [f"and {len(failures) - SHOWN_FAILURES} more"]
-        raise NumericsError([*failures[:SHOWN_FAILURES], *more])
+        raise NumericsError(failures)
     stored = getattr(surface, "facts", {}).get("uncertainty") or {}
     uncertainty, notes = _uncertainty(campaign, config, press, stored, settings.elements, workers)
     runs, results = zip(*campaign.finished, strict=True)
@@ -152,19 +140,7 @@ def simulated(
             "lookups": points,
             **({"uncertainty": uncertainty.extra()} if uncertainty else {}),
         },
-        tables={
-            "simulated_runs": rows,
-            "solver": [
-                {
-                    "run": run.label,
-                    **{name: getattr(record, name) for name in OF_SOLVER},
-                    "clamped_lookups_percent": (
-                        100.0 * record.clamped_lookups / max(record.lookups, 1)
-                    ),
-                }
-                for run, record in zip(runs, records, strict=True)
-            ],
-        },
+        tables={"simulated_runs": rows},
         validity={name: span([getattr(run, name) for run in runs]) for name in names},
         set_aside=[{"run": run.label, "why": "; ".join(e.problems)} for run, e in failed],
         notes=tuple(notes),
@@ -255,11 +231,7 @@ def recording_columns(
 
 
 def _two_levels(run: PlannedRun, result: RunResult, config: Config) -> dict[str, np.ndarray]:
-    """Return a recording with two levels, at rest and sliding, for a known sliding limit.
-
-    The sliding limit thus passes the same reduction as any recording. It has no build-up, and
-    therefore no sticking peak.
-    """
+    """Return a recording with two levels, at rest and sliding, for a known sliding limit."""
     omega, T_0, n = run.pulley_speed_rad_s, run.initial_tension_N, REST_SAMPLES + SLIDING_SAMPLES
     turning = np.arange(n) >= REST_SAMPLES
     return {
@@ -307,26 +279,14 @@ class SimulatedRun:
     result: RunResult
     """All results of the simulation as plain arrays."""
     config: Config
-
-    @property
-    def tension_tight_N(self) -> float:
-        """Support force of the tight span while sliding [N]."""
-        return float(self.result.tension_tight_N)
-
-    @property
-    def tension_slack_N(self) -> float:
-        """Support force of the slack span while sliding [N]."""
-        return float(self.result.tension_slack_N)
-
-    @property
-    def mu(self) -> float:
-        """Friction coefficient by Eq. (6) from these tensions [-]."""
-        return self.result.mu
-
-    @property
-    def normal_force_N_m(self) -> float:
-        """Mean normal force per length by Eq. (8) [N/m]."""
-        return self.result.normal_force_N_m
+    tension_tight_N: float
+    """Support force of the tight span while sliding [N]."""
+    tension_slack_N: float
+    """Support force of the slack span while sliding [N]."""
+    mu: float
+    """Friction coefficient by Eq. (6) from these tensions [-]."""
+    normal_force_N_m: float
+    """Mean normal force per length by Eq. (8) [N/m]."""
 
     @property
     def recording(self) -> pd.DataFrame | None:
@@ -407,7 +367,8 @@ def simulate_rig(
     (result,) = simulate(bench_of(model, surface, law), [run], settings, Workers()).results
     if isinstance(result, BeltidError):
         raise result
-    return SimulatedRun(run, result, model)
+    state = {name: float(getattr(result, name)) for name in STATE}
+    return SimulatedRun(run, result, model, **state)
 
 
 def _checked_run(arc_deg: Any, initial_tension_N: Any, pulley_speed_rad_s: Any) -> PlannedRun:

@@ -10,7 +10,6 @@ from beltid.report.charts import NO_DATES, pictures_of, saved
 from beltid.report.results import sheet_of
 from beltid.report.summary import Summary, csv_bytes
 from beltid.report.view import shown_of
-from beltid.stages.inputs import load_law
 from beltid.store.artifact import read_artifact
 from beltid.store.disk import write_bytes
 from beltid.store.place import anyone_s, check_place
@@ -20,11 +19,7 @@ FIGURES: Final = tuple(f".{kind}" for kind in NO_DATES)
 
 
 def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) -> Summary:
-    """Show an artifact or a law file."""
-    if path.suffix == ".json":
-        if out is not None or name is not None:
-            raise InputError(f"{path}: a law file; --out and --figure need an artifact (.parquet)")
-        return _law_file(path)
+    """Show an artifact."""
     artifact = read_artifact(path)
     figures = ", ".join(FIGURES)
     if out is not None:
@@ -45,27 +40,3 @@ def run(path: Path, out: Path | None, name: str | None, *, force: bool = False) 
         raise InputError(f"{path}: {wrong}")
     write_bytes(out, saved(chosen.figure, out.suffix[1:].lower()))
     return Summary("show", "", out, origin=artifact.origin)
-
-
-def _law_file(path: Path) -> Summary:
-    """Summarise a law file: what it holds, where it is valid, what it was made from."""
-    law = load_law(path)
-    return Summary(
-        "show",
-        f"{path}: contact law of the belt {law.belt.name}",
-        facts={
-            "kind": law.format,
-            "version": law.version,
-            "belt": law.belt.type or law.belt.name,
-            "method": law.friction.method,
-            "written_by": law.provenance.software,
-            "config": law.provenance.config,
-            **{f"valid {name}": span for name, span in law.validity.model_dump().items() if span},
-        },
-        table=[
-            {"made from": name, "sha256": sha}
-            for name, sha in {**law.provenance.artifacts, **law.provenance.recordings}.items()
-        ],
-        notes=law.provenance.notes,
-        origin=law.origin,
-    )

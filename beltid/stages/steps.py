@@ -21,7 +21,6 @@ from beltid.stage import Outcome, stage
 ConfigLike = Any
 OF_RIG: Final = ("belt", "rig", "press", "contact", "simulation", "uncertainty")
 """Sections of the config that matter for every use of the simulated rig."""
-BENCH: Final = ("belt", "rig")
 
 
 @stage(
@@ -154,7 +153,6 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     makes="surface",
     reads={"friction": "friction"},
     uses=("friction", "rig", "belt", "uncertainty"),
-    bench=BENCH,
 )
 def build_surface(
     friction: Any,
@@ -202,7 +200,6 @@ def build_surface(
     file="surface_refined.parquet",
     reads={"friction": "friction", "law": "stiffness"},
     uses=(*OF_RIG, "friction"),
-    bench=BENCH,
 )
 def refine_surface(
     friction: Any,
@@ -229,8 +226,6 @@ def refine_surface(
         Use only runs on this surface.
     side : {"rib", "back"}, optional
         Use only runs of this side of the belt.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------
@@ -274,7 +269,6 @@ def _friction_beside(files: dict[str, Path]) -> dict[str, Path]:
     file=_campaign_file,
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction"),
-    bench=BENCH,
     guests=("friction",),
     finds=_friction_beside,
     fails_with=EXIT_NUMERICS,
@@ -318,8 +312,6 @@ def simulate_recording(
         Only runs with this pulley speed [rad/s], one of those measured; may be repeated.
     jobs : int, optional
         Runs simulated at the same time. Default: one per core.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------
@@ -414,8 +406,6 @@ def cross_validate(
         the config says under cross_validate, else arc.
     jobs : int, optional
         Surfaces refined at the same time. Default: one per core.
-    workers : Workers, optional
-        Run the heavy calls.
 
     Returns
     -------
@@ -445,7 +435,6 @@ def cross_validate(
     makes="drive",
     reads={"surface": "surface", "law": "stiffness", "slip": "slip"},
     uses=("belt", "drive", "rig", "press", "uncertainty"),
-    bench=("belt",),
 )
 def predict_drive(
     surface: Any, law: Any, config: ConfigLike = None, *, slip: Any = None
@@ -538,7 +527,6 @@ def _plan_bytes(outcome: Outcome[Any]) -> bytes:
     file="plan.csv",
     reads={"surface": "surface", "law": "stiffness", "friction": "friction"},
     uses=(*OF_RIG, "friction", "plan"),
-    bench=BENCH,
     guests=("friction",),
     writes=_plan_bytes,
 )

@@ -10,9 +10,7 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import BeltidError, InputError, counted
-from beltid.identify.surface.curves import SPEED_GAP
 from beltid.identify.surface.laws import fit_friction_laws
-from beltid.identify.surface.plateau_laws import fit_plateau_law
 from beltid.identify.surface.surface import SurfaceResult, build_surface
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.stage import Outcome
@@ -55,7 +53,6 @@ def published(
     stated = StandardUncertainties() if direct else standard_uncertainties(config)
     uncertainty = _uncertainty(measured, result, stated)
     formulas, notes = friction_formulas(surface, uncertainty.factor)
-    lines, warnings = ((), ()) if direct else _forces_of_plateaus(measured, config)
     ranges = columns["normal_force_N_m"][used], np.abs(columns["slip_speed_m_s"][used])
     facts, budget = said_of_surface(surface, columns, good, ranges, uncertainty)
     table = result.to_columns()
@@ -73,8 +70,8 @@ def published(
         tables={"budget": budget, "friction_formulas": formulas},
         validity=surface.validity,
         set_aside=[{"point": line} for line in result.set_aside],
-        notes=(*result.notes, *notes, *lines),
-        warnings=(*(f"set aside: {line}" for line in result.set_aside), *warnings),
+        notes=(*result.notes, *notes),
+        warnings=tuple(f"set aside: {line}" for line in result.set_aside),
     )
 
 
@@ -106,10 +103,7 @@ def said_of_surface(
     ranges: tuple[np.ndarray, np.ndarray],
     uncertainty: SurfaceUncertainty,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the facts that a published and a refined surface share, and the budget.
-
-    `rows` are the runs that were used, `ranges` their mean forces [N/m] and speeds [m/s].
-    """
+    """Return the facts that a published and a refined surface share, and the budget."""
     stated = {name: columns[name][rows[0]] for name in APART if name in columns}
     stated = {name: str(word) for name, word in stated.items() if word is not None}
     force, speed = (span(values) for values in ranges)
@@ -177,29 +171,3 @@ def _parameter(p: Any) -> str:
     unit = f" {p.unit}" if p.unit not in ("", "-") else ""
     error = f"{p.se:.2g}" if p.se is not None and np.isfinite(p.se) else "?"
     return f"{p.name} = {p.value:.5g} ± {error}{unit}"
-
-
-def _forces_of_plateaus(
-    measured: Measured, config: Config
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Fit a friction law to the single readings of a dead-weight rig; return notes and warnings.
-
-    A recording over time shows its scatter, with which the surface is built. A stated resolution
-    means that there are single readings only. The laws apply to a single sliding speed.
-    """
-    rig, speed = config.rig, measured.slip_speed
-    one_speed = float(speed.max()) <= (1.0 + SPEED_GAP) * float(speed.min())
-    if rig.kind != "dead_weight" or rig.force_resolution_N is None or not one_speed:
-        return (), ()
-    try:
-        law = fit_plateau_law(
-            np.degrees(measured.beta),
-            measured.tight,
-            measured.slack,
-            measured.R,
-            weight_on=rig.weight_on,
-            resolution_N=rig.force_resolution_N,
-        )
-    except BeltidError as error:
-        return (f"No friction law through the forces: {error}",), ()
-    return (law.verdict,), law.warnings

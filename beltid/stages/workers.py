@@ -28,10 +28,7 @@ class Workers:
     def as_ended(
         self, function: Callable[..., Result], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the results of many calls in order of completion, each with its index.
-
-        The error of a call ends them: those that have not begun are not made.
-        """
+        """Yield the results of many calls in order of completion, each with its index."""
         if self.executor is None:
             for index, arguments in enumerate(calls):
                 yield index, function(*arguments)

@@ -59,10 +59,7 @@ def read_bytes(path: Path, error_type: type[InputError] = InputError) -> bytes:
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file: no reader ever sees a part of it, and on a failure an earlier one stays.
-
-    Missing folders are created. Temporary files left by killed processes are removed.
-    """
+    """Write a file: no reader ever sees a part of it, and on a failure an earlier one stays."""
     target = Path(os.path.realpath(path))  # a link keeps pointing where it points
     name = f".{target.name}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}.beltid-tmp"
     temporary = target.with_name(name)

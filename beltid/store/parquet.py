@@ -24,15 +24,7 @@ MAX_EXPANSION: Final = 20_000
 
 
 def open_parquet(data: bytes, name: str, error_type: type[InputError]) -> Any:
-    """Open the bytes of a Parquet file, if it can hold what it claims; `name` is for messages.
-
-    Texts are read as dictionaries, so that a long text in every row takes the memory of one.
-
-    Raises
-    ------
-    InputError
-        Of type `error_type`, if it is damaged or claims more than it can contain.
-    """
+    """Open the bytes of a Parquet file, if it can hold what it claims; `name` is for messages."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -23,24 +23,8 @@ def check_place(
 ) -> None:
     """Refuse a place where a file cannot be written, or would replace one that must stay.
 
-    Parameters
-    ----------
-    out : Path
-        The file to write.
-    endings : tuple of str
-        Endings that such files have.
-    whose : callable
-        Says what an existing file is: `OURS` if it may be replaced; anything else, such as
-        `FOREIGN`, is replaced only with force.
-    inputs : mapping of str to Path, optional
-        Files that are read, by what they are: never replaced.
-    force : bool
-        Whether to replace another file of these endings.
-
-    Raises
-    ------
-    InputError, ArtifactError
-        Names the file, what is there and what to do.
+    `whose` says what an existing file is: `OURS` may be replaced, anything else only with force;
+    `inputs`, by what they are, never.
     """
     for what, path in (inputs or {}).items():
         if _same_file(path, out):

@@ -54,10 +54,7 @@ def interval(low: float, high: float, *, open_low: bool, open_high: bool) -> str
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One kind of table: what writes it, and the column with the label of a run ("": none).
-
-    Its schema version changes when the name, unit or meaning of a column changes.
-    """
+    """One kind of table: what writes it, and the column with the label of a run ("": none)."""
 
     kind: str
     command: str

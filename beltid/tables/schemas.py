@@ -275,17 +275,7 @@ def table(kind: str) -> Table:
 def rig_table(
     measures: str = "two_cells", weight_on: str = "tight", *, running: bool = False
 ) -> Table:
-    """Return the table of a friction-rig recording for what the rig measures.
-
-    Parameters
-    ----------
-    measures : {"two_cells", "dead_weight", "torque", "torque_hub"}
-        What it measures. For `torque`, one of the two tensions is enough.
-    weight_on : {"tight", "slack"}
-        Span that carries a dead weight.
-    running : bool
-        Whether the belt moves.
-    """
+    """Return the table of a friction-rig recording for what the rig measures."""
     required = {
         "two_cells": CELLS,
         "dead_weight": ("weight_N", CELLS[weight_on == "tight"]),

@@ -108,10 +108,7 @@ _BY_LOWER: Final[dict[str, str]] = {
 
 
 def canonical_unit(text: str) -> str:
-    """Return the spelling of `CONVERSIONS` for a unit such as ``"[µm]"``, ``"Nm"``, ``"1/min"``.
-
-    A unit that is not known is returned without brackets, blanks and dots.
-    """
+    """Return the spelling of `CONVERSIONS` for a unit such as ``"[µm]"``, ``"Nm"``, ``"1/min"``."""
     if len(text) > LONGEST:
         return text
     bare = re.sub(r"^[\[(<{]\s*|\s*[\])>}]$", "", text.strip())

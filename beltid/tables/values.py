@@ -10,13 +10,7 @@ from beltid.tables.columns import Column
 
 
 def floats(values: Any) -> np.ndarray:
-    """Convert values to a float64 array, with nan for missing ones (None, masked, pandas.NA).
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a value is not a number.
-    """
+    """Convert values to a float64 array, with nan for missing ones (None, masked, pandas.NA)."""
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     array = np.asarray(values)

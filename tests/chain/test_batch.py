@@ -7,10 +7,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
-from small_bench import BELTID, beltid, contents, environment
+from small_bench import beltid, contents, environment
 
 BOTH = ("run", "--no-report", "one.yaml", "two.yaml")
 LIGHT = """\
@@ -163,20 +162,3 @@ def test_reports_compare_the_belts_and_cost_nothing_when_they_are_in_date(tmp_pa
     states = [row["stages"]["report"] for row in json.loads(done.stdout)["table"]]
     assert states == ["failed", "up to date"]
     assert mine.read_text() == "my own notes\n"
-
-
-def test_two_runs_on_one_folder_end_with_the_same_results(tmp_path: Path) -> None:
-    configs = drives(tmp_path, ["b0", "b1"])
-    command = [*BELTID, "run", *configs, "--no-report", "-j", "1", "--force"]
-    runs: list[Any] = [
-        subprocess.Popen(command, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
-        for _ in range(2)
-    ]
-    for run in runs:
-        assert run.communicate()[1] is not None
-        assert run.returncode == 0
-    both = contents(tmp_path / "runs")
-    assert sorted(both) == sorted(f"b{k}/slip.parquet" for k in range(2))
-    done = beltid(tmp_path, "run", *configs, "--no-report", "--force", "-j", "1")
-    assert done.exit_code == 0
-    assert contents(tmp_path / "runs") == both

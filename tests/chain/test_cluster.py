@@ -108,18 +108,6 @@ def test_a_cluster_that_is_not_there_is_status_2_and_named(
     assert not (bench / "runs").exists()
 
 
-@pytest.mark.parametrize("more", [(), ("--jobs", "1")])
-def test_an_empty_variable_or_a_number_of_jobs_names_this_machine(
-    bench: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
-) -> None:
-    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "here" if more else "")
-    for name in ("press.csv", "rig.csv"):
-        (bench / name).write_text("test,time_s\n")
-    done = beltid(bench, "run", "one.yaml", "--no-report", *more)
-    assert done.exit_code == 2
-    assert "press.csv" in done.stderr  # it began
-
-
 class Client:
     """Workers of which one answers as told."""
 
@@ -136,9 +124,3 @@ def test_workers_without_the_package_or_of_other_sources_are_refused_at_once(ans
     with pytest.raises(InputError, match=r"1 of 2 workers .* tcp://b:1"):
         clusters.refuse_others(Client(lambda here: answer), "there")
     clusters.refuse_others(Client(lambda here: here), "there")
-
-
-def test_a_missing_library_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'beltid\[cluster\]'"):
-        clusters.Cluster("tcp://127.0.0.1:9")

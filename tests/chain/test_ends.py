@@ -54,21 +54,6 @@ def test_a_process_that_is_killed_costs_no_result_and_its_belt_is_named(
     assert all(f"{name}: begins" in caplog.text for name in names)
 
 
-@needs_proc
-@pytest.mark.long
-def test_a_batch_whose_processes_are_killed_has_all_results(bench: Path, by_one: Path) -> None:
-    both = ("one.yaml", "two.yaml")
-    process = begun(bench, *BELTID, "run", *both, "-j", "2", "--no-report")
-    assert process.stderr is not None
-    talk = read_until(process, "fit-friction: done")
-    (victim, *_) = children_of(process.pid)
-    os.kill(victim, signal.SIGKILL)
-    talk += process.stderr.read()
-    assert process.wait() == 0, talk
-    assert "once more: " in talk
-    assert contents(bench / "runs") == contents(by_one)
-
-
 # --- a program that is interrupted -------------------------------------------------------------
 
 
@@ -115,13 +100,6 @@ def stats() -> dict[int, list[str]]:
         if stat[0] != "Z":
             found[int(entry.name)] = stat[1:3]
     return found
-
-
-def children_of(parent: int) -> list[int]:
-    """Children that do work: not the one that cleans up after them all."""
-    children = [pid for pid, (of, _) in stats().items() if of == str(parent)]
-    command = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
-    return [pid for pid in children if "resource_tracker" not in command[pid]]
 
 
 def left_of(group: int, within_s: float = 20.0) -> list[int]:
@@ -176,19 +154,6 @@ def test_an_interrupt_ends_all_and_keeps_what_is_finished(
         done = beltid(bench, "run", *both, "--no-report", "-j", "1")
         assert done.exit_code == 0
         assert contents(bench / "runs") == contents(by_one)
-
-
-@needs_proc
-@pytest.mark.long
-@pytest.mark.parametrize("delay_s", [0.05, 0.4, 1.0, 2.0])
-def test_an_interrupt_while_processes_start_leaves_none(bench: Path, delay_s: float) -> None:
-    process = begun(bench, *BELTID, "run", "one.yaml", "two.yaml", "-j", "2", "--no-report")
-    time.sleep(delay_s)
-    to_all(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode in (130, -signal.SIGINT), said
-    assert left_of(process.pid) == []
-    assert list((bench / "tmp").iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["read-only", "no home", "gone"])

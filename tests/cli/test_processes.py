@@ -136,13 +136,6 @@ def test_a_full_disk_behind_a_stream(tmp_path: Path, stream: str, status: int) -
     assert b"error: stdout: " in done.stderr if status else b"axial_stiffness_N" in done.stdout
 
 
-def test_a_terminal_without_the_letters_gets_substitutes(tmp_path: Path) -> None:
-    env = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = python(MAIN, "config", "show", "--all", cwd=tmp_path, env=env)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.isascii()
-
-
 def test_closed_streams_are_as_good_as_dev_null(beside: Path) -> None:
     call = f'"{sys.executable}" -m beltid fit-slip speedloss.csv <&- >&- 2>&-'
     done = subprocess.run(["sh", "-c", call], cwd=beside, capture_output=True, timeout=60)

@@ -30,20 +30,6 @@ def test_the_refined_surface_decides(ran: Path, beltid: Any) -> None:
     assert spread[1] < 0.1 * spread[0]
 
 
-def test_a_step_that_fails_stops_those_that_need_it(ran: Path, beltid: Any) -> None:
-    (ran / "rig.csv").write_text((ran / "rig.csv").read_text().replace("R006,", ",", 1))
-    done = beltid("run", "--no-report", "beltid.yaml", "--json", "-o", "new")
-    assert done.exit_code == 2
-    row = row_of(done)
-    states = row["stages"]
-    assert [states.pop(f"fit-{name}") for name in ("stiffness", "slip", "friction")] == [
-        *("done", "done", "failed")
-    ]
-    assert set(states.values()) == {"not run"}
-    assert any("rig.csv:2" in line for line in row["problems"])
-    assert "error: 5pk: fit-friction: " in done.stderr
-
-
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("named", "made", "told", "options"),

@@ -10,8 +10,6 @@ from typing import Any
 
 import pytest
 
-from beltid.store.artifact import read_artifact
-
 BELT = Path("runs/5pk")
 STIFFNESS, FRICTION = BELT / "stiffness.parquet", BELT / "friction.parquet"
 SURFACE, REFINED = BELT / "surface.parquet", BELT / "surface_refined.parquet"
@@ -89,22 +87,6 @@ def test_another_bench_is_simulated_with_the_law_of_the_first(others: Path, belt
     # a recording of another bench or program is no artifact and fits
     done = beltid("compare", FRICTION, "rig.csv", "-o", BELT / "compare.parquet", "--force")
     assert done.exit_code == 0, done.stderr
-
-
-def test_a_prediction_of_another_recording_is_not_compared(others: Path, beltid: Any) -> None:
-    slip, drive = Path("slip.parquet"), Path("drive.parquet")
-    made = beltid("fit-slip", "speedloss.csv", "-c", "pulley.yaml", "-o", slip)
-    assert made.exit_code == 0, made.stderr
-    refused(beltid("compare-drive", slip, drive, "-o", "x.parquet"), slip, drive, "simulate-drive")
-
-
-def test_all_that_an_artifact_was_made_from_is_stated(ran: Path) -> None:
-    found = {kind: read_artifact(BELT / f"{kind}.parquet") for kind in ("compare", "simulated")}
-    stated = found["compare"].record.ancestors
-    assert stated["stiffness"] == read_artifact(STIFFNESS).sha256
-    assert stated["surface"] == read_artifact(SURFACE).sha256
-    assert stated["press"] == read_artifact(STIFFNESS).record.inputs["press"]
-    assert found["simulated"].record.ancestors["rig"] == stated["rig"]
 
 
 # --- the report of a run in which something failed, or is not wanted any more -------------------

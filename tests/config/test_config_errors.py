@@ -46,40 +46,26 @@ WRONG = [
     ("rig:\n  # three\n  arcs_deg:\n    - 400\n", ("4:7", "rig.arcs_deg[0] = 400")),
     ("belt: !!python/object/apply:os.system [ls]\n", ("1:7", "os.system")),
     ("belt: &a {ribs: *a}\n", ("1:7", "belt.ribs", "whole number")),
-    ("belt\n", ("1:1", "single value")),
     ("a: 1\n---\nb: 2\n", ("2:1", "another document")),
     ("belt: ribs: 5\n", ("1:11", "':'")),
     ("belt: {ribs: 5\n", ("2:1", "not valid YAML")),
-    ("belt: {ribs: ~}\n", ("1:14", "belt.ribs = empty", "whole number")),
-    ("belt: {name: 5}\n", ("1:14", "belt.name = 5", "quotes")),
     ("belt: {ribs: '5'}\n", ("1:14", 'belt.ribs = "5"', "without quotes")),
-    ("belt: {axial_stiffness_N: .inf}\n", ("1:27", "[100, 1e+08] N")),
-    ("belt: {axial_stiffness_N: .nan}\n", ("1:27", "[100, 1e+08] N")),
     ("belt: {axial_stiffness_N: " + "9" * 400 + "}\n", ("1:27", "[100, 1e+08] N")),
     ("belt: {ribs: " + "9" * 9999 + "}\n", ("", "5pk.yaml")),
     ("rig: {span_length_m: 0,10}\n", ("1:22", "rig.span_length_m"), ("1:24", "decimal sign")),
-    ("rig: {arcs_deg: []}\n", ("1:17", "list", "1 to 200")),
     ("rig: {kind: webbing}\n", ("1:13", "two_cells, dead_weight, torque, torque_hub or running")),
-    ("friction: {correct_temperature: yes}\n", ("1:33", "true or false")),
     ("tension_tight_gain: 5\n", ("1:1", "friction.tension_tight_gain")),
     ("units: {rig: {tension_tight_N: kPa}}\n", ("1:32", "kPa", "kN", "lbf", "N/V", "factor")),
-    ("units: {rig: {time_s: {factor: 0}}}\n", ("1:23", "units.rig.time_s", "factor: 250")),
     ("units: {rig: {time_s: {factor: x}}}\n", ("1:32", "units.rig.time_s.factor", "number")),
-    ("units: {rig: {run: s}}\n", ("1:15", "units.rig.run is not")),
     ("columns: {rig: 7}\n", ("1:16", "columns.rig = 7", "section", "tension_tight_N")),
     ("runs: {rig: {pattern: '(?P<run>'}}\n", ("1:23", "compile")),
     ("runs: {rig: {values: {arc_deg: 3601}}}\n", ("1:32", "3601", "in (0, 3600] °")),
-    ("runs: {rig: {values: {initial_tension_N: 0}}}\n", ("1:42", "> 0 N")),
     ("runs: {rig: {values: {side: left}}}\n", ("1:29", "rib or back")),
     ("runs: {rig: {patern: x}}\n", ("1:14", "did you mean pattern?")),
     ("dialect: {encoding: klingon}\n", ("1:21", "encoding")),
-    ("dialect: {encoding: base64}\n", ("1:21", "encoding")),
-    ("data: {rig: 7}\n", ("1:13", "path")),
-    ("drive: {operating_points: {torque_N_m: 4}}\n", ("1:40", "{driven: [4, 8]}")),
     ("drive: {operating_points: {power_W: {a: [1, x]}}}\n", ("1:45", "power_W.a[1]", "number")),
     (b"# only a comment\n", ("", "empty")),
     (b"\0\0\0", ("", "not valid YAML")),
-    (b'belt: "\\U99999999"', ("", "not valid YAML")),
     (b"belt: {type: \xe9}", ("1", "0xE9", "UTF-8")),
     (b"\xef\xbb\xbfbelt: {type: \xb5}", ("1", "0xB5", "UTF-8")),
     (b"#" * 1_000_001, ("", "larger")),
@@ -114,19 +100,6 @@ def test_hundreds_of_problems_are_counted() -> None:
         load_config({f"k{i}": 1 for i in range(500)})
     assert len(caught.value.problems) == 41
     assert "460" in caught.value.problems[-1]
-
-
-def test_what_is_no_config(tmp_path: Path) -> None:
-    for source in (5, ["configs/5pk.yaml"], object(), tmp_path, tmp_path / "x.yaml"):
-        with pytest.raises(ConfigError):
-            load_config(source)  # type: ignore[arg-type]
-
-
-def test_a_dict_has_key_paths_but_no_places() -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_config({"rig": {"arcs_deg": [40, 400]}, "belt": {"name": "a/b"}})
-    starts = ("rig.arcs_deg[1] = 400, ", 'belt.name = "a/b", ')
-    assert all(any(p.startswith(start) for p in caught.value.problems) for start in starts)
 
 
 def test_the_name_cannot_leave_its_folder() -> None:

@@ -161,13 +161,6 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
     assert set(beltid.simulate_drive(drive, 1.0, LAW).to_frame()["run"]) == {"1", "2"}
 
 
-def test_a_drive_warns_that_its_ribs_are_rigid() -> None:
-    soft = config() | {"belt": {"shear_stiffness_N_m2": 3.4e7}}
-    outcome = beltid.simulate_drive(soft, true_surface(), LAW)
-    (warning,) = (line for line in outcome.warnings if "shear_stiffness_N_m2" in line)
-    assert "the loss is too small" in warning
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

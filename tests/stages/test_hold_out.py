@@ -137,20 +137,6 @@ def test_an_arc_not_seen_has_an_effect_of_its_own() -> None:
     assert 0.01 * np.sqrt(2.0) < np.abs(part[:, -1]).mean() < 0.04
 
 
-def test_settings_are_left_out_whole_and_only_speeds_with_neighbours() -> None:
-    columns = bench()
-    usable = np.arange(len(columns["run"]))[1:]
-    by_arc = folds(columns, usable, "arc")
-    assert [fold.name for fold in by_arc] == ["arc 40°", "arc 68°", "arc 82°"]
-    for fold in by_arc:
-        assert np.array_equal(np.sort(np.concatenate([fold.left_out, fold.rest])), usable)
-        arc = columns["arc_deg"][fold.left_out[0]]
-        assert np.all(columns["arc_deg"][fold.left_out] == arc)
-        assert not np.any(columns["arc_deg"][fold.rest] == arc)
-    names = [fold.name for fold in folds(columns, usable, "speed")]
-    assert names == ["speed 0.1 rad/s", "speed 0.21 rad/s", "speed 0.42 rad/s"]
-
-
 def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None:
     columns = {
         "nominal_tension_N": np.array([100.0, np.nan]),

@@ -86,26 +86,6 @@ def test_another_unit_is_refused_until_it_is_stated(bench, column, factor, unit)
     np.testing.assert_allclose(mu(read, with_unit(config, column, unit)), truth, rtol=1e-4)
 
 
-def test_numbers_that_are_right_in_spite_of_it_are_stated_as_a_calibration():
-    frame = hung()
-    frame["weight_N"] /= 9.80665
-    beltid.fit_friction(frame, with_unit(WEIGHT, "weight_N", {"factor": 1.0, "offset": 0.0}))
-    assert "weight_N" in refused(frame, with_unit(WEIGHT, "weight_N", "N"))
-
-
-LONG = pytest.mark.long
-
-
-@pytest.mark.parametrize(
-    "belt", ["4pk", pytest.param("5pk", marks=LONG), pytest.param("6pk", marks=LONG)]
-)
-def test_a_slow_rig_in_rpm_is_refused_at_every_arc(belt):
-    rig = runs(belt, every=9, arcs=(40.0, 68.0))
-    mu(rig)
-    in_rpm = rig.assign(pulley_speed_rad_s=rig.pulley_speed_rad_s * 30.0 / np.pi)
-    assert "pulley_speed_rad_s: rpm" in refused(in_rpm)
-
-
 @pytest.mark.parametrize(
     ("span_m", "EA_N", "arc_deg"), [(0.03, 1e5, 25.0), (0.1, 1e4, 170.0), (1.0, 2e4, 82.0)]
 )

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beltid.bench.recording import read_recording
 from beltid.config import find_config
-from beltid.identify.friction.kinds import PERFECT
 from beltid.stage import STAGES
 from beltid.stages import steps  # noqa: F401  (registers the stages)
 from beltid.stages.curves import SMALL_SAMPLES, typical_runs
-from beltid.stages.friction import records_of
 from beltid.store.artifact import read_artifact
 
 RIG = Path(__file__).parents[2] / "rigdata" / "5pk" / "rig.csv"
@@ -57,13 +53,6 @@ def test_what_is_known_of_the_cells_is_taken_off(bench: Path) -> None:
     row = int(np.flatnonzero(reduced["run"] == run)[0])
     late = typical & (columns["time_s"] > reduced["plateau_start_s"][row])
     assert np.nanmedian(columns["mu"][late]) == pytest.approx(reduced["mu_sliding"][row], rel=0.01)
-
-
-def test_the_cells_of_the_simulated_rig_are_perfect(bench: Path) -> None:
-    config = find_config(bench / "rig.csv", None).config
-    recording = read_recording(bench / "rig.csv", "rig", config)
-    kind = records_of(replace(recording, is_artifact=True), config)[0].kind
-    assert kind.cells == PERFECT
 
 
 def test_of_many_arcs_a_few_typical_runs_are_chosen() -> None:

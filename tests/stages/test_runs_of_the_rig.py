@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import beltid
 from beltid.config import load_config
 from beltid.errors import InputError
 from beltid.identify.friction.reduction import reduce_runs
@@ -18,7 +16,7 @@ from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
 from beltid.stages.planned_runs import planned_runs
 from beltid.stages.refine import prepared_campaign
-from beltid.stages.rig import recording_columns, simulation_settings
+from beltid.stages.rig import recording_columns
 from beltid.tables import schemas
 
 LAW = NormalLaw(6.5e7, 3.0256e11)
@@ -59,31 +57,6 @@ def test_the_sliding_limit_survives_the_reduction_exactly() -> None:
         assert math.isnan(r.mu_sticking)  # a limit has no build-up
 
 
-def test_settings_of_the_call_win_over_those_of_the_config() -> None:
-    config = load_config({"simulation": {"method": "steady", "elements": 40}})
-    called = simulation_settings(config, "transient", 20)
-    stated = simulation_settings(config)
-    assert (called.method, called.elements) == ("transient", 20)
-    assert (stated.method, stated.elements) == ("steady", 40)
-
-
-@pytest.mark.parametrize(
-    ("section", "given"),
-    [
-        ({}, "none"),
-        ({"kind": "torque"}, "none"),
-        ({"kind": "torque", "holds": "weight_slack"}, "slack"),
-        ({"kind": "dead_weight", "holds": "weight_tight"}, "tight"),
-        ({"kind": "dead_weight", "holds": "weight_slack"}, "slack"),
-        ({"kind": "torque_hub"}, "hub"),
-        ({"kind": "torque_hub", "holds": "stretch"}, "none"),
-        ({"kind": "running"}, "none"),
-    ],
-)
-def test_each_kind_of_rig_has_its_given_force(section: dict[str, str], given: str) -> None:
-    assert load_config({"rig": section}).rig_params().given_force == given
-
-
 def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
     config = load_config({})
     v = np.array([*np.repeat([0.0025, 0.0105], 4), 0.005, 0.005])
@@ -110,22 +83,3 @@ def test_runs_measured_with_a_torque_are_not_taken_for_those_of_two_cells() -> N
     columns = {"initial_tension_N": np.full(4, 100.0), "torque_with": np.full(4, "tight")}
     with pytest.raises(InputError, match=r"rig\.kind: torque"):
         prepared_campaign(columns, press_law(LAW, config), config, {})
-
-
-def test_a_surface_corrected_to_a_temperature_needs_temperatures() -> None:
-    tension, speed = (grid.ravel() for grid in np.meshgrid([60.0, 120.0, 200.0], [0.1, 0.4]))
-    half = 0.9 * (tension / 200.0) ** -0.15 * np.radians(90.0) / 2.0
-    plateaus = pd.DataFrame(
-        {
-            "arc_deg": 90.0,
-            "initial_tension_N": tension,
-            "tension_tight_N": tension * np.exp(half),
-            "tension_slack_N": tension * np.exp(-half),
-            "pulley_speed_rad_s": speed,
-            "mu_se": 0.001,
-        }
-    )
-    config = {"friction": {"correct_temperature": True}}
-    friction = beltid.fit_friction(plateaus, config)
-    with pytest.raises(InputError, match="temperature"):
-        beltid.refine_surface(friction, LAW, config)

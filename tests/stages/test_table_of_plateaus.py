@@ -184,17 +184,6 @@ def test_runs_of_another_surface_or_side_are_never_put_into_one_surface():
     assert any("back of the belt" in line for line in outcome.warnings)
 
 
-def test_conditions_of_the_config_hold_where_the_recording_states_none():
-    table, _ = by_kind("two_cells")
-    table = table.assign(condition=["wet", None] * 12)
-    config = {"conditions": {"surface": "dry", "side": "rib"}}
-    found = fit_friction(table, config).to_frame()
-    assert found["condition"].tolist() == ["wet", "dry"] * 12
-    assert set(found["side"]) == {"rib"}
-    plain = fit_friction(by_kind("two_cells")[0]).to_frame()
-    assert not {"condition", "side"} & set(plain.columns)
-
-
 def test_a_run_down_is_refused_for_a_table_of_plateaus():
     time = np.arange(0.0, 20.0, 0.02)
     half = 0.5 * 0.5 * np.radians(90.0)

@@ -92,16 +92,6 @@ def test_a_weight_on_the_other_span_and_a_torque_of_the_other_sign_are_reported(
         fit(torques, "torque")
 
 
-def test_readings_near_the_resolution_and_missing_errors_are_named() -> None:
-    """r/sqrt(12) of 2 N beside 3 N of slack tension at 75°: 0.19/1.31 of mu = 0.5, some 29 %."""
-    frame = table("dead_weight").drop(columns="mu_se")
-    frame.loc[0, ["weight_N", "tension_slack_N"]] = 3.0 * np.exp(0.5 * ARC[0]), 3.0
-    notes = fit(frame, "dead_weight", force_resolution_N=2.0).notes
-    assert any("10 % in A:" in note for note in notes)
-    warnings = fit(table("two_cells").drop(columns="mu_se"), "two_cells").warnings
-    assert any("mu_se" in line and "rig.force_resolution_N" in line for line in warnings)
-
-
 @pytest.mark.parametrize(
     ("share", "holds", "told"),
     [(0.8, "hub_force", True), (0.8, "stretch", False), (1.0, "hub_force", False)],

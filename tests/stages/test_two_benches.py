@@ -54,26 +54,3 @@ def test_the_cells_of_the_second_bench_are_taken_off(
     (tmp_path / "second.yaml").write_text(CELLS)
     record = compared(*(tmp_path / f"{name}.csv" for name in order)).artifact.record
     assert record.tables["groups"][0]["rms_percent"] < 1e-3
-
-
-def test_another_mass_of_a_running_belt_is_another_comparison(
-    tmp_path: Path, part_of_rig: Callable[..., str]
-) -> None:
-    """Of the tensions of a running belt m v² turn it: with v = 10 m/s and 0.1 kg/m 10 N."""
-
-    def running(row: list[str]) -> None:
-        for k, more in ((2, 10.0), (3, 10.0), (7, 10.0), (4, 200.0)):
-            row[k] = f"{float(row[k]) + more:.9g}" if row[k] else ""
-        row.append("10")
-
-    recording, stated = tmp_path / "rig.csv", tmp_path / "rig.yaml"
-    write(part_of_rig, recording, running)
-    config = "rig: {kind: running}\nbelt: {mass_per_length_kg_m: %s}\n"
-    stated.write_text(config % 0.1)
-    same = compared(recording, recording)
-    assert same.artifact.tables["groups"][0]["rms_percent"] < 1e-9
-    stated.write_text(config % 0.2)
-    inputs = {"friction": tmp_path / "friction.parquet", "simulated": recording}
-    other = STAGES["compare"].run(find_config(recording), inputs, same.artifact.path)
-    assert not other.up_to_date
-    assert other.artifact.tables["groups"][0]["rms_percent"] > 1.0

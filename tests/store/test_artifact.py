@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import random
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,7 +18,6 @@ from beltid.store.artifact import (
     Record,
     artifact_bytes,
     artifact_from_bytes,
-    plain,
     read_artifact,
     write_artifact,
 )
@@ -75,16 +72,6 @@ def test_same_content_same_bytes(tmp_path: Path) -> None:
     assert artifact_bytes(turned, RECORD) == DATA
     read = artifact_from_bytes(DATA, tmp_path)
     assert artifact_bytes(read.columns, read.record) == DATA
-
-
-def test_any_reader_of_parquet_finds_values_and_units(tmp_path: Path) -> None:
-    path = tmp_path / "x.parquet"
-    path.write_bytes(DATA)
-    frame = pd.read_parquet(path)
-    assert frame["k_linear_N_m2"].tolist() == COLUMNS["k_linear_N_m2"].tolist()
-    schema = pq.read_schema(path)
-    assert schema.field("k_linear_N_m2").metadata[b"unit"].decode().startswith("N")
-    assert json.loads(schema.metadata[RECORD_KEY])["kind"] == "stiffness"
 
 
 def test_a_flipped_bit_anywhere_is_refused_or_changes_nothing(tmp_path: Path) -> None:
@@ -162,8 +149,3 @@ def test_what_the_schema_forbids_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="object"):
         write_artifact(path, COLUMNS, replace(RECORD, facts={"x": object()}))
     assert not path.exists()
-
-
-def test_plain_values() -> None:
-    found = plain({1: (np.int64(2), np.array([1.0, np.inf])), "p": Path("a")})
-    assert found == {"1": [2, [1.0, None]], "p": "a"}

@@ -8,6 +8,5 @@ Module            Responsibility                                             Equ
 ``average``       mean over the arcs on a common grid, standard errors       random effects
 ``scattered``     runs that are no grid -> one smooth surface                mixed model
 ``laws``          parametric friction laws fitted to the surface             mixed model
-``plateau_laws``  friction law fitted to cell forces opposite a weight      capstan, local mu
 ================  =========================================================  =====================
 """
