@@ -154,7 +154,7 @@ def _head(top: Sequence[str], place: str, dialect: Mapping[str, Any]) -> tuple[H
     ):
         raise InputError(
             f"{place}:{first + 1}: line {first + 1} holds numbers, not names: state the names of "
-            f"the {len(cells)} columns, dialect: {{names: [...]}}"
+            f"the {len(rows[own][first])} columns, dialect: {{names: [...]}}"
         )
     return head_at(rows[own], first), own
 

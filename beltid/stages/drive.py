@@ -47,6 +47,8 @@ SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
 TENSIONS: Final = (0.5, 1.0, 1.5)
 """Tensions over the tension at rest for which the report shows the slip limit."""
+ALIKE_RATIOS: Final = 0.03
+"""Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
 MOST_OUTSIDE: Final = 0.3
 """Share of the sliding friction outside the measured range above which a warning is given."""
 
@@ -99,6 +101,7 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
             *stated,
             *(f"point {point.run}: {error}" for point, error in failed),
             *_outside(columns, friction),
+            *([] if slip is None else _other_radii(section, slip)),
         ),
     )
 
@@ -117,6 +120,22 @@ def _of_config(config: Config, drive: Drive, tensions: list[float]) -> list[str]
             "is too small"
         )
     return warnings + drive_warnings(config, drive, tensions)
+
+
+def _other_radii(section: DriveSection, slip: Any) -> list[str]:
+    """Warn if the pulleys of the recording idle at another speed ratio than the stated radii."""
+    radius = {pulley.name: pulley.radius_m for pulley in section.pulleys}
+    loaded, name = load_pulley(section), getattr(slip, "path", "slip")
+    stated, ratio = radius[loaded] / radius[section.driving], slip.facts.get("pulley_ratio")
+    if not ratio or not slip.facts.get("pulley_ratio_se"):
+        return []
+    if abs(ratio / stated - 1.0) < ALIKE_RATIOS:
+        return []
+    return [
+        f"{name}: without torque the driver turns {ratio:.4g} times as fast as {loaded}, with the "
+        f"radii of drive.pulleys {stated:.4g} times: the radii or names of the pulleys are wrong, "
+        "or driver and driven are swapped"
+    ]
 
 
 def _solve_points(

@@ -23,7 +23,11 @@ from beltid.tables.units import CONVERSIONS, canonical_unit
 TRAVEL_M: Final = (1e-4, 1e-3)
 """Travel of the pulley's surface until the belt slides, on usual benches [m]."""
 WITHIN: Final = 3.0
-"""Factor by which travel and torque may leave what is expected of the stated belt and span."""
+"""Factor by which the travel may leave this range, and that of the stated belt and span."""
+RADIUS: Final = 0.2
+"""Relative deviation allowed between the stated radius and torque over force difference."""
+REST: Final = 0.05
+"""Relative deviation allowed for the tension at rest: friction that the belt holds."""
 MASS: Final = 0.2
 """Relative deviation of the ratio of cell and weight from that of a mass and its weight."""
 
@@ -91,29 +95,47 @@ def _weights(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradic
 
 
 def _torques(runs: Sequence[RunReduction], kind: RigKind) -> Iterator[_Contradiction]:
-    """Torque over force difference is about the radius.
+    """Torque over force difference is the radius.
 
-    Both ends of the belt are held: the mean of both tensions stays about that at rest.
+    Both ends of the belt are held: the tension at rest lies between the logarithmic mean of both
+    tensions while the belt slides (no span, the arc alone stretches) and their mean (long spans).
     """
     span = kind.span_beside_torque
     if span is None or kind.weight_stated:  # a weight holds no end
         return
-    ratios = {}
+    lows, highs = {}, {}
     for run in runs:
         part, rest = run.tension_tight_N - run.tension_slack_N, float(np.mean(run.rest_N))
         if run.ok and part > 0.0 and rest > 0.0:
             measured = run.tension_slack_N if span == "slack" else run.tension_tight_N
-            ratios[run.run] = part / max(2.0 * abs(rest - measured), 1e-9 * rest)
-    if not ratios:
+            sign = 1.0 if span == "slack" else -1.0
+            possible = [p for x in (-REST, REST) for p in _parts(rest * (1 + x), measured, sign)]
+            lows[run.run] = part / max(possible)
+            highs[run.run] = part / max(min(possible), 1e-9 * rest)
+    if not lows:
         return
-    label, ratio = _median(ratios)
-    if 1.0 / WITHIN <= ratio <= WITHIN:
+    (label, low), (_, high) = _median(lows), _median(highs)
+    if low <= 1.0 + RADIUS and high >= 1.0 / (1.0 + RADIUS):
         return
+    nearest = low if low > 1.0 else high
     found = (
-        f"torque over force difference gives {ratio:.2g} times rig.pulley_radius_m by the change "
-        f"of tension_{span}_N, must be the radius (an idle run takes off the drag of the bearings)"
+        f"torque over force difference gives {nearest:.2g} times rig.pulley_radius_m by the change "
+        f"of tension_{span}_N, must be the radius within {100 * RADIUS:g} % (an idle run takes off "
+        "the drag of the bearings)"
     )
-    yield _Contradiction(label, "torque_N_m", found, 1.0 / ratio)
+    yield _Contradiction(label, "torque_N_m", found, 1.0 / nearest)
+
+
+def _parts(rest_N: float, measured_N: float, sign: float) -> tuple[float, float]:
+    """Return the difference of the tensions of a belt held at both ends: by its arc, by its spans.
+
+    `measured_N` is the tension of one span while the belt slides, `sign` +1 for the slack one.
+    """
+    y = sign * np.linspace(1e-3, 12.0, 4000)
+    logarithmic_mean = np.expm1(y) / y  # over the measured tension, exp(y) being the other one
+    order = np.argsort(logarithmic_mean)
+    x = float(np.interp(rest_N / measured_N, logarithmic_mean[order], y[order]))
+    return measured_N * abs(math.expm1(x)), 2.0 * abs(rest_N - measured_N)
 
 
 def _travels(runs: Sequence[RunReduction], config: Config) -> Iterator[_Contradiction]:

@@ -171,6 +171,7 @@ def refined(
             "the surface covers all forces within the contacts of the runs, peaks included; beyond "
             "the mean forces of the runs it is inferred from them",
             *_unclear(result.effects),
+            *_bending_stiffness(found),
             *guided_weight(config, measured.points),
             *notes,
         ),
@@ -340,3 +341,15 @@ def _unclear(effects: Sequence[ShownEffect]) -> Iterator[str]:
             f"{', '.join(large)}: large, but other effects or stated errors explain the runs "
             "nearly as well: it is not claimed; make the runs in random order"
         )
+
+
+def _bending_stiffness(found: RefinedSurface) -> Iterator[str]:
+    """Yield a note with EI as stated and as the runs show it; none if it is stated as exact."""
+    EI = found.campaign.bench.belt.EI
+    for source, error, sd in zip(found.stated, *found.stated_errors(), strict=True):
+        if source.error == "bending_stiffness":
+            yield (
+                f"bending stiffness: {EI:.4g} N m² ± {100 * source.size:.2g} % ({source.basis}); "
+                f"with the runs it would be {EI * (1 + source.size * error):.4g} N m² ± "
+                f"{100 * source.size * sd:.2g} %; the surface was found with the first value"
+            )
