@@ -55,15 +55,7 @@ PartOfRig = Callable[..., str]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what is known to be red; put the longest folders first where processes share the work.
-
-    ``known_red.txt`` lists cases that failed when rooms that were written again were joined. They
-    run and are reported as xfailed; the list may only shrink.
-    """
-    known = set((ROOT / "tests" / "known_red.txt").read_text(encoding="utf-8").splitlines())
-    for item in items:
-        if item.nodeid in known:
-            item.add_marker(pytest.mark.xfail(reason="red since the rooms were joined"))
+    """Put the longest folders first where processes share the work."""
     if hasattr(config, "workerinput"):
         items.sort(key=_place)
 

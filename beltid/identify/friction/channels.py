@@ -237,7 +237,8 @@ def find_rotation(speed: Array) -> Rotation:
         if fastest > max(10.0 * top, 10.0 * noise):
             raise RunRejected(f"too short: the pulley turns in fewer than {least:.0f} samples")
         raise RunRejected(
-            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s"
+            f"the pulley never turns: pulley_speed_rad_s stays within {fastest:.3g} rad/s of its "
+            "level; a run whose speed falls or rises throughout: give plateaus, as a table"
         )
     threshold = max(0.03 * top, min(2.0 * background, 0.3 * top))
     while first > 0 and abs(speed[first - 1]) > threshold and speed[first - 1] * smooth[first] > 0:
