@@ -168,13 +168,13 @@ def presses(first: int) -> Iterator[tuple[str, Found]]:
     }
     for name, press in cases.items():
         found = []
-        config = {"press": {"segment_length_m": press.length, "compliance_m_per_N": 0.0}}
+        config = {"press": {"segment_length_cm": 100.0 * press.length}}
         for seed in range(first, first + DRAWS[1]):
-            law = beltid.fit_stiffness(pd.DataFrame(press.record(seed)), config).law
-            for value, se, true in (
-                (law.k_linear_N_m2, law.k_linear_se_N_m2, press.k_linear),
-                (law.k_quadratic_N_m3, law.k_quadratic_se_N_m3, press.k_quadratic),
-            ):
+            table = beltid.fit_stiffness(pd.DataFrame(press.record(seed)), config).to_frame()
+            pooled = table[table["temperature_degC"].isna()].iloc[0]
+            for of, unit in (("k_linear", "N_m2"), ("k_quadratic", "N_m3")):
+                true = getattr(press, of)
+                value, se = pooled[f"{of}_{unit}"], pooled[f"{of}_se_{unit}"]
                 found.append((value / true - 1.0, se / true))
         error, se = np.array(found).T
         yield name, Found(error, se, se, error.size)
