@@ -79,17 +79,17 @@ def _largest(
 
     It is sought from a state at a smaller factor, 0: not known; that state is returned, too.
     """
-    for _ in range(MOST_ROUNDS):
-        last, factor = factor, _of_level(simulator, point, with_slip, state, factor or 1.0)
-        is_exact = simulator.method == "string" or not 0.0 < factor < math.inf
-        if is_exact or abs(factor - last) <= ROD_TOLERANCE * factor:
-            break
-        for share in BELOW:
+    for begun in range(MOST_ROUNDS):
+        for share in BELOW if begun else ():
             with suppress(ConvergenceError):
                 below = simulator.solve(point.scaled(share * factor))
                 if below.state.rods:
                     state = below.state
                     break
+        last, factor = factor, _of_level(simulator, point, with_slip, state, factor or 1.0)
+        is_exact = simulator.method == "string" or not 0.0 < factor < math.inf
+        if is_exact or abs(factor - last) <= ROD_TOLERANCE * factor:
+            break
     return factor, state
 
 

@@ -126,7 +126,7 @@ SECTIONS: Final = (
         "forces",
         "Forces of the drive",
         "",
-        ("along-arcs", "slip-limit"),
+        ("along-arcs",),
         (_of(tables.of_artifact, "drive"),),
         ("drive", "compare_drive"),
         folded=True,

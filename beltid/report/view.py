@@ -119,7 +119,7 @@ RUNS: Final = "simulated_runs"
 """Further table that stands for the columns."""
 GROUPS: Final = "groups"
 """Further table that people see in place of the columns."""
-FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged", "limits_over_tension")
+FOR_REPORT: Final = ("uncertainty", "laid", "arcs", "averaged")
 """What only other stages and the report read."""
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -18,7 +16,7 @@ from beltid.drive.model import Drive, DrivePoint
 from beltid.drive.results import ADHESION, FULL_SLIP, DriveResult, Simulator
 from beltid.drive.rods import short_spans
 from beltid.drive.tolerance import installed_belts
-from beltid.errors import ConvergenceError, InputError, NumericsError
+from beltid.errors import ConvergenceError, NumericsError
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.notes import log
 from beltid.report.conditions import series_of
@@ -45,8 +43,6 @@ from beltid.uncertainty.sources import Source, bending_source, drive_sources, sl
 
 SIGNIFICANT_LOSS: Final = 0.1
 """Share of the largest loss above which a loss counts in the budget."""
-TENSIONS: Final = (0.5, 1.0, 1.5)
-"""Tensions over the tension at rest for which the report shows the slip limit."""
 ALIKE_RATIOS: Final = 0.03
 """Relative difference up to which a ratio of speeds agrees with that of the stated radii."""
 MOST_OUTSIDE: Final = 0.3
@@ -88,7 +84,6 @@ def predicted(surface: Any, law: Any, slip: Any, config: Config) -> Outcome[tupl
         },
         tables={
             "slip_limits": _limits(simulator, good),
-            "limits_over_tension": _limits_over_tension(simulator, heaviest),
             "laid": _layout_rows(drive, good[0][1]),
             "arcs": _arcs(heaviest),
             "installed": _installed(section, drive, heaviest[0].point),
@@ -193,32 +188,17 @@ def _limits(simulator: Simulator, good: Sequence[Solved]) -> Rows:
     for (speed, tension), of in series.items():
         labelled, result = max((good[i] for i in of), key=lambda solved: solved[1].load)
         if result.load != 0.0:
-            row = {"driver_speed_rad_s": speed, "initial_tension_N": tension}
-            row["largest_torque_N_m"] = result.load
-            rows.append(row | _limit(simulator, labelled.point, result.load))
+            limit = slip_limit(simulator, labelled.point)
+            rows.append(
+                {
+                    "driver_speed_rad_s": speed,
+                    "initial_tension_N": tension,
+                    "largest_torque_N_m": result.load,
+                    "adhesion_end_torque_N_m": limit.adhesion * result.load,
+                    "slip_limit_torque_N_m": limit.slip * result.load,
+                }
+            )
     return rows
-
-
-def _limits_over_tension(simulator: Simulator, heaviest: Solved) -> Rows:
-    """Return the torque limits over the belt tension, for the most loaded point."""
-    labelled, result = heaviest
-    rows = []
-    for share in TENSIONS if result.load != 0.0 else ():
-        point = replace(labelled.point, T_0=share * result.rest.T_0)
-        with suppress(InputError):  # the arm of a tensioner cannot produce every tension
-            limit = _limit(simulator, point, result.load)
-            setting = {"driver_speed_rad_s": point.omega, "initial_tension_N": point.T_0}
-            rows.append({**setting, **limit})
-    return rows
-
-
-def _limit(simulator: Simulator, point: DrivePoint, load: float) -> dict[str, Any]:
-    """Return the torques at which adhesion ends and gross slip begins at a point [N m]."""
-    limit = slip_limit(simulator, point)
-    return {
-        "adhesion_end_torque_N_m": limit.adhesion * load,
-        "slip_limit_torque_N_m": limit.slip * load,
-    }
 
 
 def _installed(section: DriveSection, drive: Drive, point: DrivePoint) -> Rows:

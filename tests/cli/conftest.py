@@ -63,8 +63,7 @@ def finish(recordings: Path, folder: Path) -> None:
         ["compare-drive", "slip.parquet", "drive.parquet"],
     )
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
-        # the limits of a drive, most of its work, at one tension and roughly
-        patch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
+        # the limits of a drive roughly
         patch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
         for call in calls:
             done = CliRunner().invoke(app, call)

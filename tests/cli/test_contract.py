@@ -34,8 +34,7 @@ FILES = {name: stage.file_name({"arc": 0, "tension": 0, "speed": 0}) for name, s
 
 @pytest.fixture(autouse=True)
 def rough(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limits of a drive, most of its work, at one tension and roughly."""
-    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
+    """Limits of a drive roughly."""
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
 
 

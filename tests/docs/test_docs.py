@@ -79,8 +79,7 @@ def test_commands_of_the_tutorial_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BELTID", str(ROOT))
     monkeypatch.delenv("BELTID_CONFIG", raising=False)
-    # the limits of a drive, most of its work, at one tension and roughly
-    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
+    # the limits of a drive roughly
     monkeypatch.setattr("beltid.drive.limits.TOLERANCE", 0.05)
     assert len(commands(*ONWARD)) > 10
     for command in commands(*ONWARD):

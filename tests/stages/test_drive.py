@@ -18,12 +18,6 @@ TWO = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def two_tensions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The limits over the tension, most of the work of a call, at two tensions only."""
-    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (0.8, 1.25))
-
-
 def true_surface() -> beltid.FrictionSurface:
     """True friction of the synthetic 5PK belt at the forces and speeds of its friction rig."""
     mu0, a, c, v0 = 0.95, 0.18, 0.45, 0.0015  # rigdata/README.md

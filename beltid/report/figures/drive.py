@@ -125,27 +125,6 @@ def along_arcs(fig: Any, sheet: Sheet, results: BeltResults) -> str:
     )
 
 
-@chart("slip-limit", "Torque that the drive carries", "drive")
-def slip_limit(axes: Any, sheet: Sheet, results: BeltResults) -> str:
-    """Draw the torque limits of the drive over its tension at rest."""
-    rows = _rows(sheet, "limits_over_tension")
-    if len(rows) < 2:
-        raise NotDrawn("one tension makes no line")
-    tension = np.array([row["initial_tension_N"] for row in rows])
-    for k, (of, name) in enumerate(
-        {"adhesion_end": "adhesion ends", "slip_limit": "gross slip"}.items()
-    ):
-        torque = np.array([row[f"{of}_torque_N_m"] for row in rows], dtype=float)
-        data = {"initial_tension_N": tension, "torque_N_m": torque}
-        draw(axes, data, "initial_tension_N", "torque_N_m", label=name, **style.group(k))
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    return (
-        f"At {abs(rows[0]['driver_speed_rad_s']):.4g} rad/s, with the belt as a string. Between "
-        "the lines pulleys slide as a whole, and the speed loss grows fast."
-    )
-
-
 @chart("comparison", "Speed loss of the drive, measured and predicted", "compare_drive")
 def compared(axes: Any, sheet: Sheet, results: BeltResults) -> str:
     """Draw measured and predicted speed loss over torque."""
