@@ -22,20 +22,6 @@ finally:
 """
 
 
-def test_the_number_of_processes_changes_no_byte_and_all_notes_are_heard(
-    bench: Path, by_one: Path
-) -> None:
-    done = beltid(bench, *BOTH, "-j", "4")  # two processes, each with two threads
-    assert done.exit_code == 0, done.stderr
-    assert contents(bench / "runs") == contents(by_one)
-    notes = done.stderr.splitlines()
-    for belt in ("one", "two"):
-        mine = [line.removeprefix(f"{belt}: ") for line in notes if line.startswith(f"{belt}: ")]
-        assert mine[0].startswith(f"config {belt}.yaml")
-        assert len([line for line in mine if ": done, " in line]) == 9 - (belt == "one")
-    assert not [line for line in notes if line and line.split(": ")[0] not in ("one", "two")][1:]
-
-
 def test_what_is_up_to_date_is_left_alone_and_nothing_heavy_is_imported(
     bench: Path, by_one: Path
 ) -> None:

@@ -106,16 +106,6 @@ def test_same_input_same_bytes_in_another_process_and_folder(finished: Path, bes
     assert made == (finished / "slip.parquet").read_bytes()
 
 
-def test_a_working_folder_that_was_deleted(beside: Path) -> None:
-    code = f"import os; os.rmdir(os.getcwd()); {MAIN}"
-    for file, status in (("speedloss.csv", 2), (str(beside / "speedloss.csv"), 0)):
-        (beside / "gone").mkdir()
-        done = python(code, "fit-slip", file, cwd=beside / "gone")
-        assert done.returncode == status
-        assert b"Traceback" not in done.stderr
-    assert (beside / "slip.parquet").is_file()
-
-
 def test_a_reader_that_has_seen_enough_is_no_error(beside: Path) -> None:
     read, write = os.pipe()
     os.close(read)

@@ -70,7 +70,11 @@ def two_belts(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_same_bytes_for_two_workers(two_belts: Path) -> None:
-    done(two_belts, "run", "one.yaml", "two.yaml", "--no-report", "--out", "parallel", "--jobs", 2)
+    run = ("run", "one.yaml", "two.yaml", "--no-report")
+    said = done(two_belts, *run, "--out", "parallel", "--jobs", 2)
+    notes = [line.partition(": ")[0] for line in said.stderr.splitlines() if ": done, " in line]
+    assert set(notes) == {"one", "two"}
+    assert len(notes) == 2 * len(list((two_belts / "parallel/one").glob("*.parquet")))
     one, two = contents(two_belts / "runs"), contents(two_belts / "parallel")
     assert one.keys() == two.keys()
     assert [name for name in one if one[name] != two[name]] == []
