@@ -91,7 +91,6 @@ def test_a_stage_reads_no_section_that_it_does_not_name(
 
     for stage in STAGES.values():
         monkeypatch.setattr(stage, "compute", guarded(stage.compute, stage))
-    monkeypatch.setattr("beltid.stages.drive.TENSIONS", (1.0,))
     runner = CliRunner()
     for call in CALLS:  # in this process: `run` gives a belt to another one
         done = runner.invoke(app, call.split())

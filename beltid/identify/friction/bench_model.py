@@ -47,6 +47,8 @@ ZEROS = ((3e-6, 0.92), (2e-4, 0.04), (6e-4, 0.04))
 """Sizes of the drifts of the zeros that all runs share [T0/s], with their probabilities."""
 RELEASE = ((1e-7, 0.97), (3e-3, 0.03))
 """The same of friction held at rest that is released meanwhile, over the tension [1/s]."""
+RELAXATION = ((1e-6, 0.95), (2e-3, 0.05))
+"""The same of a belt that relaxes at rest, in both spans alike [1/s]."""
 DRIFT = ((3e-4, 0.98), (3e-2, 0.02))
 """The same of a drift of mu over a run, relative."""
 DECAY = ((1e-3, 0.95), (5e-2, 0.05))
@@ -180,7 +182,7 @@ class Bench:
             Shared("drift", self.drift, choices=DRIFT),
             Shared("decay", self.decay, choices=DECAY),
             Shared("release", self.release, choices=RELEASE),
-            Shared("relaxation", self.relaxation, Size(1e-5, 3.0)),
+            Shared("relaxation", self.relaxation, choices=RELAXATION),
         ]
         own = [
             Own("free", Size(1.0), covariance=self.fixed),

@@ -2,11 +2,12 @@
 
 The difference of the cells of run r at rest (tight less slack) is
 
-    D_r = d_r (zeta + w_r + gamma T_r) + (h + f_r) T_r + noise.                                (S3)
+    D_r = d_r (zeta + w_r + (gamma + g) T_r) + (h + f_r) T_r + noise.                          (S3)
 
 The zeros differ by zeta in all runs and by w in each, the gains by gamma; d = -1 where the pulley
 turns the other way, so that the cells change places. Friction holds shares of the tension in a belt
-that stands on its pulley: h in all runs, f in each; sliding removes them. So the rest shows zeros
+that stands on its pulley: h in all runs towards the span that will pull, g towards one side of the
+bench whichever way the pulley turns, f in each; sliding removes them. So the rest shows zeros
 (newtons, whatever the tension); shares of the tension may be held friction or a gain, and no gain
 is corrected by them, unless the belt was rocked free (`free_at_rest`). A gain shows where runs turn
 in both directions: it changes the sign of its effect on ln(T_tight/T_slack),
@@ -19,6 +20,7 @@ difference.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +36,8 @@ HELD = ((1e-5, 0.5), (3e-4, 0.1), (1e-3, 0.1), (3e-3, 0.1), (1e-2, 0.1), (5e-2, 
 """The same of h."""
 OWN_ZERO, OWN_HELD = Size(5e-4, 1.5), Size(5e-4, 1.5)
 """Sizes of w, over the median initial tension, and of f."""
-GAIN_WIDTH = 1.5
-"""Width of the prior of the size of gamma about what is stated."""
+GAINS = ((1.0, 0.6), (3.0, 0.25), (10.0, 0.15))
+"""The same of gamma, over what is stated."""
 SETTINGS, ARCS, SCATTER = 0.3, 0.03, Size(3e-3, 1.0)
 """How mu of the runs in both directions may change: powers of tension and speed, between the arcs,
 from run to run (relative)."""
@@ -85,19 +87,21 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     """
     T, d, D = r.tension_N, r.direction, r.difference_N
     unit = float(np.median(T))
-    size = Size(max(np.sqrt(2.0) * gain_rel, 1e-6), GAIN_WIDTH if gain_rel > 0.0 else 0.0)
+    gains = [(k * max(np.sqrt(2.0) * gain_rel, 1e-6), p) for k, p in GAINS]
     shared = [Shared("zero", d[:, None] * unit, choices=ZEROS)]
     if both_ways := bool(np.ptp(d) > 0.0):
-        gain, gain_sd = _gain_by_directions(r, size)
+        gain, gain_sd = _gain_by_directions(r, gains)
         shared.append(Shared("gain", (d * T)[:, None], Size(gain_sd), mean=gain))
     elif free_at_rest:
-        shared.append(Shared("gain", (d * T)[:, None], size))
+        shared.append(Shared("gain", (d * T)[:, None], choices=gains))
     own = [
         Own("noise", Size(1.0), diagonal=np.maximum(r.se_N, 1e-5 * T)),
         Own("own zero", OWN_ZERO, diagonal=np.full(D.size, unit)),
     ]
     if not free_at_rest:
         shared.append(Shared("held", T[:, None], choices=HELD))
+        if both_ways:
+            shared.append(Shared("held aside", (d * T)[:, None], choices=HELD))
         own.append(Own("own held", OWN_HELD, diagonal=T))
     model = Mixed(D, shared, own)
     posterior = model.fit()
@@ -130,7 +134,7 @@ def cell_errors(r: Readings, gain_rel: float = 2e-3, free_at_rest: bool = False)
     )
 
 
-def _gain_by_directions(r: Readings, size: Size) -> tuple[float, float]:
+def _gain_by_directions(r: Readings, gains: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the difference of the gains and its error from ln mu over the settings."""
     log_mu = np.log(np.maximum(r.level, 1e-6) / r.arc)
     x, v = (np.log(a) - np.log(a).mean() for a in (r.tension_N, r.speed))
@@ -141,7 +145,7 @@ def _gain_by_directions(r: Readings, size: Size) -> tuple[float, float]:
             Shared("mean", np.ones((x.size, 1))),
             Shared("powers", np.column_stack([x, v, x**2, v**2, x * v]), Size(SETTINGS)),
             Shared("arcs", arcs, Size(ARCS)),
-            Shared("gain", (r.direction / r.level)[:, None], size),
+            Shared("gain", (r.direction / r.level)[:, None], choices=gains),
         ],
         [
             Own("noise", Size(1.0), diagonal=r.level_se / r.level),

@@ -41,6 +41,9 @@ MAX_ERROR = 0.05
 """Largest relative standard error of mu_sliding of an accepted run."""
 MAX_DRIFT = 0.1
 """Largest relative drift of mu over the sliding phase."""
+MAX_TAIL = 0.025
+"""Largest tail that is left at the end of a record, relative to mu: beyond it the plateau would be
+extrapolated."""
 MAX_MISFIT = 4.0
 """Largest ratio of the noise about the model of the bench to that of the other runs."""
 MAX_PEAK_ERROR = 0.02
@@ -243,6 +246,12 @@ def _check_fit(run: RunReduction, record: SlidingRecord, level: RunLevel, n_runs
         raise RunRejected(
             f"drifts: mu changes by {100 * run.drift:+.2g} % over the sliding phase, "
             f"allowed is {100 * MAX_DRIFT:g} %"
+        )
+    left = abs(float(level.tail(record.travel[-1:])[0])) / level.y
+    if left > MAX_TAIL:
+        raise RunRejected(
+            f"never settles: the tail of the sticking peak is still {100 * left:.2g} % of mu at "
+            f"the end of the record, allowed is {100 * MAX_TAIL:g} %"
         )
     # errors of the cells do not count here: they do not depend on settling
     parts = [np.sqrt(level.variance), level.shared_tail, level.shared_drift]
