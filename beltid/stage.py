@@ -267,7 +267,7 @@ class Stage:
         for role, kind in self.reads.items():
             if kind in RECORDINGS:
                 given[role] = _in_memory(given[role], str(kind), config)
-        outcome = self.compute(**given)
+        outcome = self.compute(**_as_measured(given))
         # a result has its own origin; a plain table beside it takes that one, alone the config's
         origins = [item.origin for item in items if isinstance(item, (Outcome, Artifact))]
         if config.data.origin or not origins:
@@ -295,7 +295,7 @@ class Stage:
         given |= {"config": source.config, **work.options}
         if workers is not None and "workers" in self.signature.parameters:
             given["workers"] = workers
-        outcome = replace(self.compute(**given), kind=self.makes)
+        outcome = replace(self.compute(**_as_measured(given)), kind=self.makes)
         if changed := [file.path for file in work.files.values() if file.has_changed()]:
             raise InputError([f"{path}: was changed while it was read" for path in changed])
         return Built(self._write(work, outcome, items, out), up_to_date=False)
@@ -478,15 +478,22 @@ def stage(
     return registered
 
 
+def _as_measured(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments with what the channels of the rig showed when it was reduced."""
+    facts = getattr(given.get("friction"), "facts", {})
+    shown = {key: facts[f"rig_{key}"] for key in ("kind", "holds") if f"rig_{key}" in facts}
+    return {**given, "config": given["config"].with_rig(shown)}
+
+
 def _in_memory(frame: Any, kind: str, config: Config) -> Recording:
     """Return a frame as a recording; without a time, that of a rig is a table of plateaus."""
-    from beltid.bench.recording import Recording, columns_of
+    from beltid.bench.recording import recording_in
 
     names = getattr(frame, "column_names", getattr(frame, "columns", frame))
     time = config.columns[kind].get("time_s", "time_s")
     if kind == "rig" and isinstance(names, Iterable) and time not in [str(n) for n in names]:
         kind = "points"
-    return Recording(kind, columns_of(frame, kind, config), Path("frame"))
+    return recording_in(frame, kind, config)
 
 
 def _kind_of(kind: Kind, path: Path) -> str:

@@ -439,9 +439,28 @@ def rig_of(has: Mapping[str, Sequence[Found]], needs: Needs) -> dict[str, str]:
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     if not torque or not (tight or slack or hub or weight):
         return {}
-    span = span_of(has["weight_N"][0].channel.name) if weight and not hub else ""
+    named = [match.channel.name for match in has.get("weight_N", ())]
+    span = span_of(named[0]) if named and not hub else ""
     holds = {"holds": f"weight_{span}"} if span else {}
     return {"kind": "torque_hub" if hub else "torque", **holds}
+
+
+def by_channels(raws: Sequence[Raw], needs: Needs, has: Mapping[str, Sequence[Found]]) -> Needs:
+    """Return what a recording of the rig needs with the forces that it has.
+
+    `has` are those of the head; values that hold for all runs count, too.
+    """
+    if needs.options.rig_stated or needs.table.kind != "rig":
+        return needs
+    whole = Needs(schemas.table("rig"), needs.options)
+    has = {**dict.fromkeys(needs.options.values, ()), **has, **meant(channels_of(raws), whole)}
+    rig = rig_of(has, needs)
+    if not rig:
+        return needs
+    _, weight_on, running = needs.options.rig
+    weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
+    options = replace(needs.options, rig=(rig["kind"], weight_on, running), found=rig)
+    return Needs(options.table("rig"), options, needs.problems)
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:

@@ -32,6 +32,8 @@ class ReadOptions:
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
     rig: tuple[str, str, bool] = TWO_CELLS  # measures, weight on, running
+    rig_stated: bool = False  # whether the config states what the rig measures
+    found: Mapping[str, str] = field(default_factory=dict)  # keys of `rig` by the channels
 
     @classmethod
     def of(cls, config: Config | None, kind: str) -> ReadOptions:
@@ -52,7 +54,8 @@ class ReadOptions:
         }
         stated = runs["pattern"], runs["table"], runs["values"]
         measures = (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS
-        return cls(config.columns[kind], units, *stated, dialect, measures)
+        said = rig is not None and "kind" in rig.model_fields_set
+        return cls(config.columns[kind], units, *stated, dialect, measures, said)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

@@ -17,11 +17,11 @@ from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, is_many, sources_of
-from beltid.bench.mapping import Found, Needs, channels_of, meant
+from beltid.bench.mapping import Found, Needs, by_channels, channels_of, meant
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
-from beltid.bench.runs import Settings, is_timed, joined, tables_of_runs
+from beltid.bench.runs import Settings, is_timed, joined, settings_in_head, tables_of_runs
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
@@ -59,6 +59,8 @@ class Recording:
         Our columns -> how they were read; empty if the file has our own columns.
     is_artifact : bool
         Whether it is a simulated recording: an artifact of ours.
+    rig : mapping of str to str
+        Keys of the section `rig` that its channels show, if the config does not state them.
     """
 
     kind: str
@@ -67,6 +69,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     found: dict[str, Found] = field(default_factory=dict)
     is_artifact: bool = False
+    rig: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n_samples(self) -> int:
@@ -101,7 +104,10 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     for source in sources:  # one file after the other, so that only one is in memory as written
         raws = tables_in(source, options.dialect, needs.problems)
         if settings is None:
-            needs = needs if kind != "rig" else of_plateaus(raws, needs)
+            if kind == "rig":
+                fields = [entry for raw in raws for entry in raw.fields]
+                whole = Needs(schemas.table("rig"), options)
+                needs = by_channels(raws, of_plateaus(raws, needs), settings_in_head(fields, whole))
             settings = Settings(needs)
         parts += parts_of(source.inside, source.name, raws, settings)
     if len(sources) > 1:
@@ -181,7 +187,8 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     notes += checker.run({*needs.options.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    return Recording(needs.table.kind, columns, path, tuple(notes), found)
+    rig = needs.options.found
+    return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
 
 def _distinct(parts: Sequence[Part]) -> list[Part]:
@@ -210,7 +217,7 @@ def _simulated(path: Path, kind: str) -> Recording | None:
 
 
 def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd.DataFrame:
-    """Return columns in our names and units as a DataFrame, marked as such for `columns_of`.
+    """Return columns in our names and units as a DataFrame, marked as such for `recording_in`.
 
     ``.attrs["notes"]`` of the frame holds the notes.
     """
@@ -219,8 +226,8 @@ def as_frame(columns: Mapping[str, np.ndarray], notes: Sequence[str] = ()) -> pd
     return frame
 
 
-def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarray]:
-    """Return the columns of a recording in memory, checked like those of a file.
+def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
+    """Return a recording in memory, checked like a file.
 
     Parameters
     ----------
@@ -238,18 +245,19 @@ def columns_of(frame: Any, kind: str, config: Any = None) -> dict[str, np.ndarra
     """
     options = ReadOptions.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
-        options = ReadOptions(rig=options.rig)  # names and units are ours already
+        # names and units are ours already
+        options = ReadOptions(rig=options.rig, rig_stated=options.rig_stated)
         frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
     raw = frames.frame_of(frame, "frame")
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
     options = replace(options, pattern=None, run_table=None, names=names)
-    settings = Settings(Needs(table, options))
+    settings = Settings(by_channels([raw], Needs(table, options), {}))
     parts = parts_of(PurePath("frame"), "frame", [raw], settings)
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index
-    return recording_of(parts, Path("frame"), settings).columns
+    return recording_of(parts, Path("frame"), settings)
 
 
 def table_columns(frame: Any, table: Table, name: str) -> dict[str, np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -352,6 +353,11 @@ class Config(Section):
     units: dict[str, dict[str, str | dict[str, float]]] = key(UNITS({}), "", UNITS)
     runs: dict[str, dict[str, Any]] = key(RUNS({}), "", RUNS)
     dialect: DialectSection = DialectSection()
+
+    def with_rig(self, shown: Mapping[str, str]) -> Config:
+        """Return the config with keys of `rig` that channels show and it does not state."""
+        new = {key: word for key, word in shown.items() if key not in self.rig.model_fields_set}
+        return self.model_copy(update={"rig": self.rig.model_copy(update=new)}) if new else self
 
     @field_serializer("runs", when_used="json")
     def _without_folders(self, runs: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -8,12 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from beltid.bench.recording import Recording, columns_of
+from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
 from beltid.identify.friction.kinds import PERFECT, TOUCH_DEG, KnownCell, RigKind
@@ -41,6 +40,7 @@ TOUCHING: Final = (
 
 def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction, ...]]:
     """Reduce every run of a recording, or every row of a table of plateaus."""
+    config = config.with_rig(recording.rig)
     kind, radius = rig_kind(config), config.rig.pulley_radius_m
     with at(recording):
         runs = reduce_rig(recording, config)
@@ -68,6 +68,7 @@ def reduced(recording: Recording, config: Config) -> Outcome[tuple[RunReduction,
             "mu_sliding_range": ranges["mu_sliding"],
             "normal_force_range_N_m": ranges["normal_force_N_m"],
             "slip_speed_range_m_s": ranges["slip_speed_m_s"],
+            **{f"rig_{key}": word for key, word in recording.rig.items()},
         },
         tables={"budget": budget},
         validity=ranges,
@@ -122,7 +123,7 @@ def reduce_rig(rig: Recording, config: Config) -> tuple[RunReduction, ...]:
 
 def simulated_recording(frame: Any) -> Recording:
     """Return a frame with the columns of rig.csv as a recording of the simulated rig."""
-    return Recording("rig", columns_of(frame, "rig", None), Path("frame"), is_artifact=True)
+    return replace(recording_in(frame, "rig"), is_artifact=True)
 
 
 def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from beltid.bench.files import content_of
-from beltid.bench.recording import columns_of, read_recording
+from beltid.bench.recording import read_recording, recording_in
 from beltid.config import load_config
 from beltid.errors import InputError
 
@@ -69,7 +69,7 @@ def test_a_frame_has_no_name_and_no_header_that_tell_its_runs(tmp_path, runs):
     config = {"columns": {"rig": {"arc_deg": "Bogen"}}}
     rig = {**told, "values": {"initial_tension_N": 411}}
     frame = runs["R001"].drop(columns="initial_tension_N")
-    columns = columns_of(frame, "rig", load_config({"runs": {"rig": rig}, **config}))
+    columns = recording_in(frame, "rig", load_config({"runs": {"rig": rig}, **config})).columns
     assert set(columns["initial_tension_N"]) == {411.0}
     assert set(columns["arc_deg"]) == set(frame["arc_deg"])
 
