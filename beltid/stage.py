@@ -478,10 +478,14 @@ def stage(
     return registered
 
 
+RIG_KEYS: Final = ("kind", "holds", "running_measures")
+"""Keys of the section `rig` that channels show."""
+
+
 def _as_measured(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return arguments with what the channels of the rig showed when it was reduced."""
     facts = getattr(given.get("friction"), "facts", {})
-    shown = {key: facts[f"rig_{key}"] for key in ("kind", "holds") if f"rig_{key}" in facts}
+    shown = {key: facts[f"rig_{key}"] for key in RIG_KEYS if f"rig_{key}" in facts}
     return {**given, "config": given["config"].with_rig(shown)}
 
 

@@ -178,7 +178,10 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step in chain:
-            if files.keys() >= set(step.needs.values()):
+            reduced = belt.facts.get("fit-friction", {})
+            if reduced.get("rig_kind") == "running" and step.name not in OF_RUNNING_BELT:
+                belt.states[step.name] = "not simulated"
+            elif files.keys() >= set(step.needs.values()):
                 out = folder / f"{step.makes}.parquet"
                 try:
                     _run_step(belt, step, source, step.inputs(files), out, workers, force)

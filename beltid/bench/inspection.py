@@ -118,7 +118,7 @@ def inspect_recording(
         [f for t in tables for f in t.fields],
     )
     has = settings_in_head(fields, of_kind) | meant(channels, of_kind)
-    rig = {} if config.rig.model_fields_set & {"kind", "holds"} else rig_of(has, needs)
+    rig = {} if config.rig.model_fields_set & {"kind", "holds"} else rig_of(has)
     rig = rig if kind == "rig" else {}
     if rig:
         config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})

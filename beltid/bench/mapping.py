@@ -391,7 +391,7 @@ def refuse_missing(
         text = (
             f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
         )
-    elif table.kind == "rig" and (keys := rig_of(own, needs)):
+    elif table.kind == "rig" and (keys := rig_of(own)):
         stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
         text += f"; these are the channels of rig: {{{stated}}}"
     else:
@@ -430,10 +430,10 @@ def bench_of(
     return (kinds[0], best[0]) if len(kinds) == 1 else ("", False)
 
 
-def rig_of(has: Mapping[str, Sequence[Found]], needs: Needs) -> dict[str, str]:
-    """Return the `rig` keys of the forces that a file has, if they are not those of the config."""
+def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
+    """Return the `rig` keys of the forces that a file has; none for two cells."""
     tight, slack, weight, torque, hub = (name in has for name in FORCES)
-    if (tight and slack) or not lacking(needs.table, has):
+    if tight and slack:
         return {}
     if weight and (tight or slack):
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
@@ -454,12 +454,10 @@ def by_channels(raws: Sequence[Raw], needs: Needs, has: Mapping[str, Sequence[Fo
         return needs
     whole = Needs(schemas.table("rig"), needs.options)
     has = {**dict.fromkeys(needs.options.values, ()), **has, **meant(channels_of(raws), whole)}
-    rig = rig_of(has, needs)
-    if not rig:
-        return needs
-    _, weight_on, running = needs.options.rig
+    rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
-    options = replace(needs.options, rig=(rig["kind"], weight_on, running), found=rig)
+    kind = rig.get("kind", measures), weight_on, "belt_speed_m_s" in has
+    options = replace(needs.options, rig=kind, found=rig)
     return Needs(options.table("rig"), options, needs.problems)
 
 

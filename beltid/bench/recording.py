@@ -17,7 +17,7 @@ from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, is_many, sources_of
-from beltid.bench.mapping import Found, Needs, by_channels, channels_of, meant
+from beltid.bench.mapping import Found, Needs, by_channels, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
@@ -25,6 +25,7 @@ from beltid.bench.runs import Settings, is_timed, joined, settings_in_head, tabl
 from beltid.errors import InputError, Problems
 from beltid.tables import schemas
 from beltid.tables.columns import Table
+from beltid.tables.values import absent
 
 IN_OUR_UNITS: Final = "in_our_units"
 """Attribute of a DataFrame that is in our names and units: read with its config, or computed."""
@@ -187,8 +188,19 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     notes += checker.run({*needs.options.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    rig = needs.options.found
+    rig = {} if needs.options.rig_stated else _shown_by(columns, needs)
     return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
+
+
+def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]:
+    """Return the keys of the section `rig` that the channels of a rig show."""
+    rig = dict(needs.options.found)
+    if needs.table.kind == "points":
+        known = (c for c, values in columns.items() if not absent(values).all())
+        rig = rig_of(dict.fromkeys(known, ()))
+    if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
+        rig |= {"kind": "running", "running_measures": rig.get("kind", "two_cells")}
+    return rig
 
 
 def _distinct(parts: Sequence[Part]) -> list[Part]:

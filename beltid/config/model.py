@@ -74,7 +74,7 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    kind: RigKind = key("two_cells", "what the rig measures, see docs/cases.md")
+    kind: RigKind = key("two_cells", "what the rig measures; not stated: by its channels")
     holds: Holds | None = key(None, "what stays while the pulley turns; null: by kind, see docs")
     running_measures: MeasuredKind = key("two_cells", "running: what it measures")
     belt_speed_m_s: float | None = number(None, 0, 1e3, "m/s", "running; null: a column")

@@ -115,10 +115,10 @@ def fit_friction(frame: Any, config: ConfigLike = None) -> Outcome[Any]:
     Sliding speed and normal force need the radius of the belt's centreline on the pulley: 0.05 m
     unless the config states rig.pulley_radius_m, for recordings of any bench.
 
-    rig.kind of the config states what the rig measures: two_cells (the default), dead_weight,
-    torque, torque_hub, or running for a belt that moves.
+    The channels tell what the rig measures: two cells, a weight and a cell, a torque and a cell or
+    weight, a torque and the hub force; with belt_speed_m_s the belt moves.
 
-    A table without time_s has a row per plateau: arc_deg, the forces or torque of rig.kind,
+    A table without time_s has a row per plateau: arc_deg, the channels of the forces,
     pulley_speed_rad_s or slip_speed_m_s, and if known run, mu_se, temperature_degC,
     initial_tension_N, condition, side; or mu and normal_force_N_m themselves.
 

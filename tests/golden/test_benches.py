@@ -100,22 +100,22 @@ BENCHES = {
     "cells": ({}, {}, [*CELL.values()]),
     "weight_tight": (
         {"holds": "weight_tight"},
-        {"rig": {"kind": "dead_weight", "holds": "weight_tight"}},
+        {"rig": {"holds": "weight_tight"}},
         ["weight_N", CELL["slack"]],
     ),
     "weight_slack": (
         {"holds": "weight_slack"},
-        {"rig": {"kind": "dead_weight", "holds": "weight_slack"}},
+        {"rig": {"holds": "weight_slack"}},
         ["weight_N", CELL["tight"]],
     ),
     "torque_and_slack_cell": (
         {},
-        {"rig": {"kind": "torque"}},
+        {"rig": {}},
         ["torque_N_m", CELL["slack"]],
     ),
     "torque_and_tight_cell": (
         {},
-        {"rig": {"kind": "torque"}},
+        {"rig": {}},
         ["torque_N_m", CELL["tight"]],
     ),
     # the bending of the spans is corrected with EI: this belt has none
@@ -123,7 +123,7 @@ BENCHES = {
         {"holds": "hub_force", "arcs_deg": (110.0, 170.0)},
         {
             "belt": {"bending_stiffness_N_m2": 1e-6},
-            "rig": {"kind": "torque_hub", "holds": "hub_force"},
+            "rig": {"holds": "hub_force"},
         },
         ["torque_N_m", "hub_force_N"],
     ),
@@ -131,7 +131,7 @@ BENCHES = {
         {"arcs_deg": (110.0, 170.0)},
         {
             "belt": {"bending_stiffness_N_m2": 1e-6},
-            "rig": {"kind": "torque_hub", "holds": "stretch"},
+            "rig": {"holds": "stretch"},
         },
         ["torque_N_m", "hub_force_N"],
     ),

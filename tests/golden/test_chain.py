@@ -192,8 +192,8 @@ def test_selected_runs_of_the_rig(bench: Path) -> None:
 
 
 RIGS = {
-    "weight": {"rig": {"kind": "dead_weight", "holds": "weight_tight"}},
-    "hub_free": {"rig": {"kind": "torque_hub", "holds": "hub_force"}},
+    "weight": {"rig": {"holds": "weight_tight"}},
+    "hub_free": {"rig": {"holds": "hub_force"}},
     "clamped": {"rig": {"supports": "clamped"}},
 }
 

@@ -111,9 +111,9 @@ def test_build_up_of_friction() -> None:
 
 
 GIVEN = {
-    "weight_tight": {"kind": "dead_weight", "holds": "weight_tight"},
-    "weight_slack": {"kind": "dead_weight", "holds": "weight_slack"},
-    "hub_force": {"kind": "torque_hub", "holds": "hub_force"},
+    "weight_tight": {"holds": "weight_tight"},
+    "weight_slack": {"holds": "weight_slack"},
+    "hub_force": {"holds": "hub_force"},
     "clamped": {"supports": "clamped"},
     "radius_20_mm": {"pulley_radius_m": 0.02},
     "radius_80_mm": {"pulley_radius_m": 0.08},

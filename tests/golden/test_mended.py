@@ -81,7 +81,7 @@ def test_a_weight_in_kilograms_is_no_force(tmp_path: Path) -> None:
     frame = rig.recording()[["time_s", *GEOMETRY, "tension_slack_N", "weight_N"]]
     frame = frame.drop(columns="initial_tension_N")
     frame["weight_N"] /= 9.80665
-    config = {"rig": {"kind": "dead_weight", "holds": "weight_tight"}}
+    config = {"rig": {"holds": "weight_tight"}}
     refused(friction(tmp_path, frame, config), "weight_N", "kg")
     said = friction(tmp_path, frame, config | {"units": {"rig": {"weight_N": "kg"}}})
     assert said.status == 0, said.stderr
@@ -94,7 +94,7 @@ def test_a_torque_must_give_the_radius(tmp_path: Path) -> None:
     frame = benches.Rig().recording().drop(columns=["hub_force_N", "weight_N"])
     frame["torque_N_m"] /= 0.1129848
     only = frame.drop(columns="tension_tight_N")
-    config = {"rig": {"kind": "torque"}}
+    config = {"rig": {}}
     refused(friction(tmp_path, only, config), "torque_N_m")
 
 

@@ -59,6 +59,15 @@ def test_a_table_of_another_kind_is_refused_with_the_channel(
     assert any(named in line for line in error.value.problems)
 
 
+@pytest.mark.parametrize("kind", ["two_cells", "dead_weight", "torque", "torque_hub", "running"])
+def test_the_channels_tell_the_kind(kind: str) -> None:
+    straight = {"rig": {"pulley_radius_m": R}, "belt": {"bending_stiffness_N_m2": 1e-8}}
+    found = fit_friction(table(kind), straight).to_frame()
+    turning = 0.1 * BELT_SPEED**2 if kind == "running" else 0.0  # m v², m by default
+    expected = np.log((TIGHT - turning) / (SLACK - turning)) / ARC
+    assert found["mu_sliding"].to_numpy() == pytest.approx(expected, rel=1e-4)
+
+
 def test_a_belt_that_does_not_move_is_no_running_rig() -> None:
     found = fit(table("two_cells").assign(belt_speed_m_s=0.0), "two_cells").to_frame()
     assert found["mu_sliding"].to_numpy() == pytest.approx(0.5, rel=1e-12)
