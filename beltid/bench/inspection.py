@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -20,12 +20,11 @@ from beltid.bench.mapping import (
     channels_of,
     mapped,
     meant,
-    rig_of,
 )
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
-from beltid.bench.recording import of_plateaus, read_recording, tables_in
+from beltid.bench.recording import of_plateaus, read_recording, tables_in, with_forces
 from beltid.bench.runs import settings_in_head
 from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
@@ -68,7 +67,7 @@ class Inspection:
     runs: list[RunView]  # empty if it cannot be read yet
     notes: tuple[str, ...]
     problems: tuple[str, ...]  # to be stated or corrected; without, the command reads it
-    rig: dict[str, str]  # keys of `rig` that the channels require and the config does not state
+    rig: dict[str, str]  # what the channels show that stays while the pulley turns
     pattern: str  # of the file names, for settings that are nowhere else; "" if none
 
 
@@ -112,28 +111,25 @@ def inspect_recording(
         )
         return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
     needs = Needs(options[kind].table(kind), options[kind])
-    needs = of_plateaus(tables, needs) if kind == "rig" else needs
+    needs = with_forces(tables, of_plateaus(tables, needs) if kind == "rig" else needs)
     of_kind, fields = (
         Needs(schemas.table(kind), options[kind]),
         [f for t in tables for f in t.fields],
     )
     has = settings_in_head(fields, of_kind) | meant(channels, of_kind)
-    rig = {} if config.rig.model_fields_set & {"kind", "holds"} else rig_of(has)
-    rig = rig if kind == "rig" else {}
-    if rig:
-        config = config.model_copy(update={"rig": config.rig.model_copy(update=rig)})
-        needs = Needs(ReadOptions.of(config, kind).table(kind), options[kind])
     pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
         stated = {kind: {**config.runs[kind], "pattern": pattern}}
         config = config.model_copy(update={"runs": config.runs | stated})
     runs, problems = list[RunView](), tuple[str, ...]()
+    rig: Mapping[str, str] = {}
     try:
         recording = read_recording(path, kind, config)
         found, notes = recording.found, recording.notes
         runs = runs_found(recording.columns, recording.kind)
-        spans = {"tension_tight_N", "tension_slack_N", "hub_force_N"} & {*recording.found}
-        if config.rig.kind == "torque" and not spans and config.rig.holds is None:
+        rig = recording.rig
+        spans = {"tension_tight_N", "tension_slack_N"} & {*recording.found}
+        if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
             ask = (
                 "state the span that carries the weight, rig: {holds: weight_tight} or weight_slack"
             )
@@ -142,9 +138,8 @@ def inspect_recording(
         found, notes, problems = {}, tables[0].notes, error.problems
         for table in tables:
             found = mapped(channels_of([table]), needs, "") | found
-    if rig:
-        notes = (*notes, f"the channels are those of rig.kind: {rig['kind']}")
-    return Inspection(kind, names, tables, channels, found, runs, notes, problems, rig, pattern)
+    holds = {key: word for key, word in rig.items() if key == "holds"}
+    return Inspection(kind, names, tables, channels, found, runs, notes, problems, holds, pattern)
 
 
 def _pattern(names: Sequence[str], needs: Needs, found: set[str], n_tables: int) -> str:

@@ -378,7 +378,6 @@ def refuse_missing(
     if not missing and (found or any(c.required for c in table.columns)):
         return
     kind, is_whole_one = bench_of(channels)
-    own = meant(channels, Needs(schemas.table("rig"), needs.options))
     shown = [
         names.get(role, role)
         + (f" (which the config names for {role})" if names.get(role, role) != role else "")
@@ -391,9 +390,6 @@ def refuse_missing(
         text = (
             f"{place}: these are the columns of a recording of {command}, data.{kind} in a config"
         )
-    elif table.kind == "rig" and (keys := rig_of(own)):
-        stated = ", ".join(f"{key}: {word}" for key, word in keys.items())
-        text += f"; these are the channels of rig: {{{stated}}}"
     else:
         first = next((r for r in missing if r in close), next(iter(missing), "mu"))
         say = needs.say("columns", first, f'"{close.get(first, "its name in the file")}"')
@@ -445,15 +441,10 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
     return {"kind": "torque_hub" if hub else "torque", **holds}
 
 
-def by_channels(raws: Sequence[Raw], needs: Needs, has: Mapping[str, Sequence[Found]]) -> Needs:
-    """Return what a recording of the rig needs with the forces that it has.
-
-    `has` are those of the head; values that hold for all runs count, too.
-    """
+def by_channels(needs: Needs, has: Mapping[str, Sequence[Found]]) -> Needs:
+    """Return what a recording of the rig needs with the forces that it has."""
     if needs.options.rig_stated or needs.table.kind != "rig":
         return needs
-    whole = Needs(schemas.table("rig"), needs.options)
-    has = {**dict.fromkeys(needs.options.values, ()), **has, **meant(channels_of(raws), whole)}
     rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
     kind = rig.get("kind", measures), weight_on, "belt_speed_m_s" in has

@@ -105,16 +105,21 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     for source in sources:  # one file after the other, so that only one is in memory as written
         raws = tables_in(source, options.dialect, needs.problems)
         if settings is None:
-            if kind == "rig":
-                fields = [entry for raw in raws for entry in raw.fields]
-                whole = Needs(schemas.table("rig"), options)
-                needs = by_channels(raws, of_plateaus(raws, needs), settings_in_head(fields, whole))
+            needs = with_forces(raws, of_plateaus(raws, needs) if kind == "rig" else needs)
             settings = Settings(needs)
         parts += parts_of(source.inside, source.name, raws, settings)
     if len(sources) > 1:
         needs.problems.merge_repeated([source.name for source in sources])
     assert settings is not None
     return recording_of(parts, path, settings)
+
+
+def with_forces(raws: Sequence[Raw], needs: Needs) -> Needs:
+    """Return what a recording needs with the forces in its columns, head or values of all runs."""
+    whole = Needs(schemas.table("rig"), needs.options)
+    fields = [entry for raw in raws for entry in raw.fields]
+    has = settings_in_head(fields, whole) | meant(channels_of(raws), whole)
+    return by_channels(needs, {**dict.fromkeys(needs.options.values, ()), **has})
 
 
 def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:
@@ -265,7 +270,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
     # a frame has neither a name nor a head that states anything
     names = {n: theirs for n, theirs in options.names.items() if n not in raw.frame}
     options = replace(options, pattern=None, run_table=None, names=names)
-    settings = Settings(by_channels([raw], Needs(table, options), {}))
+    settings = Settings(with_forces([raw], Needs(table, options)))
     parts = parts_of(PurePath("frame"), "frame", [raw], settings)
     if parts and table.label not in parts[0].found and "time_s" in table.names:
         raise InputError(f"frame: column {table.label} is missing")  # it may be the index

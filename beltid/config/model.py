@@ -77,7 +77,6 @@ class RigSection(Section):
     kind: RigKind = key("two_cells", "what the rig measures; not stated: by its channels")
     holds: Holds | None = key(None, "what stays while the pulley turns; null: by kind, see docs")
     running_measures: MeasuredKind = key("two_cells", "running: what it measures")
-    belt_speed_m_s: float | None = number(None, 0, 1e3, "m/s", "running; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
     pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
     span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")

@@ -93,7 +93,6 @@ def rig_kind(config: Config) -> RigKind:
         weight_on=rig.weight_on,
         weight_stated=rig.states_weight,
         running=rig.kind == "running",
-        belt_speed_m_s=_or_nan(rig.belt_speed_m_s),
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=(
             KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),

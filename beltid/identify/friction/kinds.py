@@ -99,7 +99,6 @@ class RigKind:
     weight_on: Span = "tight"  # span that carries the dead weight
     torque_with: Span = "slack"  # span whose tension is measured in addition to a torque
     running: bool = False  # whether the belt moves
-    belt_speed_m_s: float = float("nan")  # speed of the belt if no column gives it [m/s]
     mass_per_length_kg_m: float = 0.0
     """Mass per length of the belt; used only if the belt moves [kg/m]."""
     cells: tuple[KnownCell, KnownCell] = PERFECT  # known errors of the tight and the slack cell
@@ -207,15 +206,11 @@ class RigKind:
         Raises
         ------
         InputError
-            If neither a column nor the config gives it.
+            If no column gives it.
         """
-        speed = np.asarray(columns.get("belt_speed_m_s", np.nan), dtype=float)
-        speed = np.abs(np.where(np.isfinite(speed), speed, self.belt_speed_m_s))
+        speed = np.abs(np.asarray(columns.get("belt_speed_m_s", np.nan), dtype=float))
         if not np.isfinite(speed).any():
-            raise InputError(
-                "rig.kind: running needs the speed of the belt: column belt_speed_m_s is missing, "
-                "and the config states no rig.belt_speed_m_s"
-            )
+            raise InputError("rig.kind: running needs the column belt_speed_m_s, which is missing")
         return speed
 
     def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
