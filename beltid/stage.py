@@ -478,15 +478,18 @@ def stage(
     return registered
 
 
-RIG_KEYS: Final = ("kind", "holds", "running_measures")
-"""Keys of the section `rig` that channels show."""
+RIG_KEYS: Final = ("kind", "holds", "running")
+"""What channels show of a rig."""
+
+
+def rig_shown(friction: Any) -> dict[str, str]:
+    """Return what the channels of the rig showed when a friction table was made."""
+    facts = getattr(friction, "facts", {})
+    return {key: facts[f"rig_{key}"] for key in RIG_KEYS if f"rig_{key}" in facts}
 
 
 def _as_measured(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments with what the channels of the rig showed when it was reduced."""
-    facts = getattr(given.get("friction"), "facts", {})
-    shown = {key: facts[f"rig_{key}"] for key in RIG_KEYS if f"rig_{key}" in facts}
-    return {**given, "config": given["config"].with_rig(shown)}
+    return {**given, "config": given["config"].with_rig(rig_shown(given.get("friction")))}
 
 
 def _in_memory(frame: Any, kind: str, config: Config) -> Recording:

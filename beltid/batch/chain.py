@@ -124,8 +124,6 @@ class Belt:
 
 def chain_of(config: Config) -> list[Step]:
     """Return the steps of a chain."""
-    if config.rig.kind == "running":
-        return [step for step in CHAIN if step.name in OF_RUNNING_BELT]
     left_out = "cross-validate" if config.cross_validate.by == "none" else ""
     chain = [s for s in CHAIN if not s.section or s.section in config.model_fields_set]
     return [step for step in chain if step.name != left_out]
@@ -171,15 +169,11 @@ def run_belt(source: ConfigSource, folder: Path, workers: Workers, *, force: boo
     with prefixed(Prefix(f"{source.name}: ")):
         synthetic = ", synthetic data" if source.config.data.origin == "synthetic" else ""
         log.info("config %s%s, results in %s", source.origin, synthetic, folder)
-        if source.config.rig.kind == "running":
-            from beltid.stages.planned_runs import NOT_SIMULATED
-
-            log.info(NOT_SIMULATED)
         for kind in belt.lacking:
             log.warning(WITHOUT[kind])
         for step in chain:
             reduced = belt.facts.get("fit-friction", {})
-            if reduced.get("rig_kind") == "running" and step.name not in OF_RUNNING_BELT:
+            if "rig_running" in reduced and step.name not in OF_RUNNING_BELT:
                 belt.states[step.name] = "not simulated"
             elif files.keys() >= set(step.needs.values()):
                 out = folder / f"{step.makes}.parquet"

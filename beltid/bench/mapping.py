@@ -443,7 +443,7 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
 
 def by_channels(needs: Needs, has: Mapping[str, Sequence[Found]]) -> Needs:
     """Return what a recording of the rig needs with the forces that it has."""
-    if needs.options.rig_stated or needs.table.kind != "rig":
+    if needs.table.kind != "rig":
         return needs
     rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")

@@ -32,7 +32,6 @@ class ReadOptions:
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
     rig: tuple[str, str, bool] = TWO_CELLS  # measures, weight on, running
-    rig_stated: bool = False  # whether the config states what the rig measures
     found: Mapping[str, str] = field(default_factory=dict)  # keys of `rig` by the channels
 
     @classmethod
@@ -53,9 +52,8 @@ class ReadOptions:
             for n, u in config.units[kind].items()
         }
         stated = runs["pattern"], runs["table"], runs["values"]
-        measures = (rig.measures, rig.weight_on, rig.kind == "running") if rig else TWO_CELLS
-        said = rig is not None and "kind" in rig.model_fields_set
-        return cls(config.columns[kind], units, *stated, dialect, measures, said)
+        measures = (rig.kind, rig.weight_on, False) if rig else TWO_CELLS
+        return cls(config.columns[kind], units, *stated, dialect, measures)
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

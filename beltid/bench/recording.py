@@ -193,7 +193,7 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
     notes += checker.run({*needs.options.units, *stated})
     needs.problems.raise_if_any()
     found = {role: match for part in parts for role, match in part.found.items()}
-    rig = {} if needs.options.rig_stated else _shown_by(columns, needs)
+    rig = _shown_by(columns, needs)
     return Recording(needs.table.kind, columns, path, tuple(notes), found, rig=rig)
 
 
@@ -204,7 +204,7 @@ def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]
         known = (c for c, values in columns.items() if not absent(values).all())
         rig = rig_of(dict.fromkeys(known, ()))
     if np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
-        rig |= {"kind": "running", "running_measures": rig.get("kind", "two_cells")}
+        rig["running"] = "yes"
     return rig
 
 
@@ -263,7 +263,7 @@ def recording_in(frame: Any, kind: str, config: Any = None) -> Recording:
     options = ReadOptions.of(config, kind)
     if isinstance(frame, Recording) or getattr(frame, "attrs", {}).get(IN_OUR_UNITS):
         # names and units are ours already
-        options = ReadOptions(rig=options.rig, rig_stated=options.rig_stated)
+        options = ReadOptions(rig=options.rig)
         frame = frame.columns if isinstance(frame, Recording) else frame
     table = options.table(kind)
     raw = frames.frame_of(frame, "frame")

@@ -11,17 +11,16 @@ import json
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
-from pydantic import field_serializer
+from pydantic import PrivateAttr, field_serializer
 
 from beltid import params
 from beltid.config import checks
 from beltid.config.fields import Section, count, key, number, settings
 from beltid.config.layout import COLUMNS, RUNS, UNITS
 
-MeasuredKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
-RigKind = Literal[MeasuredKind, "running"]
+RigKind = Literal["two_cells", "dead_weight", "torque", "torque_hub"]
 Holds = Literal["stretch", "weight_tight", "weight_slack", "hub_force"]
 Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
@@ -34,6 +33,12 @@ GIVEN: dict[str, params.GivenForce] = {
     "hub_force": "hub",
 }
 """What stays while the pulley turns -> the force that is given."""
+BY_HOLDS: dict[str, str] = {
+    "weight_tight": "dead_weight",
+    "weight_slack": "dead_weight",
+    "hub_force": "torque_hub",
+}
+"""What stays -> what is measured, if no channels are known."""
 _arcs = partial(settings, 360, "°", "[40, 68, 82]")
 _tensions = partial(settings, 1e5, "N", "[100, 270, 410]")
 _speeds = partial(settings, 1e4, "rad/s", "[0.05, 0.21, 0.84]")
@@ -74,9 +79,7 @@ class PressSection(Section):
 class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
-    kind: RigKind = key("two_cells", "what the rig measures; not stated: by its channels")
-    holds: Holds | None = key(None, "what stays while the pulley turns; null: by kind, see docs")
-    running_measures: MeasuredKind = key("two_cells", "running: what it measures")
+    holds: Holds | None = key(None, "what stays while the pulley turns; null: by the channels")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
     pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
     span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")
@@ -89,10 +92,18 @@ class RigSection(Section):
         (0.05, 0.10, 0.21, 0.42, 0.84), "pulley speeds; likewise"
     )
 
+    _shown: Mapping[str, str] = PrivateAttr(default_factory=dict)  # by the channels
+
     @property
-    def measures(self) -> MeasuredKind:
-        """Kind of rig that has the channels of the recording; `running_measures` if running."""
-        return self.running_measures if self.kind == "running" else self.kind
+    def kind(self) -> RigKind:
+        """What the rig measures, by the channels, else by what it holds."""
+        shown: Any = self._shown.get("kind", BY_HOLDS.get(self.holds or "", "two_cells"))
+        return cast(RigKind, shown)
+
+    @property
+    def running(self) -> bool:
+        """Whether the belt moves."""
+        return "running" in self._shown
 
     @property
     def weight_on(self) -> Span:
@@ -109,11 +120,9 @@ class RigSection(Section):
         """Force that stays constant while the pulley turns.
 
         A weight fixes the tension of one span, a hub force the sum of both. Where `holds` is not
-        stated, it is the weight of a `dead_weight`, the hub force of a `torque_hub`, else the
-        stretch of the belt.
+        stated, it is the hub force if that is measured, else the stretch of the belt.
         """
-        by_kind = {"dead_weight": "weight_tight", "torque_hub": "hub_force"}
-        return GIVEN[self.holds or by_kind.get(self.kind, "stretch")]
+        return GIVEN[self.holds or ("hub_force" if self.kind == "torque_hub" else "stretch")]
 
 
 class ConditionsSection(Section):
@@ -354,9 +363,11 @@ class Config(Section):
     dialect: DialectSection = DialectSection()
 
     def with_rig(self, shown: Mapping[str, str]) -> Config:
-        """Return the config with keys of `rig` that channels show and it does not state."""
-        new = {key: word for key, word in shown.items() if key not in self.rig.model_fields_set}
-        return self.model_copy(update={"rig": self.rig.model_copy(update=new)}) if new else self
+        """Return the config with what channels show of the rig: kind, holds if not stated."""
+        holds = self.rig.holds or shown.get("holds")
+        rig = self.rig.model_copy(update={"holds": holds} if holds else {})
+        rig._shown = dict(shown)
+        return self.model_copy(update={"rig": rig}) if shown else self
 
     @field_serializer("runs", when_used="json")
     def _without_folders(self, runs: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -70,7 +70,7 @@ def class_name(values: np.ndarray, unit: str = "") -> str:
 
 def load_name(friction: Sheet) -> str:
     """Return what sets the tension of the belt on the rig: a weight, or its tension at rest."""
-    rig = f"{friction.rig.get('kind')} {friction.rig.get('holds')}"
+    rig = f"{friction.rig.get('holds')} {friction.facts.get('rig_holds')}"
     return "weight" if "weight" in rig else "belt tension"
 
 

@@ -85,14 +85,14 @@ def rig_kind(config: Config) -> RigKind:
     """Return the kind of a config's friction rig: what it measures, and its load cells."""
     rig = config.rig
     # a running belt between two pulleys turns alike at both ends; the line of force does not turn
-    bent = rig.kind == "torque_hub"
+    bent = rig.kind == "torque_hub" and not rig.running
     spans = Spans(config.belt.bending_stiffness_N_m2, rig.span_length_m, rig.supports == "clamped")
     known = config.friction
     return RigKind(
-        measures=rig.measures,
+        measures=rig.kind,
         weight_on=rig.weight_on,
         weight_stated=rig.states_weight,
-        running=rig.kind == "running",
+        running=rig.running,
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=(
             KnownCell(known.tension_tight_tare_N, known.tension_tight_gain),

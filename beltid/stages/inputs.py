@@ -225,9 +225,9 @@ def standard_uncertainties(config: Config) -> StandardUncertainties:
     """
     section = config.uncertainty
     values = {UNIT.sub("", key): value for key, value in section.si().items()}
-    if config.rig.kind != "running":
+    if not config.rig.running:
         values["mass_per_length"] = 0.0
-    if config.rig.measures not in ("torque", "torque_hub"):
+    if config.rig.kind not in ("torque", "torque_hub"):
         values |= dict.fromkeys(("torque_gain", "bearing_drag"), 0.0)
     return StandardUncertainties(
         values, frozenset(UNIT.sub("", key) for key in section.model_fields_set)

@@ -36,7 +36,7 @@ ROUNDING: Final = 1e-9  # relative
 NEGLIGIBLE: Final = 1e-3
 """Relative error of a speed that changes a friction coefficient by a few parts in ten thousand."""
 NOT_SIMULATED: Final = (
-    "rig.kind: running has no simulated rig: only fit-friction and build-surface take it"
+    "a running belt has no simulated rig: only fit-friction and build-surface take it"
 )
 
 
@@ -186,5 +186,5 @@ def setting_lists(config: Config, measured: np.ndarray | None) -> list[list[floa
 
 def refuse_running(config: Config) -> None:
     """Raise an error for a running belt, which no simulated rig has."""
-    if config.rig.kind == "running":
+    if config.rig.running:
         raise InputError(NOT_SIMULATED)

@@ -205,15 +205,9 @@ def prepared_campaign(
 def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
     """Return the rig that the runs are simulated on.
 
-    Its kind must match the runs: a table measured with a torque is refused for another kind. While
-    the whole arc slides, one tension determines the other, whatever the history. If no tension at
-    rest is known, the sum of both tensions while sliding replaces it, as under a hub force.
+    While the whole arc slides, one tension determines the other, whatever the history. If no
+    tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
     """
-    if "torque_with" in columns and config.rig.measures != "torque":
-        raise InputError(
-            f"rig.kind: {config.rig.kind}, but the tensions of the friction table were measured "
-            "together with a torque; must be rig.kind: torque"
-        )
     refuse_running(config)
     rig = config.rig_params()
     initial = np.asarray(columns["initial_tension_N"], dtype=float)

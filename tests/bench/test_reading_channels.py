@@ -145,7 +145,7 @@ def test_turns_per_minute_by_name_are_never_radians(tmp_path, name, stated):
 
 def test_a_mass_is_its_weight(tmp_path):
     header = RIG.replace("Leertrum [N]", "Gewicht [kg]")
-    config = {"rig": {"kind": "dead_weight", "holds": "weight_slack"}}
+    config = {"rig": {"holds": "weight_slack"}}
     weight = read(write(tmp_path, header, RIG_ROWS), "rig", config).columns["weight_N"]
     assert weight[0] == pytest.approx(150 * 9.80665, rel=1e-12)
 

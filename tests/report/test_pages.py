@@ -110,7 +110,7 @@ COVERED = changed(
     slip_speed_m_s=np.resize([0.002, 0.01, 0.04], 12) * np.linspace(1.0, 1.02, 12),
 )
 ONE = {name: np.full(12, 1.0) for name in ("arc_deg", "nominal_tension_N", "slip_speed_m_s")}
-WEIGHED = stating(changed(COVERED, **ONE), settings={"rig": {"kind": "dead_weight"}})
+WEIGHED = stating(changed(COVERED, **ONE), settings={"rig": {"holds": "weight_tight"}})
 JUDGED = [{"tolerance": "min_share_compared", "found": 0.2, "allowed": 0.5, "holds": False}]
 MISSED = [*JUDGED, {"tolerance": "max_rms_relative_error", "found": 1, "allowed": 0, "holds": 0}]
 REFINED, LEFT_OUT = sheets()["compare_refined"], sheets()["crossvalidation"]

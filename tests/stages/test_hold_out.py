@@ -143,7 +143,7 @@ def test_runs_without_a_stated_tension_are_matched_by_the_one_they_had() -> None
         "tension_tight_N": np.array([180.0, 260.0]),
         "tension_slack_N": np.array([60.0, 140.0]),
     }
-    held, axis = (load_config({"rig": {"kind": kind}}) for kind in ("two_cells", "torque_hub"))
+    held, axis = (load_config({"rig": {"holds": held}}) for held in ("stretch", "hub_force"))
 
     def found(columns: Columns, config: Config) -> np.ndarray:
         return with_tensions(columns, config)["nominal_tension_N"]

@@ -14,8 +14,8 @@ import beltid
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 R = 0.05
 LBF_IN = 4.4482216152605 * 0.0254
-WEIGHT = {"rig": {"kind": "dead_weight", "holds": "weight_slack"}}
-TORQUE = {"rig": {"kind": "torque"}}
+WEIGHT = {"rig": {"holds": "weight_slack"}}
+TORQUE = {"rig": {}}
 
 
 def runs(belt: str, every: int = 12, arcs: tuple[float, ...] = (82.0,)) -> pd.DataFrame:
@@ -44,7 +44,7 @@ def by_torque() -> pd.DataFrame:
 BENCHES = {
     "cells": (lambda: runs("5pk"), {}),
     "weight on the slack span": (hung, WEIGHT),
-    "weight on the tight span": (lambda: hung("tight"), {"rig": {"kind": "dead_weight"}}),
+    "weight on the tight span": (lambda: hung("tight"), {"rig": {}}),
     "torque": (by_torque, TORQUE),
 }
 

@@ -20,10 +20,10 @@ R = 0.05
 LAW = NormalLaw(6.5e7, 3.0256e11)
 LONG = pytest.mark.long
 KINDS: dict[str, dict[str, Any]] = {
-    "weight on the tight side": {"kind": "dead_weight", "holds": "weight_tight"},
-    "weight on the slack side": {"kind": "dead_weight", "holds": "weight_slack"},
-    "torque": {"kind": "torque"},
-    "torque and hub force": {"kind": "torque_hub"},
+    "weight on the tight side": {"holds": "weight_tight"},
+    "weight on the slack side": {"holds": "weight_slack"},
+    "torque": {},
+    "torque and hub force": {"holds": "hub_force"},
 }
 FEW = ((82.0,), (70.0, 300.0), (0.42,))
 
@@ -114,7 +114,7 @@ def test_a_simulated_bench_agrees_with_itself(kind: str) -> None:
 
 
 def test_runs_whose_tension_nobody_wrote_down_are_simulated_at_the_one_they_had() -> None:
-    kind, open_lists = "torque and hub force", load_config({"rig": {"kind": "torque_hub"}})
+    kind, open_lists = "torque and hub force", load_config({"rig": {}})
     columns = as_measured(kind, 0.2)
     del columns["initial_tension_N"]
     friction = beltid.fit_friction(columns, open_lists)

@@ -81,7 +81,7 @@ def by_kind(kind: str) -> tuple[pd.DataFrame, dict[str, Any]]:
 @pytest.mark.parametrize("kind", ["two_cells", "dead_weight", "torque", "torque_hub"])
 def test_a_table_of_plateaus_gives_the_coefficients_that_made_it(kind):
     table, rig = by_kind(kind)
-    found = fit_friction(table, {"rig": {"kind": kind, **rig}}).to_frame()
+    found = fit_friction(table, {"rig": rig}).to_frame()
     truth = plateaus()
     assert found["run"].tolist() == [str(k) for k in range(1, 25)]
     assert found["mu_sliding"].to_numpy() == pytest.approx(truth["mu"].to_numpy(), rel=1e-9)
@@ -107,13 +107,13 @@ def test_a_table_may_state_coefficient_and_force_itself():
 
 def test_the_resolution_stands_for_the_scatter_of_single_readings():
     table, rig = by_kind("dead_weight")
-    settings = {"kind": "dead_weight", **rig, "force_resolution_N": 0.5}
+    settings = {**rig, "force_resolution_N": 0.5}
     found = fit_friction(table, {"rig": settings}).to_frame()
     # the weight is exact: d ln(T_tight) = r / sqrt(12) / T_tight
     se = 0.5 / np.sqrt(12.0) / table["tension_tight_N"] / np.radians(table["arc_deg"])
     assert found["mu_sliding_se"].to_numpy() == pytest.approx(se.to_numpy(), rel=1e-6)
     torque, _ = by_kind("torque")
-    settings = {"kind": "torque", "force_resolution_N": 0.5}
+    settings = {"force_resolution_N": 0.5}
     found = fit_friction(torque, {"rig": settings}).to_frame()
     truth = plateaus()
     # an error of the cell is in both tensions: d z = e (1/T_tight - 1/T_slack)
@@ -135,7 +135,7 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     truth = plateaus()["mu"].to_numpy()
     dragged = table.assign(torque_N_m=table["torque_N_m"] + 0.2, idle="false")
     idle = pd.DataFrame({"torque_N_m": [0.2], "pulley_speed_rad_s": [0.4], "idle": ["true"]})
-    config = {"rig": {"kind": "torque"}}
+    config = {"rig": {}}
     with_idle = fit_friction(pd.concat([dragged, idle]), config)
     assert with_idle.to_frame()["mu_sliding"].to_numpy() == pytest.approx(truth, rel=1e-9)
     assert not any("drag" in line for line in with_idle.warnings)
@@ -151,7 +151,7 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     renamed["G"] /= 1000.0
     renamed.to_excel(tmp_path / "points.xlsx", index=False)
     (tmp_path / "points.yaml").write_text(
-        "rig: {kind: dead_weight, holds: weight_slack, force_resolution_N: 0.5}\n"
+        "rig: {holds: weight_slack, force_resolution_N: 0.5}\n"
         "columns: {rig: {arc_deg: Umschlingung, weight_N: G}}\n"
         "units: {rig: {weight_N: kN}}\nconditions: {surface: wet}\n"
     )
@@ -217,7 +217,7 @@ NO_OTHERS = {
 def test_a_gain_of_the_cells_counts_with_a_dead_weight_only(kind, share):
     table, rig = by_kind(kind)
     config = {
-        "rig": {"kind": kind, **rig},
+        "rig": rig,
         "uncertainty": {"tension_gain_rel": 0.01, **NO_OTHERS},
     }
     found = fit_friction(table.assign(mu_se=0.0), config).to_frame()

@@ -151,10 +151,10 @@ def test_a_torque_and_a_cell_that_are_wrong_alike_change_no_coefficient():
 
 def test_a_bench_without_a_torque_has_no_error_of_one():
     for kind, has in (("two_cells", False), ("torque", True), ("torque_hub", True)):
-        given = standard_uncertainties(load_config({"rig": {"kind": kind}}))
+        given = standard_uncertainties(load_config({}).with_rig({"kind": kind}))
         assert (given["torque_gain"] > 0.0) == (given["bearing_drag"] > 0.0) == has
-    running = {"rig": {"kind": "running", "running_measures": "torque"}}
-    of_running = standard_uncertainties(load_config(running))
+    running = load_config({}).with_rig({"kind": "torque", "running": "yes"})
+    of_running = standard_uncertainties(running)
     assert of_running["torque_gain"] > 0.0
     assert of_running["mass_per_length"] > 0.0
     assert standard_uncertainties(load_config({}))["mass_per_length"] == 0.0

@@ -109,11 +109,6 @@ class RigKind:
     weighs: bool = False  # whether the tension measured in addition to a torque is a weight
 
     @property
-    def name(self) -> str:
-        """Name of the kind in a config."""
-        return "running" if self.running else self.measures
-
-    @property
     def is_derived(self) -> bool:
         """Whether the tensions are derived rather than read directly from two cells."""
         return self.measures != "two_cells" or self.running
@@ -139,7 +134,7 @@ class RigKind:
         Raises
         ------
         InputError
-            If channels are missing, or if the belt moves though the kind is not running.
+            If channels are missing.
         """
         needed = {
             "two_cells": ("tension_tight_N", "tension_slack_N"),
@@ -147,31 +142,18 @@ class RigKind:
             "torque": ("torque_N_m",),
             "torque_hub": ("torque_N_m", "hub_force_N"),
         }[self.measures]
-        missing = [
-            f"rig.kind: {self.name} needs the column {name}, which is missing"
-            for name in needed
-            if not _has_values(columns, name)
-        ]
+        missing = [f"column {name} is missing" for name in needed if not _has_values(columns, name)]
         if missing:
             raise InputError(missing)
         if self.running:
             self.belt_speed(columns)
-        elif np.any(np.nan_to_num(np.asarray(columns.get("belt_speed_m_s", 0.0), dtype=float))):
-            raise InputError(
-                f"rig.kind: {self.name}, but according to column belt_speed_m_s the belt moves; "
-                f"must be rig.kind: running, with rig.running_measures: {self.measures}"
-            )
         if self.measures != "torque":
             return self
         for span in (self.torque_with, other(self.torque_with)):
             if _has_values(columns, f"tension_{span}_N"):
                 return replace(self, torque_with=span)
         if not _has_values(columns, "weight_N"):
-            raise InputError(
-                "rig.kind: torque needs the tension of one span: column tension_tight_N, "
-                "tension_slack_N or weight_N is missing; with the force on the axis (hub_force_N) "
-                "it is rig.kind: torque_hub"
-            )
+            raise InputError("column tension_tight_N, tension_slack_N or weight_N is missing")
         if not self.weight_stated:
             raise InputError(
                 "a weight beside a torque: state the span that carries it, rig.holds: weight_tight "
@@ -210,7 +192,7 @@ class RigKind:
         """
         speed = np.abs(np.asarray(columns.get("belt_speed_m_s", np.nan), dtype=float))
         if not np.isfinite(speed).any():
-            raise InputError("rig.kind: running needs the column belt_speed_m_s, which is missing")
+            raise InputError("column belt_speed_m_s is missing")
         return speed
 
     def momentum_N(self, belt_speed_m_s: Array | float) -> Array | float:
