@@ -24,13 +24,6 @@ e = y - X h, the projection P that takes out the levels, and the covariance C of
 
 (Fisher's identity); where h = exp q, the shift of the mode by s_e adds a term. A size that too few
 columns show is averaged over a few values (`choices`).
-
-A straight line through groups with offsets of their own, and white noise of unknown size::
-
-    noise = Own("noise", Size(0.1, 3.0), diagonal=ones)
-    model = Mixed(y, [Shared("slope", x)], [noise], level=ones)
-    posterior = model.fit()
-    slope, variance = posterior.mean[0], posterior.covariance[0, 0]
 """
 
 from __future__ import annotations

@@ -478,14 +478,10 @@ def stage(
     return registered
 
 
-RIG_KEYS: Final = ("kind", "holds", "running")
-"""What channels show of a rig."""
-
-
 def rig_shown(friction: Any) -> dict[str, str]:
     """Return what the channels of the rig showed when a friction table was made."""
-    facts = getattr(friction, "facts", {})
-    return {key: facts[f"rig_{key}"] for key in RIG_KEYS if f"rig_{key}" in facts}
+    facts = getattr(friction, "facts", {}).items()
+    return {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
 
 
 def _as_measured(given: Mapping[str, Any]) -> dict[str, Any]:

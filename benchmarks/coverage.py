@@ -60,7 +60,7 @@ their intervals may hold or fail together. *Kept* are the runs that were not set
 of a bench with a `*` no recording shows; it has to be stated in `uncertainty:`. Priors were set
 on the benches of the tests, the others share no code with them.
 
-Outside what is wanted (z from 0.5 to 1.3, 88 % covered) are {outside} of {judged} cells of benches
+Outside what is wanted (z from 0.5 to 1.3, 88 % covered) are {found} cells of benches
 without a `*`: these are **bold**. A z below 0.5 is a standard error that is too large.
 
 """
@@ -96,7 +96,7 @@ class Found:
             return "none kept"
         left = self.n_runs - self.error.size
         kept = f", {self.error.size} of {self.n_runs} kept" if left else ""
-        return f"{self.rms:.3g} / {self.covered:.0f} / {self.z:.2f}{kept}"
+        return f"{self.rms:.3g}/{self.covered:.0f}/{self.z:.2f}{kept}"
 
     def outside(self) -> bool:
         """Whether it is not what is wanted."""
@@ -210,7 +210,7 @@ def main() -> None:
         names = [n for n in names if not chosen.rows or any(part in n for part in chosen.rows)]
         if not names:
             continue
-        text += f"## {title}\n\n| bench | {' | '.join(f'n = {n}' for n in chosen.n)} |\n"
+        text += f"## {title}\n\n|bench|{'|'.join(f'n = {n}' for n in chosen.n)}|\n"
         text += "|---" * (len(chosen.n) + 1) + "|\n"
         tasks = [(name, n) for name in names for n in chosen.n]
         with ProcessPoolExecutor(chosen.jobs, mp_context=get_context("spawn")) as pool:
@@ -225,23 +225,21 @@ def main() -> None:
             judged = [found[name, n].outside() and not name.endswith("*") for n in chosen.n]
             cells = [found[name, n].cell() for n in chosen.n]
             bold = [f"**{c}**" if bad else c for c, bad in zip(cells, judged, strict=True)]
-            text += f"| {name} | {' | '.join(bold)} |\n"
+            text += f"|{name}|{'|'.join(bold)}|\n"
             total += len(chosen.n) * (not name.endswith("*"))
             outside += sum(judged)
         text += "\n"
     if not chosen.rows:
         for title, made in (("Presses", presses), ("Refined surfaces", surfaces)):
-            text += f"## {title}\n\n| case | RMS / covered / z |\n|---|---|\n"
-            text += "".join(f"| {name} | {one.cell()} |\n" for name, one in made(chosen.first))
-            text += "\n"
-    whole = not chosen.rows
+            text += f"## {title}\n\n|case|RMS/covered/z|\n|---|---|\n"
+            rows_of = (f"|{name}|{one.cell()}|\n" for name, one in made(chosen.first))
+            text += "".join(rows_of) + "\n"
     head = INTRODUCTION.format(
         minutes=(time.perf_counter() - begin) / 60.0,
         draws=", ".join(f"{chosen.draws * DRAWS[n]} benches of {n}" for n in chosen.n),
-        outside=outside,
-        judged=total,
+        found=f"{outside} of {total}",
     )
-    if whole:
+    if not chosen.rows:
         PAGE.write_text(head + text.rstrip() + "\n", encoding="utf-8")
     print(head + text)
 

@@ -12,15 +12,7 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.files import sources_of
-from beltid.bench.mapping import (
-    Channel,
-    Found,
-    Needs,
-    bench_of,
-    channels_of,
-    mapped,
-    meant,
-)
+from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
@@ -130,9 +122,7 @@ def inspect_recording(
         rig = recording.rig
         spans = {"tension_tight_N", "tension_slack_N"} & {*recording.found}
         if rig.get("kind") == "torque" and not spans and not (config.rig.holds or "holds" in rig):
-            ask = (
-                "state the span that carries the weight, rig: {holds: weight_tight} or weight_slack"
-            )
+            ask = "state the span that carries it, rig: {holds: weight_tight} or weight_slack"
             problems = (f"{path}: a weight beside a torque: {ask}",)
     except InputError as error:
         found, notes, problems = {}, tables[0].notes, error.problems

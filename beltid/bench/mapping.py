@@ -441,17 +441,6 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
     return {"kind": "torque_hub" if hub else "torque", **holds}
 
 
-def by_channels(needs: Needs, has: Mapping[str, Sequence[Found]]) -> Needs:
-    """Return what a recording of the rig needs with the forces that it has."""
-    if needs.table.kind != "rig":
-        return needs
-    rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
-    weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
-    kind = rig.get("kind", measures), weight_on, "belt_speed_m_s" in has
-    options = replace(needs.options, rig=kind, found=rig)
-    return Needs(options.table("rig"), options, needs.problems)
-
-
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:
     """Return notes on the channels that were recognised, converted and left out."""
     notes = []

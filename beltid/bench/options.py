@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ DIALECT: Final[Mapping[str, Any]] = {
     "skip_lines": 0,
 }
 """What is None is detected from the file."""
-TWO_CELLS: Final = ("two_cells", "tight", False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class ReadOptions:
     run_table: Path | None = None  # with a row per file
     values: Mapping[str, Any] = field(default_factory=dict)  # settings of all runs
     dialect: Mapping[str, Any] = field(default_factory=lambda: DIALECT)
-    rig: tuple[str, str, bool] = TWO_CELLS  # measures, weight on, running
+    rig: tuple[str, str, bool] = ("two_cells", "tight", False)  # measures, weight on, running
     found: Mapping[str, str] = field(default_factory=dict)  # keys of `rig` by the channels
 
     @classmethod
@@ -52,8 +51,8 @@ class ReadOptions:
             for n, u in config.units[kind].items()
         }
         stated = runs["pattern"], runs["table"], runs["values"]
-        measures = (rig.kind, rig.weight_on, False) if rig else TWO_CELLS
-        return cls(config.columns[kind], units, *stated, dialect, measures)
+        known = cls(config.columns[kind], units, *stated, dialect)
+        return replace(known, rig=(rig.kind, rig.weight_on, False)) if rig else known
 
     def table(self, kind: str) -> Table:
         """Return the table that a kind of recording must fill."""

@@ -17,7 +17,7 @@ from beltid.bench import containers, excel, frames, lvm, text, variables
 from beltid.bench.checks import Checker
 from beltid.bench.columns import Part, read_part
 from beltid.bench.files import Source, is_many, sources_of
-from beltid.bench.mapping import Found, Needs, by_channels, channels_of, meant, rig_of
+from beltid.bench.mapping import Found, Needs, channels_of, meant, rig_of
 from beltid.bench.numbers import word_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import Raw
@@ -116,10 +116,17 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
 
 def with_forces(raws: Sequence[Raw], needs: Needs) -> Needs:
     """Return what a recording needs with the forces in its columns, head or values of all runs."""
+    if needs.table.kind != "rig":
+        return needs
     whole = Needs(schemas.table("rig"), needs.options)
     fields = [entry for raw in raws for entry in raw.fields]
-    has = settings_in_head(fields, whole) | meant(channels_of(raws), whole)
-    return by_channels(needs, {**dict.fromkeys(needs.options.values, ()), **has})
+    found = settings_in_head(fields, whole) | meant(channels_of(raws), whole)
+    has: dict[str, Sequence[Found]] = {**dict.fromkeys(needs.options.values, ()), **found}
+    rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
+    weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
+    kind = rig.get("kind", measures), weight_on, "belt_speed_m_s" in has
+    options = replace(needs.options, rig=kind, found=rig)
+    return Needs(options.table("rig"), options, needs.problems)
 
 
 def of_plateaus(raws: Sequence[Raw], needs: Needs) -> Needs:

@@ -26,19 +26,13 @@ Side = Literal["rib", "back"]
 Span = Literal["tight", "slack"]
 Numbers = tuple[float, ...]
 
-GIVEN: dict[str, params.GivenForce] = {
-    "stretch": "none",
-    "weight_tight": "tight",
-    "weight_slack": "slack",
-    "hub_force": "hub",
+HOLDS: dict[str, tuple[params.GivenForce, RigKind]] = {
+    "stretch": ("none", "two_cells"),
+    "weight_tight": ("tight", "dead_weight"),
+    "weight_slack": ("slack", "dead_weight"),
+    "hub_force": ("hub", "torque_hub"),
 }
-"""What stays while the pulley turns -> the force that is given."""
-BY_HOLDS: dict[str, str] = {
-    "weight_tight": "dead_weight",
-    "weight_slack": "dead_weight",
-    "hub_force": "torque_hub",
-}
-"""What stays -> what is measured, if no channels are known."""
+"""What stays while the pulley turns -> given force; what is measured, if no channels are known."""
 _arcs = partial(settings, 360, "°", "[40, 68, 82]")
 _tensions = partial(settings, 1e5, "N", "[100, 270, 410]")
 _speeds = partial(settings, 1e4, "rad/s", "[0.05, 0.21, 0.84]")
@@ -97,8 +91,7 @@ class RigSection(Section):
     @property
     def kind(self) -> RigKind:
         """What the rig measures, by the channels, else by what it holds."""
-        shown: Any = self._shown.get("kind", BY_HOLDS.get(self.holds or "", "two_cells"))
-        return cast(RigKind, shown)
+        return cast(RigKind, self._shown.get("kind", HOLDS[self.holds or "stretch"][1]))
 
     @property
     def running(self) -> bool:
@@ -111,18 +104,13 @@ class RigSection(Section):
         return "slack" if self.holds == "weight_slack" else "tight"
 
     @property
-    def states_weight(self) -> bool:
-        """Whether the config says which span carries a weight."""
-        return self.holds in ("weight_tight", "weight_slack")
-
-    @property
     def given_force(self) -> params.GivenForce:
         """Force that stays constant while the pulley turns.
 
         A weight fixes the tension of one span, a hub force the sum of both. Where `holds` is not
         stated, it is the hub force if that is measured, else the stretch of the belt.
         """
-        return GIVEN[self.holds or ("hub_force" if self.kind == "torque_hub" else "stretch")]
+        return HOLDS[self.holds or ("hub_force" if self.kind == "torque_hub" else "stretch")][0]
 
 
 class ConditionsSection(Section):

@@ -15,7 +15,7 @@ import numpy as np
 from beltid.bench.recording import Recording, recording_in
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.friction.kinds import PERFECT, TOUCH_DEG, KnownCell, RigKind
+from beltid.identify.friction.kinds import PERFECT, SPANS, TOUCH_DEG, KnownCell, RigKind
 from beltid.identify.friction.plateaus import reduce_plateaus
 from beltid.identify.friction.reduction import RunReduction, reduce_records
 from beltid.identify.friction.run import Conditions, RunRecord, run_records
@@ -91,7 +91,7 @@ def rig_kind(config: Config) -> RigKind:
     return RigKind(
         measures=rig.kind,
         weight_on=rig.weight_on,
-        weight_stated=rig.states_weight,
+        weight_stated=rig.given_force in SPANS,
         running=rig.running,
         mass_per_length_kg_m=config.belt.mass_per_length_kg_m,
         cells=(
@@ -135,7 +135,7 @@ def records_of(rig: Recording, config: Config) -> tuple[RunRecord, ...]:
     kind, columns = rig_kind(config), rig.columns
     if rig.is_artifact:
         kind = replace(kind, cells=PERFECT)
-        if config.rig.kind == "dead_weight" or config.rig.states_weight:
+        if config.rig.kind == "dead_weight" or config.rig.given_force in SPANS:
             kind = replace(kind, measures="dead_weight")
             columns = {**columns, "weight_N": columns["initial_tension_N"]}
         else:
