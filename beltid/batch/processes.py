@@ -23,10 +23,11 @@ from beltid.notes import log, python_warnings
 SPAWN: Final = multiprocessing.get_context("spawn")
 """Each process starts afresh: nothing is left in a temporary folder, and threads are no matter."""
 LAST_NOTES_S: Final = 5.0
-Work = Callable[..., Belt]
 
 
-def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
+def run_in_processes(
+    work: Callable[..., Belt], calls: Mapping[str, tuple[Any, ...]], jobs: int
+) -> Iterator[Belt]:
     """Yield what becomes of belts as they end, each in a process, `jobs` at the same time.
 
     If a process is killed, the belts that have not ended are tried once more, each in one of its
@@ -45,7 +46,7 @@ def run_in_processes(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int
         yield from pool.map(partial(_alone, work), left.items())
 
 
-def _alone(work: Work, call: tuple[str, tuple[Any, ...]]) -> Belt:
+def _alone(work: Callable[..., Belt], call: tuple[str, tuple[Any, ...]]) -> Belt:
     try:
         (belt,) = _ended(work, dict([call]), 1)
     except BrokenProcessPool:
@@ -55,7 +56,9 @@ def _alone(work: Work, call: tuple[str, tuple[Any, ...]]) -> Belt:
     return belt
 
 
-def _ended(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Iterator[Belt]:
+def _ended(
+    work: Callable[..., Belt], calls: Mapping[str, tuple[Any, ...]], jobs: int
+) -> Iterator[Belt]:
     with _heard() as notes, ProcessPoolExecutor(jobs, SPAWN, _begin, (notes,)) as pool:
         with _signals_blocked():
             ends = [pool.submit(_with_warnings, work, call) for call in calls.values()]
@@ -63,7 +66,7 @@ def _ended(work: Work, calls: Mapping[str, tuple[Any, ...]], jobs: int) -> Itera
             yield end.result()
 
 
-def _with_warnings(work: Work, call: tuple[Any, ...]) -> Belt:
+def _with_warnings(work: Callable[..., Belt], call: tuple[Any, ...]) -> Belt:
     with python_warnings():
         return work(*call)
 
@@ -87,9 +90,12 @@ def _end_with_parent() -> None:
 def _heard() -> Iterator[Any]:
     """Open a queue whose notes are logged here."""
     # what cleans up after a parent that was killed need not say so
+    stated = "PYTHONWARNINGS" in os.environ
     os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
     with _signals_blocked():
         resource_tracker.ensure_running()
+    if not stated:
+        del os.environ["PYTHONWARNINGS"]
     notes = SPAWN.Queue()
     notes.cancel_join_thread()
 

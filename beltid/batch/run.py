@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -27,13 +28,7 @@ from beltid.errors import EXIT_BATCH_FAILED, EXIT_DONE, BeltidError, ConfigError
 from beltid.notes import log
 from beltid.report.summary import Summary
 from beltid.stages.about import wrong_recordings
-from beltid.stages.page_mark import (
-    NAME,
-    OnPage,
-    links_to,
-    made_from,
-    up_to_date,
-)
+from beltid.stages.page_mark import NAME, OnPage, links_to, made_from, up_to_date
 from beltid.stages.workers import available_cores, threads
 from beltid.store.artifact import combined_origin
 
@@ -108,7 +103,8 @@ def _here(
     calls = {}
     for source in sources:
         place = folder / source.name
-        if len(sources) > 1 and jobs > 1 and (force or _has_work(source, place)):
+        looks = look_at_belt(source, place, force=force) if len(sources) > 1 and jobs > 1 else ()
+        if any(state in (TO_BE_MADE, WRONG) for _, _, state, _ in looks):
             calls[source.name] = (source, place)
         else:
             yield run_one(source, place, jobs, force, report)
@@ -120,10 +116,6 @@ def _here(
         yield from run_in_processes(
             run_one, {name: (*call, *more) for name, call in calls.items()}, count
         )
-
-
-def _has_work(source: ConfigSource, folder: Path) -> bool:
-    return any(state in (TO_BE_MADE, WRONG) for _, _, state, _ in look_at_belt(source, folder))
 
 
 def run_one(source: ConfigSource, folder: Path, jobs: int, force: bool, report: bool) -> Belt:
@@ -139,15 +131,16 @@ def _on_cluster(
 ) -> Iterator[Belt]:
     from beltid.batch.cluster import Cluster
 
-    cluster = Cluster(scheduler)
-    with ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool:
+    with (
+        closing(Cluster(scheduler)) as cluster,
+        ThreadPoolExecutor(min(AT_ONCE, len(sources))) as pool,
+    ):
         run = partial(run_belt, workers=cluster, force=force)
         places = [folder / source.name for source in sources]
         for source, belt in zip(sources, pool.map(run, sources, places), strict=True):
             if report:  # here: matplotlib does not draw in several threads
                 add_page(belt, source, folder / source.name, force=force)
             yield belt
-    cluster.close()
 
 
 def _compare_on_page(
