@@ -437,8 +437,8 @@ def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
         return {}
     named = [match.channel.name for match in has.get("weight_N", ())]
     span = span_of(named[0]) if named and not hub else ""
-    holds = {"holds": f"weight_{span}"} if span else {}
-    return {"kind": "torque_hub" if hub else "torque", **holds}
+    kind = {"kind": "torque_hub" if hub else "torque"}
+    return kind | ({"holds": f"weight_{span}"} if span else {})
 
 
 def notes_of(found: Mapping[str, Found], table: Table, channels: Sequence[Channel]) -> list[str]:

@@ -50,7 +50,8 @@ class ReadOptions:
             n: Calibration(u["factor"], u["offset"]) if isinstance(u, dict) else u
             for n, u in config.units[kind].items()
         }
-        stated = runs["pattern"], runs["table"], runs["values"]
+        weight = {"weight_N": rig.weight_N} if rig and rig.weight_N else {}
+        stated = runs["pattern"], runs["table"], weight | runs["values"]
         known = cls(config.columns[kind], units, *stated, dialect)
         return replace(known, rig=(rig.kind, rig.weight_on, False)) if rig else known
 

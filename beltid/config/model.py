@@ -74,6 +74,7 @@ class RigSection(Section):
     """Friction rig: the belt lies still over a turning pulley."""
 
     holds: Holds | None = key(None, "what stays while the pulley turns; null: by the channels")
+    weight_N: float | None = number(None, 0, 1e5, "N", "dead weight of all runs; null: a column")
     force_resolution_N: float | None = number(None, 0, 1e4, "N", "in a table of plateaus")
     pulley_radius_m: float = number(0.05, 0.002, 5, "m", "radius of the belt's centreline on it")
     span_length_m: float = number(0.1, 0.002, 10, "m", "free belt from a load cell to the pulley")

@@ -60,12 +60,8 @@ def test_the_channels_alone_tell_the_kind(tmp_path, kind):
 
 
 def test_a_weight_may_hold_for_all_runs(tmp_path):
-    config = load_config(
-        {
-            "rig": {"holds": "weight_tight"},
-            "runs": {"rig": {"values": {"weight_N": 98.1}}},
-        }
-    )
+    by_rig = load_config({"rig": {"holds": "weight_tight", "weight_N": 98.1}})
+    by_runs = load_config({"runs": {"rig": {"values": {"weight_N": 98.1}}}})
     frame = {
         "run": ["1"] * 3,
         "time_s": [0.0, 1.0, 2.0],
@@ -76,7 +72,10 @@ def test_a_weight_may_hold_for_all_runs(tmp_path):
     path = tmp_path / "rig.csv"
     rows = zip(*frame.values(), strict=True)
     path.write_text("\n".join([",".join(frame), *(",".join(map(str, row)) for row in rows)]))
-    assert read_recording(path, "rig", config).columns["weight_N"].tolist() == [98.1] * 3
+    for config in (by_rig, by_runs):
+        recording = read_recording(path, "rig", config)
+        assert recording.columns["weight_N"].tolist() == [98.1] * 3
+        assert recording.rig["kind"] == "dead_weight"
     with pytest.raises(InputError, match=r"weight_N is missing; state it in runs"):
         read_recording(path, "rig", load_config({"rig": {"holds": "weight_tight"}}))
 
