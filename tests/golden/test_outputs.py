@@ -175,6 +175,7 @@ def test_report(belt_5pk: Path) -> None:
     assert not re.search(r'(?:src|href)="https?://', page)  # needs no network
 
 
+@pytest.mark.long
 def test_report_of_two_belts(small: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):
         shutil.copytree(small, tmp_path / name)

@@ -11,6 +11,7 @@ import pytest
 
 import beltid
 
+LONG = pytest.mark.long
 RIGDATA = Path(__file__).parents[2] / "rigdata"
 R = 0.05
 LBF_IN = 4.4482216152605 * 0.0254
@@ -69,8 +70,8 @@ def with_unit(config: dict[str, Any], column: str, unit: Any) -> dict[str, Any]:
     ("bench", "column", "factor", "unit"),
     [
         ("weight on the slack span", "weight_N", 9.80665, "kg"),
-        ("weight on the tight span", "weight_N", 9.80665, "kg"),
-        ("weight on the slack span", "tension_tight_N", 9.80665, "kg"),
+        pytest.param("weight on the tight span", "weight_N", 9.80665, "kg", marks=LONG),
+        pytest.param("weight on the slack span", "tension_tight_N", 9.80665, "kg", marks=LONG),
         ("torque", "torque_N_m", LBF_IN, "lbf in"),
         ("cells", "pulley_speed_rad_s", np.pi / 30.0, "rpm"),
     ],

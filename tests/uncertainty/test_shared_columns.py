@@ -88,6 +88,7 @@ def plain():
     return beltid.refine_surface(friction(), LAW, NOTHING)
 
 
+@pytest.mark.long
 def test_an_error_equal_in_all_runs_is_as_large_in_both_surfaces(refined):
     published = beltid.build_surface(with_shared(), NOTHING)
     response = refined.result.refined.runs.response

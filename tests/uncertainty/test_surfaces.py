@@ -73,6 +73,7 @@ def test_an_error_changes_the_runs_as_the_bench_simulated_anew_does(nominal, slo
         np.testing.assert_allclose(found, change, atol=0.2 * np.abs(change).max() + 1e-5)
 
 
+@pytest.mark.long
 def test_a_surface_follows_a_common_error_exactly_whatever_the_noise():
     campaign = read_campaign(replace(SMALL, given=NO_ERRORS), np.random.default_rng(2))
     response = refine_surface(campaign, SMALL.speeds).runs.response
