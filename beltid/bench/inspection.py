@@ -12,12 +12,11 @@ import numpy as np
 import pandas as pd
 
 from beltid.bench.files import sources_of
-from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped, meant
+from beltid.bench.mapping import Channel, Found, Needs, bench_of, channels_of, mapped
 from beltid.bench.numbers import numbers_of
 from beltid.bench.options import ReadOptions
 from beltid.bench.raw import TIME, Raw, is_text
-from beltid.bench.recording import of_plateaus, read_recording, tables_in, with_forces
-from beltid.bench.runs import settings_in_head
+from beltid.bench.recording import found_in, of_plateaus, read_recording, tables_in, with_forces
 from beltid.config.layout import KINDS
 from beltid.config.name_pattern import name_pattern
 from beltid.errors import InputError, Problems
@@ -104,11 +103,7 @@ def inspect_recording(
         return Inspection("", names, tables, channels, {}, [], tables[0].notes, (problem,), {}, "")
     needs = Needs(options[kind].table(kind), options[kind])
     needs = with_forces(tables, of_plateaus(tables, needs) if kind == "rig" else needs)
-    of_kind, fields = (
-        Needs(schemas.table(kind), options[kind]),
-        [f for t in tables for f in t.fields],
-    )
-    has = settings_in_head(fields, of_kind) | meant(channels, of_kind)
+    has = found_in(tables, Needs(schemas.table(kind), options[kind]))
     pattern = _pattern(names, needs, {*has}, len(tables))
     if pattern and guess:
         stated = {kind: {**config.runs[kind], "pattern": pattern}}

@@ -427,10 +427,10 @@ def bench_of(
 
 
 def rig_of(has: Mapping[str, Sequence[Found]]) -> dict[str, str]:
-    """Return the `rig` keys of the forces that a file has; none for two cells."""
+    """Return what the forces of a file show of the rig; nothing if they are too few."""
     tight, slack, weight, torque, hub = (name in has for name in FORCES)
     if tight and slack:
-        return {}
+        return {"kind": "two_cells"}
     if weight and (tight or slack):
         return {"kind": "dead_weight", "holds": "weight_slack" if tight else "weight_tight"}
     if not torque or not (tight or slack or hub or weight):

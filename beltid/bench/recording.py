@@ -61,7 +61,7 @@ class Recording:
     is_artifact : bool
         Whether it is a simulated recording: an artifact of ours.
     rig : mapping of str to str
-        Keys of the section `rig` that its channels show, if the config does not state them.
+        What its channels show of the rig: its kind, what it holds, whether the belt is running.
     """
 
     kind: str
@@ -114,13 +114,17 @@ def read_recording(path: str | Path, kind: str, config: Any = None) -> Recording
     return recording_of(parts, path, settings)
 
 
+def found_in(raws: Sequence[Raw], needs: Needs) -> dict[str, list[Found]]:
+    """Return which of our columns the fields of the head and the channels of a file are."""
+    fields = [entry for raw in raws for entry in raw.fields]
+    return settings_in_head(fields, needs) | meant(channels_of(raws), needs)
+
+
 def with_forces(raws: Sequence[Raw], needs: Needs) -> Needs:
     """Return what a recording needs with the forces in its columns, head or values of all runs."""
     if needs.table.kind != "rig":
         return needs
-    whole = Needs(schemas.table("rig"), needs.options)
-    fields = [entry for raw in raws for entry in raw.fields]
-    found = settings_in_head(fields, whole) | meant(channels_of(raws), whole)
+    found = found_in(raws, Needs(schemas.table("rig"), needs.options))
     has: dict[str, Sequence[Found]] = {**dict.fromkeys(needs.options.values, ()), **found}
     rig, (measures, weight_on, _) = rig_of(has), needs.options.rig
     weight_on = rig.get("holds", f"weight_{weight_on}").removeprefix("weight_")
@@ -205,7 +209,7 @@ def recording_of(parts: Sequence[Part], path: Path, settings: Settings) -> Recor
 
 
 def _shown_by(columns: Mapping[str, np.ndarray], needs: Needs) -> dict[str, str]:
-    """Return the keys of the section `rig` that the channels of a rig show."""
+    """Return what the columns of a recording show of the rig."""
     rig = dict(needs.options.found)
     if needs.table.kind == "points":
         known = (c for c, values in columns.items() if not absent(values).all())

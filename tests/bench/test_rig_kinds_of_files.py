@@ -52,11 +52,19 @@ def invoke(*call: str) -> tuple[int, str, str]:
 @pytest.mark.parametrize("kind", CHANNELS)
 def test_the_channels_alone_tell_the_kind(tmp_path, kind):
     recording = read_recording(write(tmp_path, kind), "rig")
-    assert recording.rig.get("kind", "two_cells") == kind
+    assert recording.rig["kind"] == kind
     assert {c.name for c in schemas.rig_table(kind).columns if c.required} <= {*recording.columns}
     status, out, _ = invoke("inspect", str(tmp_path / "rig.csv"))
     assert status == 0
     assert ("\nrig:\n  holds: weight_tight" in out) == (kind == "dead_weight")
+
+
+@pytest.mark.parametrize("holds", ["stretch", "weight_tight", "hub_force"])
+def test_what_stays_while_the_pulley_turns_says_nothing_of_two_cells(tmp_path, holds):
+    config = load_config({"rig": {"holds": holds}})
+    recording = read_recording(write(tmp_path, "two_cells"), "rig", config)
+    assert recording.rig == {"kind": "two_cells"}
+    assert {"tension_tight_N", "tension_slack_N"} <= {*recording.columns}
 
 
 def test_a_weight_may_hold_for_all_runs(tmp_path):
