@@ -434,9 +434,8 @@ def relinearised(
         p = _step_to_mode(build, p, sizes, steps)
         before, posterior = sizes, build(p).fit(start=sizes)
         sizes = posterior.sizes
-        place = slice(0, p.size)
-        sd = np.sqrt(np.diag(posterior.covariance)[place])
-        if before and np.all(np.abs(posterior.mean[place]) <= 0.02 * sd):
+        step, sd = posterior.mean[: p.size], np.sqrt(np.diag(posterior.covariance)[: p.size])
+        if before and np.all(np.abs(step) <= 0.02 * sd):
             return p, posterior
     raise NumericsError(f"mixed model: the sizes of the effects do not settle in {sweeps} turns")
 

@@ -68,12 +68,14 @@ class Outcome(Generic[Result]):
     """Origin of the data, "measured" or "synthetic"; None if not stated."""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the table as a pandas DataFrame."""
+        """Return the table as a pandas DataFrame, whose ``attrs`` are the facts about a rig."""
         import pandas as pd
 
-        return pd.DataFrame(
+        frame = pd.DataFrame(
             {n: list(values) if values.ndim > 1 else values for n, values in self.columns.items()}
         )
+        frame.attrs |= {name: fact for name, fact in self.facts.items() if name.startswith("rig_")}
+        return frame
 
     def record(self, **made: Any) -> Record:
         """Return the record of an artifact that holds the table, with further provenance."""
@@ -262,14 +264,15 @@ class Stage:
         bound = self.signature.bind(*args, **kwargs)
         bound.apply_defaults()
         given = dict(bound.arguments)
-        config = given["config"] = load_config(given.get("config"))
-        items = [given[role] for role in self.reads]
+        config = as_measured(load_config(given.get("config")), given.get("friction"))
+        given["config"] = config
+        # a result has its own origin; a plain table beside it takes that one, alone the config's
+        results = map(given.get, self.reads)
+        origins = [r.origin for r in results if isinstance(r, (Outcome, Artifact))]
         for role, kind in self.reads.items():
             if kind in RECORDINGS:
                 given[role] = _in_memory(given[role], str(kind), config)
-        outcome = self.compute(**_as_measured(given))
-        # a result has its own origin; a plain table beside it takes that one, alone the config's
-        origins = [item.origin for item in items if isinstance(item, (Outcome, Artifact))]
+        outcome = self.compute(**given)
         if config.data.origin or not origins:
             origins.append(config.data.origin)
         return replace(outcome, kind=self.makes, origin=combined_origin(origins))
@@ -292,10 +295,10 @@ class Stage:
             log.debug("%s: inputs or settings have changed, built again", out)
         items = self._read(work)
         given: dict[str, Any] = {role: items.get(role) for role in self.reads}
-        given |= {"config": source.config, **work.options}
+        given |= {"config": as_measured(source.config, given.get("friction")), **work.options}
         if workers is not None and "workers" in self.signature.parameters:
             given["workers"] = workers
-        outcome = replace(self.compute(**_as_measured(given)), kind=self.makes)
+        outcome = replace(self.compute(**given), kind=self.makes)
         if changed := [file.path for file in work.files.values() if file.has_changed()]:
             raise InputError([f"{path}: was changed while it was read" for path in changed])
         return Built(self._write(work, outcome, items, out), up_to_date=False)
@@ -478,14 +481,12 @@ def stage(
     return registered
 
 
-def rig_shown(friction: Any) -> dict[str, str]:
-    """Return what the channels of the rig showed when a friction table was made."""
-    facts = getattr(friction, "facts", {}).items()
-    return {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
-
-
-def _as_measured(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {**given, "config": given["config"].with_rig(rig_shown(given.get("friction")))}
+def as_measured(config: Config, friction: Any) -> Config:
+    """Return a config with what the channels of the rig showed when a friction table was made."""
+    facts = getattr(friction, "facts", getattr(friction, "attrs", {})).items()
+    return config.with_rig(
+        {key.removeprefix("rig_"): word for key, word in facts if key.startswith("rig_")}
+    )
 
 
 def _in_memory(frame: Any, kind: str, config: Config) -> Recording:

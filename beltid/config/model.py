@@ -353,8 +353,7 @@ class Config(Section):
 
     def with_rig(self, shown: Mapping[str, str]) -> Config:
         """Return the config with what channels show of the rig: kind, holds if not stated."""
-        holds = self.rig.holds or shown.get("holds")
-        rig = self.rig.model_copy(update={"holds": holds} if holds else {})
+        rig = self.rig.model_copy(update={"holds": self.rig.holds or shown.get("holds")})
         rig._shown = dict(shown)
         return self.model_copy(update={"rig": rig}) if shown else self
 

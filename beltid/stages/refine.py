@@ -208,6 +208,12 @@ def rig_of_runs(columns: Mapping[str, np.ndarray], config: Config) -> Rig:
     While the whole arc slides, one tension determines the other, whatever the history. If no
     tension at rest is known, the sum of both while sliding replaces it, as under a hub force.
     """
+    if "torque_with" in columns and config.rig.kind != "torque":
+        raise InputError(
+            "column torque_with: the tensions of the friction table were measured together with a "
+            "torque, and the table does not say what else was; pass the result of fit_friction, "
+            "its DataFrame or its file"
+        )
     refuse_running(config)
     rig = config.rig_params()
     initial = np.asarray(columns["initial_tension_N"], dtype=float)

@@ -22,7 +22,7 @@ from beltid.report.summary import Summary
 from beltid.report.verdict import verdict_of
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
-from beltid.stage import rig_shown
+from beltid.stage import as_measured
 from beltid.stages.curves import typical_runs
 from beltid.stages.page_mark import (
     ARTIFACTS,
@@ -181,7 +181,7 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
         return (), []
     found, problems = [], list[str]()
     try:
-        bench = _bench(simulated.record.settings, stiffness, surface, rig_shown(friction))
+        bench = _bench(simulated.record.settings, stiffness, surface, friction)
         for row in typical_runs(friction.columns):
             found.append(_profile(bench, friction, row))
     except BeltidError as error:
@@ -189,13 +189,11 @@ def arc_profiles(sheets: Mapping[str, Sheet]) -> tuple[tuple[ArcProfile, ...], l
     return tuple(found), problems
 
 
-def _bench(
-    settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet, shown: Mapping[str, str]
-) -> Bench:
+def _bench(settings: Mapping[str, Any], stiffness: Sheet, surface: Sheet, friction: Sheet) -> Bench:
     """Rebuild the simulated rig of a recording from the settings stored in it."""
     sections = ("belt", "rig", "contact")
     config = load_config({name: settings[name] for name in sections if name in settings})
-    config = config.with_rig(shown)
+    config = as_measured(config, friction)
     return bench_of(config, surface.surface, stiffness.law(stiffness.pooled_row))
 
 

@@ -20,7 +20,7 @@ from beltid.rig.mesh import swinging_share
 from beltid.rig.model import Bench
 from beltid.rig.runs import Method, RunResult, SimulationSettings, runs_of_one_belt
 from beltid.rig.runs import campaign as rig_campaign
-from beltid.stage import Outcome, rig_shown
+from beltid.stage import Outcome, as_measured
 from beltid.stages.columns import span
 from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import (
@@ -418,7 +418,7 @@ def simulate_campaign(
     """
     import pandas as pd
 
-    model, measured = load_config(config).with_rig(rig_shown(friction)), None
+    model, measured = as_measured(load_config(config), friction), None
     if friction is not None:
         measured = measured_settings(friction_columns(friction, tuple(KEYS)), model)
     runs = planned_runs(model, measured)

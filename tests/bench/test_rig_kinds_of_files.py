@@ -126,7 +126,7 @@ def test_an_idle_run_is_marked_in_several_words(tmp_path, idle):
             "idle": idle,
         }
     )
-    config = load_config({"rig": {}})
+    config = load_config({})
     frame.to_csv(tmp_path / "rig.csv", index=False)
     frame.to_parquet(tmp_path / "rig.parquet")
     for name in ("rig.csv", "rig.parquet"):

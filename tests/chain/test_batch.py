@@ -77,6 +77,17 @@ def test_runs_left_out_are_predicted_and_a_single_arc_is_noted(bench: Path, by_o
     assert "1 arc measured, must be at least 2 to leave one out" in done.stderr
 
 
+def test_a_running_belt_is_reduced_and_not_simulated(bench: Path) -> None:
+    rows = ["run,arc_deg,tension_tight_N,tension_slack_N,belt_speed_m_s,pulley_speed_rad_s,mu_se"]
+    rows += [f"R{k},82,{90 + 20 * k},{40 + 5 * k},8,{160.2 + 0.1 * k},0.005" for k in range(5)]
+    (bench / "rig.csv").write_text("\n".join(rows))
+    done = beltid(bench, "run", "two.yaml", "--no-report", "-j", "1", "--json")
+    assert done.exit_code == 0, done.stderr
+    states = json.loads(done.stdout)["table"][0]["stages"]
+    assert (states["fit-friction"], states["refine-surface"]) == ("done", "not simulated")
+    assert done.stderr.count("a running belt has no simulated rig") == 1
+
+
 # --- many belts --------------------------------------------------------------------------------
 
 

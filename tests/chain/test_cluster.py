@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from small_bench import BELTID, beltid, contents, environment
 
-from beltid.batch import cluster as clusters
+from beltid.batch import run as clusters
 from beltid.errors import InputError
 
 # only looked for: its import is a second for every process that collects the tests

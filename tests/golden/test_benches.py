@@ -110,12 +110,12 @@ BENCHES = {
     ),
     "torque_and_slack_cell": (
         {},
-        {"rig": {}},
+        {},
         ["torque_N_m", CELL["slack"]],
     ),
     "torque_and_tight_cell": (
         {},
-        {"rig": {}},
+        {},
         ["torque_N_m", CELL["tight"]],
     ),
     # the bending of the spans is corrected with EI: this belt has none

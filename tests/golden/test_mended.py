@@ -94,8 +94,7 @@ def test_a_torque_must_give_the_radius(tmp_path: Path) -> None:
     frame = benches.Rig().recording().drop(columns=["hub_force_N", "weight_N"])
     frame["torque_N_m"] /= 0.1129848
     only = frame.drop(columns="tension_tight_N")
-    config = {"rig": {}}
-    refused(friction(tmp_path, only, config), "torque_N_m")
+    refused(friction(tmp_path, only), "torque_N_m")
 
 
 def test_full_slip_is_called_so() -> None:

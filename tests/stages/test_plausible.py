@@ -16,7 +16,6 @@ RIGDATA = Path(__file__).parents[2] / "rigdata"
 R = 0.05
 LBF_IN = 4.4482216152605 * 0.0254
 WEIGHT = {"rig": {"holds": "weight_slack"}}
-TORQUE = {"rig": {}}
 
 
 def runs(belt: str, every: int = 12, arcs: tuple[float, ...] = (82.0,)) -> pd.DataFrame:
@@ -45,8 +44,8 @@ def by_torque() -> pd.DataFrame:
 BENCHES = {
     "cells": (lambda: runs("5pk"), {}),
     "weight on the slack span": (hung, WEIGHT),
-    "weight on the tight span": (lambda: hung("tight"), {"rig": {}}),
-    "torque": (by_torque, TORQUE),
+    "weight on the tight span": (lambda: hung("tight"), {}),
+    "torque": (by_torque, {}),
 }
 
 
@@ -98,6 +97,4 @@ def test_belts_and_spans_of_any_stiffness_are_plausible(span_m, EA_N, arc_deg):
     torque = (run.recording.tension_tight_N - run.recording.tension_slack_N) * R
     frame = run.recording.drop(columns="tension_tight_N").assign(torque_N_m=torque)
     by_cells = mu(run.recording, config)
-    np.testing.assert_allclose(
-        mu(frame, {**config, "rig": config["rig"] | TORQUE["rig"]}), by_cells, rtol=1e-3
-    )
+    np.testing.assert_allclose(mu(frame, config), by_cells, rtol=1e-3)

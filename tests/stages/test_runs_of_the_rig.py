@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from beltid.config import load_config
+from beltid.errors import InputError
 from beltid.identify.friction.reduction import reduce_runs
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.inputs import press_law
@@ -75,3 +76,10 @@ def test_a_speed_of_two_runs_that_share_no_force_is_kept() -> None:
     np.testing.assert_allclose(speeds, [0.0025, 0.005, 0.0105])
     assert used.size == campaign.measured.mu.size == 10
     assert set_aside == []
+
+
+def test_runs_measured_with_a_torque_are_not_taken_for_those_of_two_cells() -> None:
+    config = load_config({})
+    columns = {"initial_tension_N": np.full(4, 100.0), "torque_with": np.full(4, "tight")}
+    with pytest.raises(InputError, match="torque_with"):
+        prepared_campaign(columns, press_law(LAW, config), config, {})

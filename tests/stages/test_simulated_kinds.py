@@ -114,7 +114,7 @@ def test_a_simulated_bench_agrees_with_itself(kind: str) -> None:
 
 
 def test_runs_whose_tension_nobody_wrote_down_are_simulated_at_the_one_they_had() -> None:
-    kind, open_lists = "torque and hub force", load_config({"rig": {}})
+    kind, open_lists = "torque and hub force", load_config({})
     columns = as_measured(kind, 0.2)
     del columns["initial_tension_N"]
     friction = beltid.fit_friction(columns, open_lists)

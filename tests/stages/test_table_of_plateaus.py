@@ -135,12 +135,11 @@ def test_idle_rows_are_taken_off_the_torque_and_their_absence_is_warned_of():
     truth = plateaus()["mu"].to_numpy()
     dragged = table.assign(torque_N_m=table["torque_N_m"] + 0.2, idle="false")
     idle = pd.DataFrame({"torque_N_m": [0.2], "pulley_speed_rad_s": [0.4], "idle": ["true"]})
-    config = {"rig": {}}
-    with_idle = fit_friction(pd.concat([dragged, idle]), config)
+    with_idle = fit_friction(pd.concat([dragged, idle]))
     assert with_idle.to_frame()["mu_sliding"].to_numpy() == pytest.approx(truth, rel=1e-9)
     assert not any("drag" in line for line in with_idle.warnings)
     assert any("0.2 N m" in line for line in with_idle.notes)
-    without = fit_friction(dragged, config)
+    without = fit_friction(dragged)
     assert np.all(without.to_frame()["mu_sliding"].to_numpy() > truth)
     assert any("drag of the bearings" in line for line in without.warnings)
 

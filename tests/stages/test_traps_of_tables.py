@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from beltid import fit_friction
+from beltid import NormalLaw, fit_friction, refine_surface
 from beltid.errors import InputError
 
 R, ARC = 0.045, np.radians([75.0, 150.0, 75.0, 150.0])
@@ -49,6 +49,11 @@ def test_the_channels_tell_the_kind(kind: str) -> None:
 def test_a_belt_that_does_not_move_is_no_running_rig() -> None:
     found = fit(table("two_cells").assign(belt_speed_m_s=0.0)).to_frame()
     assert found["mu_sliding"].to_numpy() == pytest.approx(0.5, rel=1e-12)
+
+
+def test_a_running_belt_is_not_simulated_from_its_frame_either() -> None:
+    with pytest.raises(InputError, match="no simulated rig"):
+        refine_surface(fit(table("running")).to_frame(), NormalLaw(6.5e7, 3.0e11))
 
 
 def test_a_pulley_that_goes_with_its_belt_does_not_slide() -> None:

@@ -3,7 +3,7 @@
 The normal force of a run is a result (the mean of Eq. 8), not a setting, so the points of a
 campaign are scattered in f_N. The settings are arc, tension and speed: the points of one arc and
 one speed lie on a curve over f_N. A campaign is a grid if each arc was measured at each speed, and
-some arc covers the same forces at every speed; others are for :mod:`.scattered`.
+some arc covers the same forces at every speed; others are for :mod:`.surface`.
 """
 
 from __future__ import annotations
