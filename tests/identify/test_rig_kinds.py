@@ -146,32 +146,15 @@ def plateaus(runs: tuple[RunReduction, ...]) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-@pytest.mark.parametrize("span", ["slack", "tight"])
-def test_a_dead_weight_gives_the_plateau_of_two_cells(two_cells, span):
-    cells, kind = plateaus(two_cells), RigKind("dead_weight", weight_on=span)
-    runs, expected = reduce_runs(by_weight(cells, span), R, kind), reduce_runs(cells, R)
-    assert np.abs(mu(runs) - mu(expected)).max() < 1e-6
-    for run in runs:
-        weighed = run.tension_tight_N if span == "tight" else run.tension_slack_N
-        assert weighed == run.initial_tension_N == run.nominal_tension_N  # the weight, exactly
-        assert run.tension_tight_N / run.tension_slack_N == pytest.approx(
-            np.exp(run.mu_sliding * np.radians(run.arc_deg)), rel=1e-12
-        )
-
-
-@pytest.mark.parametrize("span", ["slack", "tight"])
-def test_a_weight_beside_a_torque_gives_the_plateau_of_two_cells(two_cells, span):
+def test_a_weight_beside_a_torque_gives_the_plateau_of_two_cells(two_cells):
     cells = plateaus(two_cells)
-    weighed = by_weight(cells, span)
-    other = f"tension_{'slack' if span == 'tight' else 'tight'}_N"
-    sign = 1.0 if span == "tight" else -1.0
-    torque = sign * (weighed["weight_N"] - weighed[other]) * R
-    columns = {**without(weighed, other), "torque_N_m": torque}
-    runs = reduce_runs(columns, R, RigKind("torque", weight_on=span))
+    weighed = by_weight(cells, "tight")
+    torque = (weighed["weight_N"] - weighed["tension_slack_N"]) * R
+    columns = {**without(weighed, "tension_slack_N"), "torque_N_m": torque}
+    runs = reduce_runs(columns, R, RigKind("torque", weight_on="tight"))
     assert np.abs(mu(runs) - mu(reduce_runs(cells, R))).max() < 1e-6
     for run in runs:
-        tension = run.tension_tight_N if span == "tight" else run.tension_slack_N
-        assert tension == run.initial_tension_N == run.nominal_tension_N
+        assert run.tension_tight_N == run.initial_tension_N == run.nominal_tension_N
     with pytest.raises(InputError, match=r"rig\.holds"):
         reduce_runs(columns, R, RigKind("torque", weight_stated=False))
 
