@@ -42,7 +42,10 @@ from beltid.uncertainty.sources import FITTED, Source, effect_sources
 Array = NDArray[np.float64]
 
 KNOTS: Final = 12  # over the range of the surface, and its nodes over the force
-FINER_MESH: Final = 1.5  # number of elements over the default, so that the mesh adds no bias
+MESHES: Final = (1.5, 3.0)
+"""Numbers of elements over the default, so that the mesh adds no bias. The second is for runs with
+which the first does not converge: contact points that come and go make the misfit rough, by more
+than the errors of very quiet runs."""
 MODEL_ERROR: Final = 2.0e-4
 """Relative error of a simulated coefficient, added to the measured one.
 
@@ -188,17 +191,23 @@ def refine_surface(
     if n < FEWEST_RUNS:
         raise InputError(f"{n} runs to refine a surface from, at least {FEWEST_RUNS} are needed")
     points = measured.points
-    rig = RigRuns(bench, points, speeds, mesh_of(bench, points, FINER_MESH))
-    empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
-    if empty:
-        raise InputError(f"no run at the speeds {', '.join(empty)}")
     effects = campaign_effects(measured, reference_degC)
-    problem = Problem.of(rig, bench.surface, measured, effects)
-    fit = first = problem.solved(bench.surface)
-    # with the knots where the surface that was found lets forces act
-    start = problem.tabulated(problem.B @ fit.coordinates)
-    problem = Problem.of(rig, start, measured, effects)
-    fit = problem.solved(start)
+    for finer in MESHES:
+        rig = RigRuns(bench, points, speeds, mesh_of(bench, points, finer))
+        empty = [f"{v:g} m/s" for j, v in enumerate(rig.speeds) if not np.any(rig.label == j)]
+        if empty:
+            raise InputError(f"no run at the speeds {', '.join(empty)}")
+        try:
+            problem = Problem.of(rig, bench.surface, measured, effects)
+            first = problem.solved(bench.surface)
+            # with the knots where the surface that was found lets forces act
+            start = problem.tabulated(problem.B @ first.coordinates)
+            problem = Problem.of(rig, start, measured, effects)
+            fit = problem.solved(start)
+            break
+        except ConvergenceError:
+            if finer == MESHES[-1]:
+                raise
     B, posterior, q = problem.B, fit.posterior, len(problem.B)
     parameters, changes = B @ fit.coordinates, np.zeros((n, 0))
     if sources:
@@ -410,7 +419,7 @@ class Problem:
                 change = float(np.max(np.abs(runs.X @ step)))
                 share, ended = 0.0, change <= TOLERANCE
                 if not ended:
-                    share, at, done = self._descend(at, step, done, runs, posterior)
+                    share, at, done = self._descend(at, step, done, runs, sizes)
                     gain = runs.misfit(runs.X @ step, step, sizes)
                     ended = share == 0.0 and gain <= NOTHING
                 if ended and (fresh or choices == CHOICES):
@@ -433,14 +442,12 @@ class Problem:
         )
 
     def _descend(
-        self, at: Array, step: Array, done: Sweep, runs: LinearRuns, posterior: Posterior
+        self, at: Array, step: Array, done: Sweep, runs: LinearRuns, sizes: Sizes
     ) -> tuple[float, Array, Sweep]:
         """Take the largest share of a step, 1, 1/2, ..., with enough decrease; zero if none has."""
-        sizes, model = posterior.sizes, posterior.model
-        shifts = model.X[:, 0, at.size :] @ posterior.mean[at.size :]  # by the effects
 
         def merit(simulated: Sweep, coordinates: Array) -> float:
-            return runs.misfit(self.log_mu - simulated.log_mu - shifts, coordinates, sizes)
+            return runs.misfit(self.log_mu - simulated.log_mu, coordinates, sizes)
 
         initial = merit(done, at)
         required = 2.0 * DECREASE * runs.misfit(runs.X @ step, step, sizes)

@@ -116,15 +116,18 @@ class LinearRuns:
         return np.asarray(posterior.covariance @ X.T / self.variance(posterior.sizes))
 
     def misfit(self, residual: Array, coordinates: Array, sizes: Sizes) -> float:
-        """Compute the penalised misfit ``r' v^-1 r + h' P h``.
+        """Compute the penalised misfit ``r' V^-1 r + h' P h``, V by noise and effects.
 
-        `residual` (n,) is measured minus simulated ln mu minus the effects; it may come from a
-        nonlinear model.
+        `residual` (n,) is measured minus simulated ln mu; it may come from a nonlinear model. The
+        effects take from it what they best explain: a misfit about given effects need not fall.
         """
         prior = self.prior_variance(sizes)
         smooth = prior > 0.0
         penalty = np.sum(np.square(coordinates[smooth]) / prior[smooth])
-        return float(residual @ (residual / self.variance(sizes)) + penalty)
+        V = np.diag(self.variance(sizes))
+        for effect in self.effects:
+            V += sizes[effect.key] ** 2 * effect.columns @ effect.columns.T
+        return float(residual @ np.linalg.solve(V, residual) + penalty)
 
     def explained(self, columns: Array, sizes: Sizes) -> Array:
         """Compute the share of columns (n, k) that the surface can explain, shape (k,).

@@ -53,8 +53,11 @@ def judged(folder: Path, truth: pd.DataFrame) -> None:
 
 
 @pytest.mark.long
-def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path: Path) -> None:
-    truth = german_sheets.write_rig(tmp_path / "versuche", "tension_tight_N", 150)
+@pytest.mark.parametrize("channel", ["tension_tight_N", "torque_N_m"])
+def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(
+    channel: str, tmp_path: Path
+) -> None:
+    truth = german_sheets.write_rig(tmp_path / "versuche", channel, 150)
     german_sheets.write_press(tmp_path / "presse.xlsx")
     done(tmp_path, "inspect", "presse.xlsx")
     done(tmp_path, "init", "5pk", "versuche", "presse.xlsx")
@@ -65,11 +68,3 @@ def test_from_sheets_to_a_refined_surface_and_a_report_in_four_commands(tmp_path
     assert (results / "surface_refined.parquet").exists()
     assert (results / "report.html").exists()
     judged(results, truth)
-
-
-@pytest.mark.long
-def test_weight_and_torque_over_time_are_reduced(tmp_path: Path) -> None:
-    truth = german_sheets.write_rig(tmp_path / "versuche", "torque_N_m", 150)
-    done(tmp_path, "init", "5pk", "versuche")
-    done(tmp_path, "fit-friction", "versuche", "-c", "5pk.yaml", "-o", "friction.parquet")
-    judged(tmp_path, truth)
