@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import writers
+from golden import files_written as w
 
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
@@ -95,8 +94,10 @@ def test_rates_and_starts_of_tdms_channels(tmp_path):
     np.testing.assert_allclose(columns["tension_tight_N"] - columns["tension_slack_N"], 100.0)
 
 
-@pytest.mark.parametrize("unit", ["ms", "Sec", "furlong"])
-@pytest.mark.parametrize("kind", ["lvm, one", "lvm, no", "tdms", "mdf"])
+@pytest.mark.parametrize(
+    ("kind", "unit"),
+    [("lvm, one", "ms"), ("lvm, no", "Sec"), ("tdms", "ms"), ("mdf", "ms"), ("mdf", "furlong")],
+)
 def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
     """Formats have a place for it; a time in milliseconds is none in seconds."""
     run = writers.rig_runs(1)["R001"]
@@ -162,34 +163,12 @@ def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
         read_recording(tmp_path / "press.xlsx", "press")
 
 
-COUNTS = (np.arange(40) * 50).astype(np.int16)
-
-
-def with_counts_tdms(path: Path, told: dict[str, float]) -> Path:
-    from nptdms import ChannelObject, TdmsWriter
-
-    time = {"wf_increment": 0.1, "wf_start_offset": 0.0}
-    with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("g", "Weg", np.linspace(0, 0.2, 40), {"unit_string": "mm", **time}),
-                ChannelObject("g", "Kraft", COUNTS, {"unit_string": "N", **time, **told}),
-            ]
-        )
-    return path
-
-
-def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path):
-    path = with_counts_tdms(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
-    with pytest.raises(
-        InputError, match=r"whole numbers, but the file states Slope = 0\.02, offset = -1"
-    ):
-        read_recording(path, "press")
-    for units, expected in (({"factor": 0.02, "offset": -1}, 0.02 * COUNTS - 1), ("N", COUNTS)):
-        config = load_config({"units": {"press": {"force_N": units}}})
-        force = read_recording(path, "press", config).columns["force_N"]
+@pytest.mark.parametrize("told", [{"Slope": 0.02, "offset": -1.0}, {"Slope": 1.0, "serial": 7.0}])
+def test_whole_numbers_are_read_once_the_config_says_what_they_are(tmp_path, told):
+    counts = (50 * w.PRESS["force_N"].to_numpy()).astype(np.int16)
+    w.hdf5(tmp_path / "P.h5", 50, **told)
+    scalings = [({"factor": 0.02, "offset": -1}, 0.02 * counts - 1), ("N", counts)]
+    for units, expected in scalings if told["Slope"] != 1.0 else [({}, counts)]:
+        config = load_config({"units": {"press": {"force_N": units}}} if units else {})
+        force = read_recording(tmp_path / "P.h5", "press", config).columns["force_N"]
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
-    neutral = with_counts_tdms(
-        tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0}
-    )
-    assert read_recording(neutral, "press").columns["force_N"].tolist() == COUNTS.tolist()

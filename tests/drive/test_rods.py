@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import BELT_5PK, BELTS, LAW_5PK, simulate, surface_5pk, true_surface, two_pulleys
+from drives import BELT_5PK, BELTS, LAW_5PK, simulate, true_surface, two_pulleys
 
 from beltid.config import load_config
 from beltid.drive.limits import slip_limit
@@ -76,7 +76,7 @@ def test_a_start_that_does_not_help_leaves_no_trace() -> None:
 def test_friction_that_depends_on_force_and_speed(
     P_in: float, P_out: float, W: float, torque: float
 ) -> None:
-    state = flow(pulley_of(0.05, surface_5pk()), 1.1, P_in, T_out=P_out)
+    state = flow(pulley_of(0.05, true_surface("5pk")), 1.1, P_in, T_out=P_out)
     np.testing.assert_allclose(state.W, W, rtol=5e-6)
     assert state.torque == pytest.approx(torque, abs=4e-4)
 
