@@ -16,29 +16,12 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
-from beltid.rig.mesh import Path, graded_nodes, touchdown
+from beltid.rig.mesh import graded_nodes, touchdown
 from beltid.rig.runs import SimulationSettings, campaign, simulate
 
 STEADY = SimulationSettings(method="steady")
 STIFF = NormalLaw(1e9)
 HOPELESS = at(82, 1e-3)  # a stiff belt needs some newtons to lie on the pulley at all
-
-
-@pytest.mark.parametrize(("R", "span", "arc_deg"), [(0.05, 0.1, 82.0), (0.02, 0.05, 170.0)])
-def test_the_path_is_the_integral_of_its_tangent(R: float, span: float, arc_deg: float) -> None:
-    path = Path(R, span, math.radians(arc_deg))
-    s = np.linspace(0.0, path.length, 20001)
-    r, t = np.hsplit(path.coordinates(s), 2)
-    steps = 0.5 * (t[1:] + t[:-1]) * np.diff(s)[:, None]
-    np.testing.assert_allclose(r[0] + np.cumsum(steps, axis=0), r[1:], atol=1e-7)
-
-
-def test_a_mesh_moves_with_the_path() -> None:
-    """Part by part in proportion: the ends of the arc stay between the same nodes."""
-    path, other = Path(0.05, 0.1, 1.4), Path(0.051, 0.11, 1.3)
-    corners = np.array([0.0, 0.1, 0.1 + 0.05 * 1.4, path.length])
-    moved = path.stretched(other, corners)
-    np.testing.assert_allclose(moved, [0.0, 0.11, 0.11 + 0.051 * 1.3, other.length])
 
 
 @pytest.mark.parametrize("EI", [0.002, 0.02])

@@ -164,23 +164,12 @@ def test_the_command_reads_a_table_of_other_names_and_units(tmp_path: Path):
     assert result.exit_code == 0, result.stderr
 
 
-def test_runs_of_another_surface_or_side_are_never_put_into_one_surface():
+def test_a_condition_that_no_run_has_and_a_back_are_said():
     table, _ = by_kind("two_cells")
-    wet = table.assign(tension_tight_N=table["tension_slack_N"] * 1.2, condition="Wet")
-    both = pd.concat([table.assign(condition="dry"), wet])
-    outcome = fit_friction(both)
-    found = outcome.to_frame()
-    assert found["condition"].tolist() == ["dry"] * 24 + ["wet"] * 24
-    with pytest.raises(InputError, match=r"dry \(24 runs\), wet \(24 runs\).*--condition"):
-        build_surface(found)
-    built = build_surface(found, condition="dry")
-    assert built.facts["conditions"] == {"condition": "dry"}
-    dry = built.result.surface
-    assert float(dry.mu(2000.0, 0.02)) == pytest.approx(0.6, rel=0.01)
-    with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):
-        build_surface(found, condition="dusty")
-    outcome = fit_friction(both.assign(side="back"))
+    outcome = fit_friction(table.assign(condition="Dry", side="back"))
     assert any("back of the belt" in line for line in outcome.warnings)
+    with pytest.raises(InputError, match="no run has the condition dusty; there are dry"):
+        build_surface(outcome.to_frame(), condition="dusty")
 
 
 def test_a_run_down_is_refused_for_a_table_of_plateaus():
