@@ -162,27 +162,3 @@ def test_an_arm_at_its_stop_keeps_its_place() -> None:
     path = laid.spans.sum() + laid.wraps @ [pulley.R for pulley in stopped.pulleys]
     assert pytest.approx(1e6 * (path / short.rest.belt_length - 1.0), rel=1e-9) == short.rest.T_0
     assert short.state.arm_angle == pytest.approx(stop)
-
-
-@pytest.mark.parametrize(
-    ("rpm", "power_kW", "tight", "crank", "compressor", "idler"),
-    [
-        (800, 3.0, 1208, 1911, 1938, 557),
-        (1000, 4.0, 1237, 1939, 1967, 571),
-        (1250, 5.0, 1237, 1939, 1966, 571),
-        (1500, 5.5, 1198, 1900, 1927, 552),
-        (1750, 6.8, 1223, 1925, 1952, 564),
-        (2000, 8.2, 1248, 1949, 1977, 576),
-    ],
-)
-def test_forces_of_the_loaded_drive(
-    rpm: float, power_kW: float, tight: float, crank: float, compressor: float, idler: float
-) -> None:
-    """AG00686, listed against the running direction: from the crank to the idler is tight."""
-    point = DrivePoint(-rpm * math.pi / 30, math.nan, (0.0,) * 4, (0.0, 0.0, power_kW * 1e3, 0.0))
-    result = Simulator(drive_of("AG00686")).solve(point)
-    hub = np.hypot(*result.in_order(result.hub_force).T)
-    assert np.max(result.tensions[0]) == pytest.approx(tight, rel=3e-3)
-    assert hub[:3] == pytest.approx((crank, idler, compressor), rel=3e-3)
-    load = result.in_order(result.torque * result.speed)[2]
-    assert abs(load) == pytest.approx(power_kW * 1e3, rel=1e-9)
