@@ -91,19 +91,10 @@ BENT = [
 ]
 
 
-@pytest.mark.parametrize(("EI", "radius", "L", "clamped", "arc", "tight", "slack", "M", "H"), BENT)
-def test_the_hub_force_of_a_bent_belt_is_that_of_an_elastic_rod(
-    EI: float,
-    radius: float,
-    L: float,
-    clamped: bool,
-    arc: float,
-    tight: float,
-    slack: float,
-    M: float,
-    H: float,
-) -> None:
-    spans, beta = capstan.Spans(EI, L, clamped), math.radians(arc)
+@pytest.mark.parametrize("row", BENT)
+def test_the_hub_force_of_a_bent_belt_is_that_of_an_elastic_rod(row: tuple[float, ...]) -> None:
+    EI, radius, L, clamped, arc, tight, slack, M, H = row
+    spans, beta = capstan.Spans(EI, L, bool(clamped)), math.radians(arc)
     assert capstan.hub_force(tight, slack, beta, radius, spans) == pytest.approx(H, rel=2.5e-3)
     found = capstan.tensions_by_hub_force(M, H, beta, radius, spans)
     assert found == pytest.approx((tight, slack), rel=4e-3)

@@ -171,14 +171,6 @@ def test_a_random_design_is_drawn_in_a_few_classes(high: float) -> None:
     assert {x.get_linestyle() for x in runs} == {"None"}  # nothing to join
 
 
-def test_no_setting_is_shared_out_to_two_classes() -> None:
-    speeds = np.tile(np.geomspace(1e-3, 0.1, 12), 7)
-    _, names, _ = over_force(np.full(84, 82.0), speeds, np.repeat(np.arange(7) + 2e3, 12), speeds)
-    ends = [end for name in names for end in name.split(" to ")]
-    assert len(names) == 8
-    assert len(ends) == len(set(ends)) == 12
-
-
 def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
     fig = Figure(layout="constrained")
     axes = fig.subplots()
