@@ -125,8 +125,7 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
 
 
 @pytest.mark.parametrize(
-    "belt",
-    [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in LAWS],
+    "belt", [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in LAWS]
 )
 def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) -> None:
     """T7: against the noise-free losses of an independent flowing rod, up to full slip.

@@ -30,11 +30,7 @@ from beltid.laws.penalty import NormalLaw
     ],
 )
 def test_two_pulley_bench_with_the_true_law(
-    omega: float,
-    T_0: float,
-    torque: float,
-    parts: tuple[float, float],
-    arcs: tuple[float, float],
+    omega: float, T_0: float, torque: float, parts: tuple[float, float], arcs: tuple[float, float]
 ) -> None:
     (result,) = simulate(two_pulleys(), [DrivePoint(omega, T_0, (0.0, torque))])
     assert np.degrees(result.state.arcs.needed) == pytest.approx(arcs, abs=0.0051)

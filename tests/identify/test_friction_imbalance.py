@@ -73,8 +73,7 @@ def rms(values: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("held", "decays_s", "said"),
-    [(-0.1, np.inf, "10 %"), (0.02, 2.0, "1.6 %")],
+    ("held", "decays_s", "said"), [(-0.1, np.inf, "10 %"), (0.02, 2.0, "1.6 %")]
 )
 def test_friction_held_at_rest_is_no_error_of_the_cells(
     held: float, decays_s: float, said: str

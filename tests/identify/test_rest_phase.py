@@ -99,10 +99,7 @@ def test_tensions_at_rest_are_as_stated_but_for_their_scatter() -> None:
 
 @pytest.mark.parametrize(
     ("change", "remedy"),
-    [
-        ({"offset": 20.0}, "tension_tight_tare_N"),
-        ({"factor": 1.0 / 4.448}, "units.rig"),
-    ],
+    [({"offset": 20.0}, "tension_tight_tare_N"), ({"factor": 1.0 / 4.448}, "units.rig")],
 )
 def test_cells_not_tared_or_in_another_unit_are_recognised(change: dict, remedy: str) -> None:
     assert remedy in against_stated(at_rest(**change), STATED)

@@ -11,11 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beltid.errors import InputError
-from beltid.identify.surface.surface import (
-    SurfaceResult,
-    build_surface,
-    surface_from_columns,
-)
+from beltid.identify.surface.surface import SurfaceResult, build_surface, surface_from_columns
 
 Array = NDArray[np.float64]
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])

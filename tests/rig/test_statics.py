@@ -147,11 +147,7 @@ def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_
 
 
 @pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
-        ({"elements": 7}, "elements"),
-        ({"steps": 10}, "steps"),
-    ],
+    ("settings", "problem"), [({"elements": 7}, "elements"), ({"steps": 10}, "steps")]
 )
 def test_wrong_settings_are_refused(settings: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):

@@ -200,10 +200,7 @@ NO_OTHERS = {
 @pytest.mark.parametrize(("kind", "share"), [("two_cells", 0.0), ("dead_weight", 1.0)])
 def test_a_gain_of_the_cells_counts_with_a_dead_weight_only(kind, share):
     table, rig = by_kind(kind)
-    config = {
-        "rig": rig,
-        "uncertainty": {"tension_gain_rel": 0.01, **NO_OTHERS},
-    }
+    config = {"rig": rig, "uncertainty": {"tension_gain_rel": 0.01, **NO_OTHERS}}
     found = fit_friction(table.assign(mu_se=0.0), config).to_frame()
     # both tensions of two cells grow alike; a weight stays, so that mu changes by ln(1.01) / beta
     expected = share * np.log(1.01) / np.radians(table["arc_deg"])
