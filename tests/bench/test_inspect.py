@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import writers
 from golden import files_written as w
 from typer.testing import CliRunner
 
@@ -43,9 +42,9 @@ def test_the_section_can_be_pasted(tmp_path):
 
 
 def test_gaps_are_reported(tmp_path):
-    run = writers.rig_runs(1)["R001"].drop(index=range(100, 120))
-    path = writers.write_xlsx(tmp_path / "rig.xlsx", {"R001": run})
-    status, found = inspect(path)
+    run = w.R001.drop(index=range(100, 110))
+    (tmp_path / "rig.csv").write_text(w.table(run))
+    status, found = inspect(tmp_path / "rig.csv")
     assert status == 0
     (row,) = found["details"]["runs"]
     assert row["gaps_at_s"] == [run["time_s"].iloc[99]]
@@ -53,19 +52,17 @@ def test_gaps_are_reported(tmp_path):
 
 
 def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
-    written = "Messung_{number}_{arc}Grad_{tension}N_0p21.lvm"
-    pattern = "Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm"
     folder = tmp_path / "rig"
     folder.mkdir()
-    for label, run in writers.rig_runs(3).items():
-        arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
-        name = written.format(number=label[1:], arc=arc, tension=tension)
-        writers.write_lvm(folder / name, run)
+    for label, run in w.RUNS.items():
+        arc, tension = (run[name][0] for name in w.SETTINGS)
+        name = f"Messung_{label[1:]}_{arc:.0f}Grad_{tension:.0f}N_0p21.lvm"
+        (folder / name).write_text(w.lvm(run))
     status, found = inspect(folder)
     assert status == 2
     lines = str(found["snippet"]).splitlines()
     (proposed,) = [line for line in lines if line.startswith("#     pattern:")]
-    assert f'"{pattern}"' in proposed
+    assert '"Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm"' in proposed
     kept = [line for line in lines if not line.startswith("#")]
     config = tmp_path / "belt.yaml"
     stated = proposed.strip("# ").partition("  #")[0]
@@ -74,7 +71,7 @@ def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
     out = tmp_path / "friction.parquet"
     call = ["fit-friction", str(folder), "-c", str(config), "-o", str(out), "-q"]
     assert CliRunner().invoke(app, call).exit_code == 0
-    assert read_artifact(out).columns["run"].tolist() == ["001", "002", "003"]
+    assert read_artifact(out).columns["run"].tolist() == [label[1:] for label in w.RUNS]
 
 
 def text(folder: Path, name: str, header: str, *rows: str) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import writers
 from golden import files_written as w
 
 from beltid.bench.recording import read_recording
@@ -48,7 +47,7 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
 def test_units_and_versions_of_matlab(tmp_path):
     from scipy.io import savemat
 
-    test = writers.press_tests()["P22"]
+    test = w.PRESS
     time, force, travel = (test[c].to_numpy() for c in ("time_s", "force_N", "displacement_mm"))
     plain = {"Zeit": time, "Kraft": force / 1000, "Weg": travel}
     savemat(tmp_path / "a.mat", {**plain, "units": {"Zeit": "s", "Kraft": "kN", "Weg": "mm"}})
@@ -100,7 +99,7 @@ def test_rates_and_starts_of_tdms_channels(tmp_path):
 )
 def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
     """Formats have a place for it; a time in milliseconds is none in seconds."""
-    run = writers.rig_runs(1)["R001"]
+    run = w.R001
     told = run.assign(time_s=run["time_s"] * (1000 if unit == "ms" else 1))
     path = tmp_path / "R001"
     if kind == "tdms":
@@ -125,9 +124,8 @@ def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
         path = file.save(path.with_suffix(".mf4"))
         file.close()
     else:
-        writers.write_lvm(path, told, x_columns=kind.split()[1].title())
-        told_so = b"X_Unit_Label" + b"\t%s" % unit.encode() * 5 + b"\r\nX0\t"
-        path.write_bytes(path.read_bytes().replace(b"X0\t", told_so))
+        told_so = "X_Unit_Label" + f"\t{unit}" * 3 + "\r\nX0\t"
+        path.write_text(w.lvm(told, x=kind.split()[1].title()).replace("X0\t", told_so))
     config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
     if unit == "furlong":
         with pytest.raises(InputError, match=r"time .*in furlong"):
