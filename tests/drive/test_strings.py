@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from beltid.laws.penalty import NormalLaw
 
 
 @pytest.mark.parametrize(
-    ("omega", "T_0", "torque", "parts", "arcs"),
+    "row",
     [
         (22.0, 310.0, 8.0, (0.1602, 0.0598), (42.33, 42.33)),
         (22.0, 310.0, 29.5, (0.5909, 0.2218), (161.35, 174.97)),
@@ -29,9 +30,8 @@ from beltid.laws.penalty import NormalLaw
         (62.8, 160.0, 14.0, (0.2802, 0.1256), (123.79, 136.44)),
     ],
 )
-def test_two_pulley_bench_with_the_true_law(
-    omega: float, T_0: float, torque: float, parts: tuple[float, float], arcs: tuple[float, float]
-) -> None:
+def test_two_pulley_bench_with_the_true_law(row: tuple[Any, ...]) -> None:
+    omega, T_0, torque, parts, arcs = row
     (result,) = simulate(two_pulleys(), [DrivePoint(omega, T_0, (0.0, torque))])
     assert np.degrees(result.state.arcs.needed) == pytest.approx(arcs, abs=0.0051)
     # the table has the differences of strain and of delta/R; the parts of the loss are of the

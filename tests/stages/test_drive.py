@@ -27,14 +27,17 @@ def true_surface() -> beltid.FrictionSurface:
     return beltid.FrictionSurface(f, v, mu)
 
 
+def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, Any]:
+    return {"operating_points": {"driver_speed_rad_s": [*speed], "torque_N_m": torque}}
+
+
 def config(**drive: Any) -> dict[str, Any]:
     stated = {
         "method": "string",
         "initial_tension_N": [310],
         "pulleys": TWO,
-        "operating_points": {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 16]}},
     }
-    return {"drive": stated | drive}
+    return {"drive": stated | points({"driven": [8, 16]}) | drive}
 
 
 def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
@@ -53,10 +56,8 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
 
 
 def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> None:
-    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [5, 10]}}
-    outcome = beltid.simulate_drive(
-        config(initial_tension_N=[155, 310], operating_points=points), 1.0, LAW
-    )
+    asked = config(initial_tension_N=[155, 310], **points({"driven": [5, 10]}))
+    outcome = beltid.simulate_drive(asked, 1.0, LAW)
     limits = outcome.tables["slip_limits"]
     assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
     for row in limits:
@@ -65,14 +66,9 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
         assert row["slip_limit_torque_N_m"] == pytest.approx(
             row["adhesion_end_torque_N_m"], rel=1e-4
         )
-        at = {
-            "driver_speed_rad_s": [62.8],
-            "torque_N_m": {"driven": [row["slip_limit_torque_N_m"]]},
-        }
-        tension = [row["initial_tension_N"]]
-        there = beltid.simulate_drive(
-            config(initial_tension_N=tension, operating_points=at), 1.0, LAW
-        ).to_frame()
+        at = points({"driven": [row["slip_limit_torque_N_m"]]})
+        there = config(initial_tension_N=[row["initial_tension_N"]], **at)
+        there = beltid.simulate_drive(there, 1.0, LAW).to_frame()
         # Euler-Eytelwein in the effective forces, at the pulley that lets go first
         flow = 0.10 * (62.8 * 0.05) ** 2
         ratio = (there["tension_out_N"][1] - flow) / (there["tension_in_N"][1] - flow)
@@ -80,12 +76,12 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
 
 
 def test_what_the_laws_do_not_cover_is_reported() -> None:
-    slow = {"driver_speed_rad_s": [5.0], "torque_N_m": {"driven": [16]}}
-    outcome = beltid.simulate_drive(config(operating_points=slow), true_surface(), LAW)
+    slow = config(**points({"driven": [16]}, [5.0]))
+    outcome = beltid.simulate_drive(slow, true_surface(), LAW)
     assert any("100 % of the friction comes from sliding slower" in w for w in outcome.warnings)
     assert any("half of the trend" in note for note in outcome.notes)
-    heavy = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 45, 70]}}
-    outcome = beltid.simulate_drive(config(operating_points=heavy), true_surface(), LAW)
+    heavy = config(**points({"driven": [8, 45, 70]}))
+    outcome = beltid.simulate_drive(heavy, true_surface(), LAW)
     frame = outcome.to_frame()
     assert list(frame["status"][4:]) == ["slack", "slack"]
     assert "gross slip" in set(frame["status"][2:4])
@@ -114,8 +110,7 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
 def test_spans_too_short_for_rods_at_their_own_force() -> None:
     """Six bending lengths are 48 mm at 310 N, and 0.11 m at the 58 N of the loaded slack span."""
     pulleys = [TWO[0], TWO[1] | {"x_m": 0.105}]
-    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 44]}}
-    drive = config(method="rod", pulleys=pulleys, operating_points=points)
+    drive = config(method="rod", pulleys=pulleys, **points({"driven": [8, 44]}))
     outcome = beltid.simulate_drive(drive, 1.0, LAW)
     assert set(outcome.to_frame()["run"]) == {"1"}
     (left_out,) = outcome.set_aside
@@ -134,18 +129,10 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
         ({"installation": "tensioner"}, "drive.tensioner: must be stated"),
         ({"initial_tension_N": None}, "drive.initial_tension_N: must be stated"),
         (
-            {
-                "operating_points": {
-                    "driver_speed_rad_s": [1, 2],
-                    "torque_N_m": {"driven": [1, 2, 3]},
-                }
-            },
+            points(torque={"driven": [1, 2, 3]}, speed=[1, 2]),
             "driver_speed_rad_s: 2 values, must be 1 or 3",
         ),
-        (
-            {"operating_points": {"torque_N_m": {"pump": [1]}}},
-            "drive.operating_points.torque_N_m: pump is not the name of a pulley",
-        ),
+        (points(torque={"pump": [1]}), "torque_N_m: pump is not the name of a pulley"),
     ],
 )
 def test_drives_that_cannot_be_are_refused(change: dict[str, Any], said: str) -> None:
