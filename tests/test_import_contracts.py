@@ -7,17 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SCIENCE = (
-    "plan",
-    "uncertainty",
-    "refine",
-    "drive",
-    "identify",
-    "rig",
-    "laws",
-    "params",
-    "errors",
-)
+SCIENCE = ("plan", "uncertainty", "refine", "drive", "identify", "rig", "laws", "params", "errors")
 NOT_FOR_SCIENCE = ("pandas", "pyarrow", "ruamel", "typer", "rich", "matplotlib", "pydantic")
 
 

@@ -60,17 +60,6 @@ def test_every_public_name_is_there_and_documented() -> None:
         beltid.fit_everything  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.parametrize("surface", [0.5, beltid.FrictionSurface([1000.0], [0.01], [[0.5]])])
-def test_a_number_is_a_constant_friction_coefficient(surface: Any) -> None:
-    # first row of the reference table: an independent discretisation of the same rig
-    run = beltid.simulate_rig(None, surface, LAW, **POINT, method="steady")
-    assert run.tension_tight_N == pytest.approx(371.09, rel=2e-3)
-    assert run.tension_slack_N == pytest.approx(182.01, rel=2e-3)
-    assert run.mu == pytest.approx(0.49777, rel=1e-3)
-    assert run.recording is None
-    assert type(run.mu) is float
-
-
 def test_a_transient_run_has_a_recording_like_that_of_the_bench() -> None:
     run = beltid.simulate_rig(None, 0.5, LAW, **POINT, method="transient")
     recording = run.recording

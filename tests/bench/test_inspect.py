@@ -7,8 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pytest
-import writers
 from golden import files_written as w
 from typer.testing import CliRunner
 
@@ -27,10 +25,9 @@ def inspect(*arguments: object) -> tuple[int, dict[str, object]]:
     return result.exit_code, json.loads(result.stdout) if result.stdout else {}
 
 
-@pytest.mark.parametrize("write", [w.tdms_of_runs, w.zipped])
-def test_the_section_can_be_pasted(tmp_path, write):
+def test_the_section_can_be_pasted(tmp_path):
     path = tmp_path / "rig.bin"
-    write(path)
+    w.tdms_of_runs(path)
     status, found = inspect(path)
     assert status == 0
     config = tmp_path / "pasted.yaml"
@@ -45,42 +42,27 @@ def test_the_section_can_be_pasted(tmp_path, write):
 
 
 def test_gaps_are_reported(tmp_path):
-    run = writers.rig_runs(1)["R001"].drop(index=range(100, 120))
-    path = writers.write_xlsx(tmp_path / "rig.xlsx", {"R001": run})
-    status, found = inspect(path)
+    run = w.R001.drop(index=range(100, 110))
+    (tmp_path / "rig.csv").write_text(w.table(run))
+    status, found = inspect(tmp_path / "rig.csv")
     assert status == 0
     (row,) = found["details"]["runs"]
     assert row["gaps_at_s"] == [run["time_s"].iloc[99]]
     assert found["facts"]["runs_with_gaps"] == 1
 
 
-@pytest.mark.parametrize(
-    ("written", "pattern", "labels"),
-    [
-        (
-            "{run}_{arc}deg_{tension}N_0p21.lvm",
-            "{run}_{arc_deg}deg_{initial_tension_N}N_{}.lvm",
-            ["R001", "R002", "R003"],
-        ),
-        (
-            "Messung_{number}_{arc}Grad_{tension}N_0p21.lvm",
-            "Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm",
-            ["001", "002", "003"],
-        ),
-    ],
-)
-def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path, written, pattern, labels):
+def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path):
     folder = tmp_path / "rig"
     folder.mkdir()
-    for label, run in writers.rig_runs(3).items():
-        arc, tension = run["arc_deg"].iloc[0], run["initial_tension_N"].iloc[0]
-        name = written.format(run=label, number=label[1:], arc=arc, tension=tension)
-        writers.write_lvm(folder / name, run)
+    for label, run in w.RUNS.items():
+        arc, tension = (run[name][0] for name in w.SETTINGS)
+        name = f"Messung_{label[1:]}_{arc:.0f}Grad_{tension:.0f}N_0p21.lvm"
+        (folder / name).write_text(w.lvm(run))
     status, found = inspect(folder)
     assert status == 2
     lines = str(found["snippet"]).splitlines()
     (proposed,) = [line for line in lines if line.startswith("#     pattern:")]
-    assert f'"{pattern}"' in proposed
+    assert '"Messung_{run}_{arc_deg}Grad_{initial_tension_N}N_{}.lvm"' in proposed
     kept = [line for line in lines if not line.startswith("#")]
     config = tmp_path / "belt.yaml"
     stated = proposed.strip("# ").partition("  #")[0]
@@ -89,7 +71,7 @@ def test_a_pattern_that_the_names_follow_is_proposed_and_works(tmp_path, written
     out = tmp_path / "friction.parquet"
     call = ["fit-friction", str(folder), "-c", str(config), "-o", str(out), "-q"]
     assert CliRunner().invoke(app, call).exit_code == 0
-    assert read_artifact(out).columns["run"].tolist() == labels
+    assert read_artifact(out).columns["run"].tolist() == [label[1:] for label in w.RUNS]
 
 
 def text(folder: Path, name: str, header: str, *rows: str) -> Path:
@@ -124,34 +106,23 @@ def test_two_forces_with_a_pulley_are_a_rig_not_a_press(tmp_path):
     assert read_as["Umschlingung [deg]"] == "arc_deg"
 
 
-def test_six_specimens_side_by_side(tmp_path):
-    columns = [
-        [0.1 * i for i in range(20)],
-        *([0.01 * (s + i) for i in range(20)] for s in range(6)),
-    ]
-    forces = [[10.0 * (s + 1) * i for i in range(20 - s)] for s in range(6)]  # each of its length
-    header = ["Zeit [s]", *(name for _ in range(6) for name in ("Weg [mm]", "Kraft [N]"))]
-    table = []
+def test_specimens_side_by_side_can_be_pasted_and_chosen(tmp_path):
+    names = ["Weg [mm]", "Kraft [N]"] * 3
+    forces = [[10.0 * (s + 1) * i for i in range(20 - s)] for s in range(3)]  # each of its length
+    rows = [";".join(["Zeit [s]", *names])]
     for i in range(20):
-        cells = [columns[0][i]]
-        for s in range(6):
-            there = i < len(forces[s])
-            cells += [columns[s + 1][i], forces[s][i]] if there else [None, None]
-        table.append(cells)
-    rows = [";".join("" if c is None else repr(c) for c in row) for row in table]
-    path = text(tmp_path, "belt.csv", ";".join(header), *rows)
-    recording = read_recording(path, "press")
-    for s in range(6):
-        mine = recording.columns["test"] == f"belt-{s + 1}"
-        force = recording.columns["force_N"][mine]
-        assert force[np.isfinite(force)].tolist() == forces[s]
+        cells = [
+            f"{0.01 * (s + i)!r};{of[i]!r}" if i < len(of) else ";" for s, of in enumerate(forces)
+        ]
+        rows.append(";".join([repr(0.1 * i), *cells]))
+    path = text(tmp_path, "belt.csv", *rows)
     status, found = inspect(path)
-    assert (status, found["facts"]["runs"]) == (0, 6)
-    rows = {row["channel"]: row["read_as"] for row in found["table"]}
-    assert rows["Kraft #1 [N]"] == rows["Kraft #6 [N]"] == "force_N"
+    assert (status, found["facts"]["runs"]) == (0, 3)
+    read_as = {row["channel"]: row["read_as"] for row in found["table"]}
+    assert read_as["Kraft #1 [N]"] == read_as["Kraft #3 [N]"] == "force_N"
     config = tmp_path / "pasted.yaml"
     config.write_text(str(found["snippet"]), encoding="utf-8")
-    assert inspect(path, "-c", config)[1]["facts"]["runs"] == 6
+    assert inspect(path, "-c", config)[1]["facts"]["runs"] == 3
     config.write_text('columns: {press: {force_N: "Kraft #2 [N]", displacement_mm: "Weg #2 [mm]"}}')
     one = read_recording(path, "press", load_config(config))
     force = one.columns["force_N"]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-import writers
+from golden import files_written as w
 
 from beltid.bench.recording import read_recording
 from beltid.config import load_config
@@ -49,7 +47,7 @@ def test_an_array_of_structs_is_refused_by_name(tmp_path, version):
 def test_units_and_versions_of_matlab(tmp_path):
     from scipy.io import savemat
 
-    test = writers.press_tests()["P22"]
+    test = w.PRESS
     time, force, travel = (test[c].to_numpy() for c in ("time_s", "force_N", "displacement_mm"))
     plain = {"Zeit": time, "Kraft": force / 1000, "Weg": travel}
     savemat(tmp_path / "a.mat", {**plain, "units": {"Zeit": "s", "Kraft": "kN", "Weg": "mm"}})
@@ -95,11 +93,13 @@ def test_rates_and_starts_of_tdms_channels(tmp_path):
     np.testing.assert_allclose(columns["tension_tight_N"] - columns["tension_slack_N"], 100.0)
 
 
-@pytest.mark.parametrize("unit", ["ms", "Sec", "furlong"])
-@pytest.mark.parametrize("kind", ["lvm, one", "lvm, no", "tdms", "mdf"])
+@pytest.mark.parametrize(
+    ("kind", "unit"),
+    [("lvm, one", "ms"), ("lvm, no", "Sec"), ("tdms", "ms"), ("mdf", "ms"), ("mdf", "furlong")],
+)
 def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
     """Formats have a place for it; a time in milliseconds is none in seconds."""
-    run = writers.rig_runs(1)["R001"]
+    run = w.R001
     told = run.assign(time_s=run["time_s"] * (1000 if unit == "ms" else 1))
     path = tmp_path / "R001"
     if kind == "tdms":
@@ -124,9 +124,8 @@ def test_the_unit_in_which_a_format_tells_the_time(tmp_path, kind, unit):
         path = file.save(path.with_suffix(".mf4"))
         file.close()
     else:
-        writers.write_lvm(path, told, x_columns=kind.split()[1].title())
-        told_so = b"X_Unit_Label" + b"\t%s" % unit.encode() * 5 + b"\r\nX0\t"
-        path.write_bytes(path.read_bytes().replace(b"X0\t", told_so))
+        told_so = "X_Unit_Label" + f"\t{unit}" * 3 + "\r\nX0\t"
+        path.write_text(w.lvm(told, x=kind.split()[1].title()).replace("X0\t", told_so))
     config = load_config({"runs": {"rig": {"values": {"arc_deg": 40, "initial_tension_N": 50}}}})
     if unit == "furlong":
         with pytest.raises(InputError, match=r"time .*in furlong"):
@@ -162,34 +161,12 @@ def test_sheets_are_tests_and_a_word_among_numbers_has_a_place(tmp_path):
         read_recording(tmp_path / "press.xlsx", "press")
 
 
-COUNTS = (np.arange(40) * 50).astype(np.int16)
-
-
-def with_counts_tdms(path: Path, told: dict[str, float]) -> Path:
-    from nptdms import ChannelObject, TdmsWriter
-
-    time = {"wf_increment": 0.1, "wf_start_offset": 0.0}
-    with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("g", "Weg", np.linspace(0, 0.2, 40), {"unit_string": "mm", **time}),
-                ChannelObject("g", "Kraft", COUNTS, {"unit_string": "N", **time, **told}),
-            ]
-        )
-    return path
-
-
-def test_a_scaling_with_whole_numbers_is_asked_about(tmp_path):
-    path = with_counts_tdms(tmp_path / "press.bin", {"Slope": 0.02, "offset": -1.0})
-    with pytest.raises(
-        InputError, match=r"whole numbers, but the file states Slope = 0\.02, offset = -1"
-    ):
-        read_recording(path, "press")
-    for units, expected in (({"factor": 0.02, "offset": -1}, 0.02 * COUNTS - 1), ("N", COUNTS)):
-        config = load_config({"units": {"press": {"force_N": units}}})
-        force = read_recording(path, "press", config).columns["force_N"]
+@pytest.mark.parametrize("told", [{"Slope": 0.02, "offset": -1.0}, {"Slope": 1.0, "serial": 7.0}])
+def test_whole_numbers_are_read_once_the_config_says_what_they_are(tmp_path, told):
+    counts = (50 * w.PRESS["force_N"].to_numpy()).astype(np.int16)
+    w.hdf5(tmp_path / "P.h5", 50, **told)
+    scalings = [({"factor": 0.02, "offset": -1}, 0.02 * counts - 1), ("N", counts)]
+    for units, expected in scalings if told["Slope"] != 1.0 else [({}, counts)]:
+        config = load_config({"units": {"press": {"force_N": units}}} if units else {})
+        force = read_recording(tmp_path / "P.h5", "press", config).columns["force_N"]
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12)
-    neutral = with_counts_tdms(
-        tmp_path / "neutral.bin", {"Slope": 1.0, "offset": 0.0, "serial": 7.0}
-    )
-    assert read_recording(neutral, "press").columns["force_N"].tolist() == COUNTS.tolist()

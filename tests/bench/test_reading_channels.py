@@ -45,43 +45,6 @@ def test_our_own_names_may_have_a_unit_behind_them(tmp_path):
     assert found.columns["pulley_speed_rad_s"][-1] == 1.0
 
 
-NAMES = {
-    "press": {
-        "force_N": ["Standardkraft", "Prüfkraft", "Force", "Axial Force", "Load", "Effort"],
-        "displacement_mm": ["Standardweg", "Traversenweg absolut", "Crosshead", "Déplacement"],
-        "time_s": ["Prüfzeit", "Zeit", "Time", "Elapsed time", "Temps", "Temps écoulé"],
-        "temperature_degC": ["Temperatur", "Temperature", "Température", "Kammertemperatur"],
-        "test": ["Versuch Nr.", "Specimen ID", "Essai"],
-    },
-    "rig": {
-        "tension_tight_N": [
-            "Zugkraft ziehend", "Trumkraft Zugtrum", "Tight side tension", "brin tendu", "T_tight",
-        ],
-        "tension_slack_N": [
-            "Zugkraft leer", "Trumkraft Leertrum", "Slack span force", "Tension brin mou",
-        ],
-        "pulley_speed_rad_s": ["Drehzahl", "Pulley speed", "Vitesse de rotation", "omega", "RPM"],
-        "arc_deg": ["Umschlingungswinkel", "Wrap angle", "Contact arc", "Angle d'enroulement"],
-        "initial_tension_N": ["Vorspannkraft", "Initial tension", "Pre-load", "Tension initiale"],
-        "run": ["Lauf", "Run No.", "Messung"],
-    },
-    "speedloss": {
-        "torque_N_m": ["Drehmoment", "Torque", "Couple"],
-        "driver_speed_rad_s": ["Drehzahl Antrieb", "Driver speed", "Vitesse poulie menante"],
-        "driven_speed_rad_s": ["Abtriebsdrehzahl", "Driven pulley speed", "Vitesse menée"],
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", NAMES)
-def test_names_in_three_languages(kind):
-    for role, names in NAMES[kind].items():
-        for name in names:
-            assert roles_meant(name, kind) == (role,), name
-            for written in (f"{name} [N]", f"{name} (N)", f"{name} / N", f"{name} in N"):
-                assert roles_meant(written, kind) == (role,), written
-
-
 def test_other_channels_are_not_taken_for_ours():
     for name in ("Dehnung", "Breitenänderung", "Kraft Querrichtung", "Zugfestigkeit", "Trumkraft"):
         assert roles_meant(name, "press") == roles_meant(name, "rig") == ()
@@ -96,7 +59,7 @@ def test_our_name_with_the_ending_of_another_unit_is_in_that_unit(tmp_path):
     np.testing.assert_allclose(found["time_s"], [0.0, 0.001, 0.002], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["weg_mm", "weg_2", "x_tight", "position_L"])
+@pytest.mark.parametrize("name", ["weg_mm", "x_tight"])
 def test_an_ending_that_is_no_other_unit_is_part_of_the_name(tmp_path, name):
     path = write(tmp_path, f"time_s;{name};force_N", PRESS_ROWS)
     config = {"columns": {"press": {"displacement_mm": name}}}
@@ -108,31 +71,11 @@ def test_a_candidate_in_a_unit_that_cannot_be_is_none(tmp_path):
     assert read(path, "press").columns["displacement_mm"].tolist() == [1.0, 2.0]
 
 
-@pytest.mark.parametrize(
-    ("unit", "setting", "factor", "offset"),
-    [
-        ("V", "250 N/V", 250.0, 0.0),
-        ("V", "0.25 kN/V", 250.0, 0.0),
-        ("mV", "250 N/V", 0.25, 0.0),
-        ("V", "0.25 N/mV", 250.0, 0.0),
-        ("V", {"factor": 250.0, "offset": -12.5}, 250.0, -12.5),
-        ("", {"factor": -2.5}, -2.5, 0.0),
-    ],
-)
-def test_volts_with_a_calibration(tmp_path, unit, setting, factor, offset):
-    path = write(tmp_path, f"Zeit [s];Weg [mm];Kraft [{unit}]".replace(" []", ""), PRESS_ROWS)
-    config = {"units": {"press": {"force_N": setting}}}
-    found = read(path, "press", config).columns["force_N"]
-    np.testing.assert_allclose(found, factor * np.array([10, 20, 30]) + offset, rtol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["RPM", "U/min", "1/min", "min-1", "Drehzahl", "pulley_rpm"])
-@pytest.mark.parametrize("stated", [False, True])
-def test_turns_per_minute_by_name_are_never_radians(tmp_path, name, stated):
+@pytest.mark.parametrize("name", ["min-1", "pulley_rpm"])
+def test_turns_per_minute_by_name_are_never_radians(tmp_path, name):
     columns = {"columns": {"rig": {"pulley_speed_rad_s": name}}}
     path = write(tmp_path, RIG.replace("Drehzahl [1/min]", name), RIG_ROWS)
-    named = stated or name == "pulley_rpm"  # not a name that is recognised
-    recording = read(path, "rig", columns if named else {})
+    recording = read(path, "rig", columns if name == "pulley_rpm" else {})  # not recognised
     assert recording.columns["pulley_speed_rad_s"][-1] == pytest.approx(2 * np.pi, rel=1e-12)
     (note,) = (n for n in recording.notes if name in n and "rpm" in n)
     assert "pulley_speed_rad_s" in note
@@ -141,16 +84,6 @@ def test_turns_per_minute_by_name_are_never_radians(tmp_path, name, stated):
     assert all(word in found for word in ("bench.csv:1", name, "pulley_speed_rad_s: rpm"))
     units = {"units": {"rig": {"pulley_speed_rad_s": {"factor": 1.0}}}}
     assert read(path, "rig", columns | units).columns["pulley_speed_rad_s"][-1] == 60.0
-
-
-def test_a_mass_is_its_weight(tmp_path):
-    header = RIG.replace("Leertrum [N]", "Gewicht [kg]")
-    config = {"rig": {"holds": "weight_slack"}}
-    weight = read(write(tmp_path, header, RIG_ROWS), "rig", config).columns["weight_N"]
-    assert weight[0] == pytest.approx(150 * 9.80665, rel=1e-12)
-
-
-# --- rates -----------------------------------------------------------------------------------
 
 
 def test_a_mark_of_an_overflow_is_refused(tmp_path):

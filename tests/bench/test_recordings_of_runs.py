@@ -137,19 +137,6 @@ def test_names_that_are_not_utf_8_and_links_that_lead_nowhere(tmp_path, runs):
         read_recording(folder, "rig", config)
 
 
-# --- many runs in one file, without labels ---------------------------------------------------
-
-
-def test_runs_are_distinguished_by_settings_and_restarts_of_the_time(tmp_path, runs):
-    path = tmp_path / "rig.csv"
-    pd.concat(runs.values()).drop(columns="run").to_csv(path, index=False)
-    recording = read_recording(path, "rig")
-    lengths = [len(run) for run in runs.values()]
-    expected = [f"rig-{k}" for k, n in enumerate(lengths, start=1) for _ in range(n)]
-    assert recording.columns["run"].tolist() == expected
-    assert any("4 separated by changes of the settings" in note for note in recording.notes)
-
-
 # --- hashes ----------------------------------------------------------------------------------
 
 

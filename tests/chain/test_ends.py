@@ -122,9 +122,7 @@ def to_all(pid: int, number: int) -> None:
     ("send", "number", "jobs"),
     [
         (to_all, signal.SIGINT, "2"),
-        pytest.param(os.kill, signal.SIGTERM, "1", marks=pytest.mark.long),
         (os.kill, signal.SIGKILL, "2"),
-        pytest.param(to_all, signal.SIGINT, "1", marks=pytest.mark.long),
         pytest.param(os.kill, signal.SIGTERM, "2", marks=pytest.mark.long),
         pytest.param(to_all, signal.SIGHUP, "2", marks=pytest.mark.long),
     ],

@@ -18,21 +18,6 @@ from beltid.report.terminal import show
 from beltid.tables import schemas
 
 
-@pytest.mark.parametrize(
-    ("name", "words", "unit"),
-    [
-        ("normal_force_N_m", "normal force", "N/m"),
-        ("k_quadratic_N_m3", "k quadratic", "N/m³"),
-        ("at_torque_N_m", "at torque", "N m"),
-        ("pulley_speed_rad_s", "pulley speed", "rad/s"),
-        ("arc_deg", "arc", "°"),
-        ("status", "status", ""),
-    ],
-)
-def test_names_become_words_and_units(name: str, words: str, unit: str) -> None:
-    assert name_and_unit(name) == (words, unit)
-
-
 def test_units_shown_are_those_of_the_tables() -> None:
     spelling = {"deg": "°", "degC": "°C", "um": "µm", "1": ""}
     for table in schemas.TABLES.values():
@@ -100,13 +85,3 @@ def test_json_has_null_for_what_is_missing() -> None:
     product = Summary("x", "t", facts=facts).as_json()
     assert product["facts"] == {"a": None, "b": 1.5, "c": [1.0, None], "p": "x"}
     json.dumps(product, allow_nan=False)
-
-
-@pytest.mark.parametrize(
-    ("origin", "heading"),
-    [("synthetic", "x (synthetic data): t"), ("measured", "x: t"), (None, "x: t")],
-)
-def test_synthetic_data_are_called_so_in_the_heading(origin: str | None, heading: str) -> None:
-    summary = Summary("x", "t", table=[{"a": 1.0}], origin=origin)
-    assert printed(summary, 80).splitlines()[0] == heading
-    assert summary.as_json()["origin"] == origin

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from pathlib import Path
 
 import pandas as pd
@@ -88,16 +87,6 @@ LAYOUT = {
     "units": {"press": {"force_N": {"factor": 250}, "time_s": "ms"}},
     "runs": {"rig": {"pattern": "{run}.csv", "values": {"arc_deg": 82}}},
 }
-
-
-def test_the_layout_of_files_is_a_dictionary_by_kind():
-    config = load_config(LAYOUT)
-    assert config.columns == {"press": {}, "rig": {"mu": "Reibwert"}, "speedloss": {}}
-    assert config.units["press"] == {"force_N": {"factor": 250.0, "offset": 0.0}, "time_s": "ms"}
-    runs = {"pattern": "{run}.csv", "table": None, "values": {"arc_deg": 82.0}}
-    assert config.runs["rig"] == runs
-    again = pickle.loads(pickle.dumps(config))
-    assert (again, again.sha256) == (config, config.sha256)
 
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Zl", "Zp"]), min_size=1)

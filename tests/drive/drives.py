@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from golden.test_chain import true_mu
 
 from beltid.drive.model import Drive, DrivePoint, Pulley
 from beltid.drive.results import DriveResult, Method, Simulator
@@ -18,25 +19,12 @@ BELT_5PK = Belt(1.0e5, 0.02, 0.10)
 SLOWEST, FASTEST = 0.0025, 0.042  # sliding speeds of the rig, m/s
 
 
-def mu_5pk(f: Any, v: Any) -> Any:
-    """True friction of the synthetic 5PK belt (rigdata/README.md), nearest value outside."""
-    v = np.clip(v, SLOWEST, FASTEST)
-    speed = np.log1p(v / 0.0015) / np.log1p(0.01 / 0.0015)
-    return 0.95 * (f / 5400.0) ** -0.18 * (1.0 + 0.45 * (speed - 1.0))
-
-
-def surface_5pk() -> FrictionSurface:
-    """The true law on a grid so fine that interpolation does not count."""
-    f, v = np.geomspace(20.0, 30000.0, 70), np.geomspace(SLOWEST, FASTEST, 25)
-    return FrictionSurface(f, v, mu_5pk(f[:, None], v))
-
-
 def two_pulleys(**changes: Any) -> Drive:
     """The two-pulley bench of the synthetic belts: equal pulleys, fixed centres."""
     parts: dict[str, Any] = {
         "belt": BELT_5PK,
         "law": LAW_5PK,
-        "surface": surface_5pk(),
+        "surface": true_surface("5pk"),
         "pulleys": (Pulley("driver", 0.0, 0.0, 0.05), Pulley("driven", 0.25, 0.0, 0.05)),
         "slow_trend": 0.0,  # the law of the tables: the nearest value below SLOWEST
     }
@@ -51,17 +39,11 @@ def simulate(
     return [simulator.solve(point) for point in points]
 
 
-BELTS = {
-    "4pk": (1.05, 0.20, 0.50, 0.0020, NormalLaw(5.6e7, 2.20e11)),
-    "5pk": (0.95, 0.18, 0.45, 0.0015, LAW_5PK),
-    "6pk": (0.88, 0.14, 0.38, 0.0012, NormalLaw(7.1e7, 3.90e11)),
-}
-"""True laws of the synthetic belts: mu0, a, c, v0 and the contact (rigdata/README.md)."""
+LAWS = {"4pk": NormalLaw(5.6e7, 2.20e11), "5pk": LAW_5PK, "6pk": NormalLaw(7.1e7, 3.90e11)}
+"""Contact laws of the synthetic belts (rigdata/README.md)."""
 
 
 def true_surface(belt: str, slowest: float = SLOWEST) -> FrictionSurface:
     """True friction of a synthetic belt from a sliding speed [m/s] on; nearest value outside."""
-    mu0, a, c, v0, _ = BELTS[belt]
     f, v = np.geomspace(20.0, 30000.0, 70), np.geomspace(slowest, FASTEST, 30)
-    speed = np.log1p(v / v0) / np.log1p(0.01 / v0)
-    return FrictionSurface(f, v, mu0 * (f[:, None] / 5400.0) ** -a * (1.0 + c * (speed - 1.0)))
+    return FrictionSurface(f, v, true_mu(belt, f[:, None], v))

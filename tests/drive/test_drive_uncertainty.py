@@ -15,11 +15,7 @@ from beltid.drive.results import Simulator
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Belt
-from beltid.uncertainty.drive import (
-    change_by_slower_friction,
-    drive_uncertainty,
-    without_bending,
-)
+from beltid.uncertainty.drive import change_by_slower_friction, drive_uncertainty, without_bending
 from beltid.uncertainty.press_law import PressLaw
 from beltid.uncertainty.sources import Source
 
@@ -28,9 +24,9 @@ PRESS = PressLaw(LAW, np.zeros((2, 2)), 1.0e-4, 0.1)
 SLIPS, STICKS = DrivePoint(62.8, 40.0, (0.0, 22.0)), DrivePoint(62.8, 310.0, (0.0, 8.0))
 
 
-def rising(level: float) -> FrictionSurface:
+def rising(level: float, slowest: float = 5e-4) -> FrictionSurface:
     """A coefficient that rises by a tenth of itself with every factor e of the speed."""
-    v = np.geomspace(5e-4, 0.05, 30)
+    v = np.geomspace(slowest, 0.05, 30)
     return FrictionSurface([10.0, 30000.0], v, [level * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
 
 
@@ -85,10 +81,7 @@ def test_a_torque_that_the_rod_no_longer_holds_leaves_the_point_to_the_string() 
 
 def test_friction_slower_than_measured_is_between_no_trend_and_all_of_it() -> None:
     """A rig that measured from 2.5 mm/s on, a drive whose friction falls on to 0.5 mm/s."""
-    v = np.geomspace(2.5e-3, 0.05, 30)
-    drive = drive_on(
-        FrictionSurface([10.0, 30000.0], v, [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
-    )
+    drive = drive_on(rising(0.8, 2.5e-3))
     (found,) = simulate(drive, [STICKS], "rod")
     limits = [
         simulate(replace(drive, slow_trend=share), [STICKS], "rod")[0].loss.total[1]
@@ -103,10 +96,7 @@ def test_friction_slower_than_measured_is_between_no_trend_and_all_of_it() -> No
 
 def test_a_string_that_slips_only_with_slower_friction_has_its_uncertainty() -> None:
     """Between the torques that use up the arcs with the whole trend and without."""
-    v = np.geomspace(2.5e-3, 0.05, 30)
-    drive = drive_on(
-        FrictionSurface([10.0, 30000.0], v, [0.8 * (1.0 + 0.1 * np.log(v / 5e-3))] * 2)
-    )
+    drive = drive_on(rising(0.8, 2.5e-3))
     nearest, whole = (replace(drive, slow_trend=share) for share in (0.0, 1.0))
     point = DrivePoint(22.0, 60.0, (0.0, 10.0))
     ends = [slip_limit(Simulator(limit), point).adhesion for limit in (whole, nearest)]

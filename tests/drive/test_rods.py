@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import BELT_5PK, BELTS, LAW_5PK, simulate, surface_5pk, true_surface, two_pulleys
+from drives import BELT_5PK, LAW_5PK, LAWS, simulate, true_surface, two_pulleys
 
 from beltid.config import load_config
 from beltid.drive.limits import slip_limit
@@ -76,7 +76,7 @@ def test_a_start_that_does_not_help_leaves_no_trace() -> None:
 def test_friction_that_depends_on_force_and_speed(
     P_in: float, P_out: float, W: float, torque: float
 ) -> None:
-    state = flow(pulley_of(0.05, surface_5pk()), 1.1, P_in, T_out=P_out)
+    state = flow(pulley_of(0.05, true_surface("5pk")), 1.1, P_in, T_out=P_out)
     np.testing.assert_allclose(state.W, W, rtol=5e-6)
     assert state.torque == pytest.approx(torque, abs=4e-4)
 
@@ -125,8 +125,7 @@ def test_four_rods_in_a_loop_are_those_of_an_independent_program() -> None:
 
 
 @pytest.mark.parametrize(
-    "belt",
-    [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in BELTS],
+    "belt", [pytest.param(belt, marks=() if belt == "5pk" else pytest.mark.long) for belt in LAWS]
 )
 def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) -> None:
     """T7: against the noise-free losses of an independent flowing rod, up to full slip.
@@ -138,7 +137,7 @@ def test_the_synthetic_recordings_are_predicted_within_2_5_percent(belt: str) ->
         rows = list(csv.DictReader(file))
     true = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name != "run"}
     points = points_of_slip(model, true | {"run": np.array([row["run"] for row in rows])})
-    drive = drive_of(model, true_surface(belt), BELTS[belt][-1])
+    drive = drive_of(model, true_surface(belt), LAWS[belt])
     results = simulate(drive, [labelled.point for labelled in points], method="rod")
     loss = np.array([result.loss.total[1] for result in results])
     judged = true["torque_N_m"] > 0.2 * true["torque_N_m"].max()

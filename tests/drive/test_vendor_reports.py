@@ -35,72 +35,53 @@ REPORTS: dict[str, tuple[Any, ...]] = {
         [(0, 0, 81.2, RIB), (-72, 267, 38.6, BACK), (-224, 448, 64.7, RIB)],
         ((-180, 100), 42.0, 1, 8.59, 0.482),
         6.0,
-        {
-            "free": (0.0, 334.2, 245.3),
-            "replace": (3.8, 373.5, 264.5),
-            "max": (22.7, 583.0, 324.6),
-            "mean": (33.1, 765.7, 349.3),
-            "min": (44.8, 1151.6, 378.5),
-        },
+        "free 0 334.2 245.3, replace 3.8 373.5 264.5, max 22.7 583 324.6, "
+        "mean 33.1 765.7 349.3, min 44.8 1151.6 378.5",
     ),
     "AG00686-1520": (
         [(0, 0, 87.2, RIB), (-72, 267, 38.6, BACK), (-224, 448, 69.7, RIB)],
         ((-180, 100), 42.0, 1, 8.86, 0.476),
         6.0,
-        {
-            "free": (0.0, 313.8, 246.8),
-            "max": (18.6, 490.7, 314.6),
-            "mean": (28.0, 608.8, 337.4),
-            "min": (37.7, 793.4, 360.2),
-            "load": (54.5, 1579.2, 406.8),
-        },
+        "free 0 313.8 246.8, max 18.6 490.7 314.6, mean 28 608.8 337.4, "
+        "min 37.7 793.4 360.2, load 54.5 1579.2 406.8",
     ),
     "AG00810": (
         [(0, 0, 89.2, RIB), (-200, 150, 38.6, BACK), (-391, 131, 28.7, RIB)],
         ((-303, 7), 55.1, -1, 11.561, 0.483),
         5.0,
-        {
-            "free": (0.0, 542.2, 492.0),
-            "replace": (18.3, 593.8, 465.4),
-            "max": (29.7, 674.0, 461.2),
-            "mean": (37.1, 759.2, 461.8),
-            "min": (44.6, 896.5, 466.4),
-            "load": (66.5, 2404.6, 505.3),
-        },
+        "free 0 542.2 492, replace 18.3 593.8 465.4, max 29.7 674 461.2, "
+        "mean 37.1 759.2 461.8, min 44.6 896.5 466.4, load 66.5 2404.6 505.3",
     ),
     "AG00976-1668": (
         FAN,
         ((-240, 115), 12.0, -1, 8.87, 0.484),
         6.0,
-        {
-            "free": (0.0, 192.9, 195.0),
-            "replace": (8.5, 258.0, 241.1),
-            "max": (21.4, 365.2, 289.9),
-            "mean": (28.0, 438.9, 310.0),
-            "min": (35.0, 549.2, 330.2),
-            "load": (48.3, 1007.1, 372.6),
-        },
+        "free 0 192.9 195, replace 8.5 258 241.1, max 21.4 365.2 289.9, "
+        "mean 28 438.9 310, min 35 549.2 330.2, load 48.3 1007.1 372.6",
     ),
     "AG00976-1655": (
         FAN,
         ((-250, 104), 12.0, -1, 8.99, 0.484),
         6.0,
-        {
-            "free": (0.0, 234.4, 201.2),
-            "replace": (4.8, 279.9, 227.8),
-            "max": (19.6, 438.3, 285.0),
-            "mean": (28.0, 580.2, 309.8),
-            "min": (37.8, 894.8, 337.8),
-        },
+        "free 0 234.4 201.2, replace 4.8 279.9 227.8, max 19.6 438.3 285, "
+        "mean 28 580.2 309.8, min 37.8 894.8 337.8",
     ),
 }
-POSITIONS = [(report, at) for report, (*_, positions) in REPORTS.items() for at in positions]
+
+
+def positions_of(report: str) -> dict[str, tuple[float, ...]]:
+    """Travel, tension and hub force at each named position of a report."""
+    rows = (row.split() for row in REPORTS[report][-1].split(","))
+    return {at: tuple(map(float, numbers)) for at, *numbers in rows}
+
+
+POSITIONS = [(report, at) for report in REPORTS for at in positions_of(report)]
 
 
 def drive_of(report: str) -> Drive:
     """The drive of a report with its arm in the mean position."""
-    others, (pivot, free, sense, preload, rate), _, positions = REPORTS[report]
-    angle = math.radians(free + sense * positions["mean"][0])
+    others, (pivot, free, sense, preload, rate), *_ = REPORTS[report]
+    angle = math.radians(free + sense * positions_of(report)["mean"][0])
     x, y = (pivot[k] + 90.0 * f(angle) for k, f in enumerate((math.cos, math.sin)))
     pulleys = tuple(
         Pulley(f"p{i}", 1e-3 * x, 1e-3 * y, 1e-3 * R, side)
@@ -121,8 +102,8 @@ def drive_of(report: str) -> Drive:
 @pytest.mark.parametrize(("report", "at"), POSITIONS)
 def test_the_arm_stands_where_the_report_says(report: str, at: str) -> None:
     """0.6 %; angles are rounded to 0.1 degrees and hardly matter near the free end."""
-    _, (_, free, sense, *_), _, positions = REPORTS[report]
-    travel, tension, hub = positions[at]
+    _, (_, free, sense, *_), *_ = REPORTS[report]
+    travel, tension, hub = positions_of(report)[at]
     drive = drive_of(report)
     (result,) = [Simulator(drive).solve(DrivePoint(80.0, tension, (0.0,) * len(drive.pulleys)))]
     assert result.rest.arm_angle is not None
@@ -134,7 +115,7 @@ def test_the_arm_stands_where_the_report_says(report: str, at: str) -> None:
 
 @pytest.mark.parametrize("report", REPORTS)
 def test_belts_within_their_tolerance_have_the_tensions_of_the_report(report: str) -> None:
-    _, _, tolerance, positions = REPORTS[report]
+    tolerance, positions = REPORTS[report][2], positions_of(report)
     drive = drive_of(report)
     point = DrivePoint(80.0, math.nan, (0.0,) * len(drive.pulleys))
     belts = installed_belts(drive, "string", point, 1e-3 * tolerance)
@@ -162,27 +143,3 @@ def test_an_arm_at_its_stop_keeps_its_place() -> None:
     path = laid.spans.sum() + laid.wraps @ [pulley.R for pulley in stopped.pulleys]
     assert pytest.approx(1e6 * (path / short.rest.belt_length - 1.0), rel=1e-9) == short.rest.T_0
     assert short.state.arm_angle == pytest.approx(stop)
-
-
-@pytest.mark.parametrize(
-    ("rpm", "power_kW", "tight", "crank", "compressor", "idler"),
-    [
-        (800, 3.0, 1208, 1911, 1938, 557),
-        (1000, 4.0, 1237, 1939, 1967, 571),
-        (1250, 5.0, 1237, 1939, 1966, 571),
-        (1500, 5.5, 1198, 1900, 1927, 552),
-        (1750, 6.8, 1223, 1925, 1952, 564),
-        (2000, 8.2, 1248, 1949, 1977, 576),
-    ],
-)
-def test_forces_of_the_loaded_drive(
-    rpm: float, power_kW: float, tight: float, crank: float, compressor: float, idler: float
-) -> None:
-    """AG00686, listed against the running direction: from the crank to the idler is tight."""
-    point = DrivePoint(-rpm * math.pi / 30, math.nan, (0.0,) * 4, (0.0, 0.0, power_kW * 1e3, 0.0))
-    result = Simulator(drive_of("AG00686")).solve(point)
-    hub = np.hypot(*result.in_order(result.hub_force).T)
-    assert np.max(result.tensions[0]) == pytest.approx(tight, rel=3e-3)
-    assert hub[:3] == pytest.approx((crank, idler, compressor), rel=3e-3)
-    load = result.in_order(result.torque * result.speed)[2]
-    assert abs(load) == pytest.approx(power_kW * 1e3, rel=1e-9)

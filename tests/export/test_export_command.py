@@ -102,30 +102,6 @@ def test_the_belt_is_that_of_the_results_and_no_other_is_assumed(results: Path) 
     assert beltid.load_law(results / "export" / "other.beltlaw.json").belt.ribs == 9
 
 
-CODE = r'coding=unicode_escape\nopen("P","w")#'
-"""In a comment at the top, Python takes it for the encoding of the file, and runs the rest."""
-
-
-@pytest.mark.parametrize("key", ["name", "type"])
-def test_a_name_is_no_code(results: Path, law: ContactLaw, key: str) -> None:
-    named = results / "named.yaml"
-    named.write_text(json.dumps({"belt": {"name": "mine", key: CODE}}))
-    refused = call("exudyn", results, "-c", named)
-    assert refused.exit_code == 2
-    for word in ("named.yaml:1:", f"belt.{key}", "1 to 40", "A-Z a-z 0-9"):
-        assert word in refused.stderr
-    document = json.loads(law_text(law))
-    del document["content_sha256"]
-    document["belt"][key] = CODE
-    path = results / "5pk.beltlaw.json"
-    path.write_text(json.dumps(document))
-    refused = call("python", path)
-    assert refused.exit_code == 2
-    for word in ("5pk.beltlaw.json", f"belt.{key}", "1 to 40"):
-        assert word in refused.stderr
-    assert not (results / "export").exists()
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

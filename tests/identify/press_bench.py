@@ -11,13 +11,6 @@ import numpy as np
 
 from beltid.identify.press.stiffness import LawEstimate
 
-# rigdata/README.md: k_linear [N/m²], k_quadratic [N/m³], machine compliance [m/N]
-TRUTH = {
-    "4pk": (5.6e7, 2.20e11, 1.5e-8),
-    "5pk": (6.5e7, 3.0256e11, 0.0),
-    "6pk": (7.1e7, 3.90e11, 1.5e-8),
-}
-
 
 def read(path: Path) -> dict[str, np.ndarray]:
     """Columns of a table; labels of runs and tests are texts, all else numbers."""
@@ -29,11 +22,6 @@ def read(path: Path) -> dict[str, np.ndarray]:
         )
         for name in rows[0]
     }
-
-
-def load(belt: str) -> dict[str, np.ndarray]:
-    """Columns of the press recording of a virtual belt."""
-    return read(Path(__file__).parents[2] / "rigdata" / belt / "press.csv")
 
 
 HYSTERESIS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {

@@ -73,8 +73,7 @@ def rms(values: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("held", "decays_s", "said"),
-    [(0.0025, np.inf, ""), (0.02, np.inf, "2 %"), (-0.1, np.inf, "10 %"), (0.02, 2.0, "1.6 %")],
+    ("held", "decays_s", "said"), [(-0.1, np.inf, "10 %"), (0.02, 2.0, "1.6 %")]
 )
 def test_friction_held_at_rest_is_no_error_of_the_cells(
     held: float, decays_s: float, said: str
@@ -118,7 +117,7 @@ def test_held_friction_that_differs_from_run_to_run_is_no_zero_either() -> None:
     assert np.mean(np.abs(error) < 1.96 * se) >= 0.9
 
 
-@pytest.mark.parametrize("held", [0.0025, 0.02, -0.1])
+@pytest.mark.parametrize("held", [0.0025, -0.1])
 def test_one_run_does_not_tell_held_friction_from_a_zero_and_says_so(held: float) -> None:
     """Its interval holds either."""
     recording = bench(held)

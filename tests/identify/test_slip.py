@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,6 @@ from beltid.errors import InputError
 from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
 from beltid.identify.slip.slip import fit_slip, pooled_means
 
-ROOT = Path(__file__).parents[2]
 TORQUES = np.arange(0.0, 17.0)
 TRUE = np.tile(0.01 * TORQUES * 0.05, 2)  # sliding speeds of `drive` at two speeds
 LOUD = {"speeds": (22.0, 62.8), "noise": 3e-3, "driver_noise": 3e-3}
@@ -55,26 +53,6 @@ def pulls(columns) -> list[float]:
     return [
         (p.slip_speed_m_s - v) / p.slip_speed_se_m_s for p, v in zip(points, TRUE, strict=False)
     ]
-
-
-@pytest.mark.parametrize("belt", ["4pk", "5pk", "6pk"])
-def test_virtual_bench_gives_the_true_sliding_speeds_within_their_errors(belt):
-    table = {}
-    for name in (f"rigdata/{belt}/speedloss.csv", f"tests/truth/{belt}/speedloss_truth.csv"):
-        table[name] = np.genfromtxt(ROOT / name, delimiter=",", names=True, dtype=None)
-    recorded, true = table.values()
-    true = dict(zip(true["run"].tolist(), true["slip_speed_m_s"].tolist(), strict=True))
-    result = fit_slip({name: recorded[name] for name in recorded.dtype.names}, 0.05)
-    assert [p.run for p in result.points] == list(true)
-    assert {p.status for p in result.points} == {"ok"}
-    error = np.array([p.slip_speed_m_s - true[p.run] for p in result.points])
-    z = error / [p.slip_speed_se_m_s for p in result.points]
-    assert np.max(np.abs(z)) < 5.0
-    assert 0.8 < np.sqrt(np.mean(z**2)) < 1.5
-    # the speed sensors' 3 mrad/s over sqrt(10) samples, times R
-    assert np.sqrt(np.mean(error**2)) < 6e-5
-    assert result.max_slip_speed_m_s == pytest.approx(max(true.values()), rel=5e-3)
-    assert result.max_slip_run == max(true, key=true.__getitem__)
 
 
 def test_unequal_pulleys_are_taken_off_with_the_runs_without_torque():
@@ -267,7 +245,6 @@ def test_range_and_proposal_follow_from_the_sliding_speeds():
         ((0.0815, 0.3137), "covered"),
         ((0.0817, 0.32), "0.08 to 0.0817 rad/s not covered"),
         ((0.08, 0.3135), "0.314 to 0.32 rad/s not covered"),
-        ((0.5,), "0.08 to 0.32 rad/s not covered"),
         ((0.01,), "0.08 to 0.32 rad/s not covered"),
     ],
 )

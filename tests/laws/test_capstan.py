@@ -41,12 +41,6 @@ def test_tensions_that_do_not_pull_have_no_coefficient() -> None:
     assert capstan.friction_coefficient(0.2, 0.1, 0.5) == pytest.approx(2 * math.log(2.0))
 
 
-def test_sliding_speed_of_the_run_shown_in_the_paper() -> None:
-    assert capstan.sliding_speed(0.21, R) == pytest.approx(0.0105)
-    both = capstan.sliding_speed(np.array([0.21, 0.84]), R)
-    assert both == pytest.approx([0.0105, 0.042])
-
-
 @given(st.floats(0.05, 2.5), st.floats(0.3, 3), st.floats(10, 1000))
 def test_mean_force_is_the_mean_of_the_force_along_the_arc(
     mu: float, beta: float, tight: float
@@ -55,13 +49,6 @@ def test_mean_force_is_the_mean_of_the_force_along_the_arc(
     integral, _ = quad(lambda phi: float(capstan.normal_force(phi, tight, mu, R)), 0.0, beta)
     mean = capstan.mean_normal_force(tight, slack, R)
     assert mean == pytest.approx(integral / beta, rel=1e-9)
-
-
-@given(st.floats(1, 1e4), st.floats(1, 1e4))
-def test_mean_force_is_symmetric_and_between_its_ends(a: float, b: float) -> None:
-    mean = float(capstan.mean_normal_force(a, b, R))
-    assert mean == pytest.approx(float(capstan.mean_normal_force(b, a, R)), rel=1e-9)
-    assert min(a, b) / R * (1 - 1e-12) <= mean <= max(a, b) / R * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("x", [0.0, 1e-12, 1e-9, 0.99e-8, 1.01e-8, 1e-6, 1e-4])
@@ -104,19 +91,10 @@ BENT = [
 ]
 
 
-@pytest.mark.parametrize(("EI", "radius", "L", "clamped", "arc", "tight", "slack", "M", "H"), BENT)
-def test_the_hub_force_of_a_bent_belt_is_that_of_an_elastic_rod(
-    EI: float,
-    radius: float,
-    L: float,
-    clamped: bool,
-    arc: float,
-    tight: float,
-    slack: float,
-    M: float,
-    H: float,
-) -> None:
-    spans, beta = capstan.Spans(EI, L, clamped), math.radians(arc)
+@pytest.mark.parametrize("row", BENT)
+def test_the_hub_force_of_a_bent_belt_is_that_of_an_elastic_rod(row: tuple[float, ...]) -> None:
+    EI, radius, L, clamped, arc, tight, slack, M, H = row
+    spans, beta = capstan.Spans(EI, L, bool(clamped)), math.radians(arc)
     assert capstan.hub_force(tight, slack, beta, radius, spans) == pytest.approx(H, rel=2.5e-3)
     found = capstan.tensions_by_hub_force(M, H, beta, radius, spans)
     assert found == pytest.approx((tight, slack), rel=4e-3)
@@ -140,13 +118,6 @@ def test_a_hub_force_that_no_tensions_have_gives_none() -> None:
     found = capstan.tensions_by_hub_force([10.0, 10.0], [150.0, 152.0], math.radians(82), R)
     assert np.isnan(found[0]).tolist() == [True, False]
     assert np.isnan(capstan.tensions_by_hub_force(10.0, 300.0, 2.0 * math.pi, R)[0])
-
-
-def test_torque_and_one_span_give_the_other() -> None:
-    assert capstan.tensions_by_torque(5.0, R, T_tight=300.0) == (300.0, 200.0)
-    assert capstan.tensions_by_torque(5.0, R, T_slack=200.0) == (300.0, 200.0)
-    with pytest.raises(TypeError, match="one of"):
-        capstan.tensions_by_torque(5.0, R)
 
 
 def test_a_moving_belt_is_pressed_on_by_what_its_momentum_leaves() -> None:

@@ -101,9 +101,7 @@ def test_a_run_that_is_far_off_loses_its_weight() -> None:
 @pytest.mark.parametrize(
     "arcs", [(0.01, -0.026, -0.021), pytest.param((0.03, -0.03, 0.03), marks=pytest.mark.long)]
 )
-def test_friction_that_no_surface_explains_converges_all_the_same(
-    arcs: tuple[float, ...],
-) -> None:
+def test_friction_that_no_surface_explains_converges_all_the_same(arcs: tuple[float, ...]) -> None:
     # arcs that differ unknown to the fit: full steps go in circles, or where nothing balances
     of = campaign("5pk", speeds=TWO)
     arc = of.measured.arc

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from golden.test_chain import true_mu
 
 from beltid.identify.surface.surface import build_surface
 from beltid.laws.friction_surface import FrictionSurface
@@ -25,25 +26,19 @@ R = 0.05
 SPEEDS = np.array([0.0025, 0.005, 0.0105, 0.021, 0.042])
 TWO = SPEEDS[1::2]
 """Speeds of a smaller campaign: 48 of the 120 runs of a belt."""
-# rigdata/README.md: EA, EI, k_linear, k_quadratic, mu0, a, c, v0
+# rigdata/README.md: EA, EI, k_linear, k_quadratic
 BELTS = {
-    "4pk": (0.8e5, 0.016, 5.6e7, 2.20e11, 1.05, 0.20, 0.50, 0.0020),
-    "5pk": (1.0e5, 0.020, 6.5e7, 3.0256e11, 0.95, 0.18, 0.45, 0.0015),
-    "6pk": (1.2e5, 0.024, 7.1e7, 3.90e11, 0.88, 0.14, 0.38, 0.0012),
+    "4pk": (0.8e5, 0.016, 5.6e7, 2.20e11),
+    "5pk": (1.0e5, 0.020, 6.5e7, 3.0256e11),
+    "6pk": (1.2e5, 0.024, 7.1e7, 3.90e11),
 }
-
-
-def true_mu(belt: str, f: Any, v: Any) -> np.ndarray:
-    mu0, a, c, v0 = BELTS[belt][4:]
-    speed = np.log1p(np.asarray(v) / v0) / np.log1p(0.01 / v0)
-    return np.asarray(mu0 * (np.asarray(f) / 5400) ** -a * (1 + c * (speed - 1)))
 
 
 def campaign(
     belt: str = "5pk", noise: float = 0.0, speeds: np.ndarray = SPEEDS, given: GivenForce = "none"
 ) -> Campaign:
     """A synthetic bench with its true coefficients, with noise or without, in one order."""
-    EA, EI, k1, k2 = BELTS[belt][:4]
+    EA, EI, k1, k2 = BELTS[belt]
     with (TRUTH / belt / "truth.csv").open() as file:
         rows = [
             row

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from report_belt_data import results
 
 from beltid.report.html import rendered
 from beltid.report.page import Page, belt_page
-
-sys.path.insert(0, str(Path(__file__).parent))
-from report_belt_data import results
 
 
 @pytest.fixture(scope="session")

@@ -105,16 +105,6 @@ def test_a_press_that_was_never_unloaded_has_no_branch_of_unloading() -> None:
         assert "unloading" not in labels
 
 
-def test_slip_is_drawn_over_torque_for_every_setting() -> None:
-    unknown = changed(sheets()["slip"], initial_tension_N=np.full(6, np.nan))
-    for belt in (results(), results(slip=unknown)):
-        containers = drawn("slip", belt)[0].containers
-        assert len(containers) == 2
-        x, y = containers[0].lines[0].get_data()
-        assert list(x) == [0.0, 4.0, 8.0]
-        assert list(y) == pytest.approx([0.0, 4.0, 8.0])  # mm/s
-
-
 def test_run_over_time_is_the_recorded_one_with_its_phases() -> None:
     above, below = drawn("run")  # of R08, of the largest arc
     assert line(above, "tight span")[-1, 1] == pytest.approx(FRICTION["tension_tight_N"][8])
@@ -169,14 +159,6 @@ def test_a_random_design_is_drawn_in_a_few_classes(high: float) -> None:
     assert 1 <= len(by_arc) <= 7
     runs = [x for x in axes.get_lines() if x.get_xdata().size]
     assert {x.get_linestyle() for x in runs} == {"None"}  # nothing to join
-
-
-def test_no_setting_is_shared_out_to_two_classes() -> None:
-    speeds = np.tile(np.geomspace(1e-3, 0.1, 12), 7)
-    _, names, _ = over_force(np.full(84, 82.0), speeds, np.repeat(np.arange(7) + 2e3, 12), speeds)
-    ends = [end for name in names for end in name.split(" to ")]
-    assert len(names) == 8
-    assert len(ends) == len(set(ends)) == 12
 
 
 def test_a_legend_stays_in_the_figure_and_leaves_room_for_the_axes() -> None:
@@ -238,12 +220,6 @@ def test_measured_against_simulated_are_the_means_over_arcs() -> None:
     reverse = drawn("averaged:{name}", results(compare=stating(sheet, averaged=back)), "compare")
     names = reverse[0].get_legend_handles_labels()[1]
     assert names == axes.get_legend_handles_labels()[1]
-
-
-def test_differences_are_relative_and_in_percent() -> None:
-    axes = drawn("differences")[0]
-    assert line(axes, "published, arc 40°")[:, 1] == pytest.approx(-3.0)
-    assert line(axes, "refined, arc 82°")[:, 1] == pytest.approx(0.1)
 
 
 def test_budget_shows_the_sources_from_the_largest_on_and_their_sum() -> None:
@@ -310,11 +286,3 @@ def test_belt_in_the_drawing_is_closed_and_wraps_as_far_as_the_table_says(drive:
         touching = [spans[i - 1][1], spans[i][0]]  # where the belt runs on, and where it leaves
         tips = arc[[0, -1]]
         assert min(np.abs(tips - touching).max(), np.abs(tips[::-1] - touching).max()) < 1e-9
-
-
-def test_the_speed_loss_is_drawn_for_the_loaded_pulley(drive: Sheet) -> None:
-    axes = drawn("loss", results(drive=drive))[0]
-    rows = drive["pulley"] == "load"
-    points = line(axes, "60 rad/s, T₀ = 300 N")
-    np.testing.assert_allclose(points[:, 0], drive["torque_N_m"][rows])
-    np.testing.assert_allclose(points[:, 1], drive["speed_loss_rad_s"][rows])

@@ -231,13 +231,6 @@ def test_a_run_that_was_set_aside_is_listed_once_and_no_run_that_nobody_measured
     ]
 
 
-def test_combined_uncertainty_takes_the_place_of_the_scatter() -> None:
-    sheet = sheets()["surface"]
-    assert sheet.surface.mu_se_at(4000.0, 0.0025) == pytest.approx(0.004)
-    wider = changed(sheet, mu_u=np.full(8, 0.01))
-    assert wider.surface.mu_se_at(4000.0, 0.0025) == pytest.approx(0.01)
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_report_of_a_folder_is_kept_while_nothing_changes(tmp_path: Path) -> None:
     folder = write(tmp_path / "belt", "stiffness", "slip")

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from golden.test_chain import true_mu
 from numpy.typing import NDArray
 
 from beltid.laws.friction_surface import FrictionSurface
@@ -56,8 +57,7 @@ def slid(
 def surface_5pk() -> FrictionSurface:
     """True friction of the synthetic 5PK bench (rigdata/README.md) on a dense grid."""
     f, v = np.geomspace(0.05, 6.0e4, 60), np.geomspace(1.0e-4, 0.3, 30)
-    speed = 1 + 0.45 * (np.log1p(v / 0.0015) / np.log1p(0.01 / 0.0015) - 1)
-    return FrictionSurface(f, v, 0.95 * (f / 5400.0)[:, None] ** -0.18 * speed)
+    return FrictionSurface(f, v, true_mu("5pk", f[:, None], v))
 
 
 def dense(A: Array) -> Array:

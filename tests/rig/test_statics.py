@@ -16,29 +16,12 @@ from beltid.laws.capstan import friction_coefficient
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.laws.penalty import NormalLaw
 from beltid.params import Contact
-from beltid.rig.mesh import Path, graded_nodes, touchdown
+from beltid.rig.mesh import touchdown
 from beltid.rig.runs import SimulationSettings, campaign, simulate
 
 STEADY = SimulationSettings(method="steady")
 STIFF = NormalLaw(1e9)
 HOPELESS = at(82, 1e-3)  # a stiff belt needs some newtons to lie on the pulley at all
-
-
-@pytest.mark.parametrize(("R", "span", "arc_deg"), [(0.05, 0.1, 82.0), (0.02, 0.05, 170.0)])
-def test_the_path_is_the_integral_of_its_tangent(R: float, span: float, arc_deg: float) -> None:
-    path = Path(R, span, math.radians(arc_deg))
-    s = np.linspace(0.0, path.length, 20001)
-    r, t = np.hsplit(path.coordinates(s), 2)
-    steps = 0.5 * (t[1:] + t[:-1]) * np.diff(s)[:, None]
-    np.testing.assert_allclose(r[0] + np.cumsum(steps, axis=0), r[1:], atol=1e-7)
-
-
-def test_a_mesh_moves_with_the_path() -> None:
-    """Part by part in proportion: the ends of the arc stay between the same nodes."""
-    path, other = Path(0.05, 0.1, 1.4), Path(0.051, 0.11, 1.3)
-    corners = np.array([0.0, 0.1, 0.1 + 0.05 * 1.4, path.length])
-    moved = path.stretched(other, corners)
-    np.testing.assert_allclose(moved, [0.0, 0.11, 0.11 + 0.051 * 1.3, other.length])
 
 
 @pytest.mark.parametrize("EI", [0.002, 0.02])
@@ -53,17 +36,6 @@ def test_the_belt_touches_down_where_the_closed_form_says(EI: float) -> None:
     depth = rig.rig.R - laid.points["rho"].ravel()[first + 1 : first + 4]
     s = np.cumsum(np.full(3, float(model.system.mesh.w_c.ravel()[first])))
     assert np.polyfit(s, depth, 1)[0] == pytest.approx(slope, rel=0.35)
-
-
-def test_the_mesh_is_symmetric_and_fine_where_the_contact_ends() -> None:
-    rig, point = bench(), at()
-    nodes = graded_nodes(rig.belt, rig.rig, rig.law, point.beta, point.T_0)
-    h = np.diff(nodes)
-    np.testing.assert_allclose(h, h[::-1], rtol=1e-9)
-    shortest = nodes[int(np.argmin(h[: h.size // 2]))]
-    offset, layer, _ = touchdown(rig.belt, rig.rig, rig.law, point.T_0)
-    assert shortest == pytest.approx(rig.rig.span + offset, abs=layer)
-    assert h.min() < 0.5 * layer
 
 
 @pytest.mark.parametrize("arc", [40.0, 180.0])
@@ -175,11 +147,7 @@ def test_a_campaign_gives_the_runs_in_their_places_and_goes_on_without_one_that_
 
 
 @pytest.mark.parametrize(
-    ("settings", "problem"),
-    [
-        ({"elements": 7}, "elements"),
-        ({"steps": 10}, "steps"),
-    ],
+    ("settings", "problem"), [({"elements": 7}, "elements"), ({"steps": 10}, "steps")]
 )
 def test_wrong_settings_are_refused(settings: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):

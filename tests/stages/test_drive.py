@@ -27,34 +27,17 @@ def true_surface() -> beltid.FrictionSurface:
     return beltid.FrictionSurface(f, v, mu)
 
 
+def points(torque: dict[str, list[float]], speed: Any = (62.8,)) -> dict[str, Any]:
+    return {"operating_points": {"driver_speed_rad_s": [*speed], "torque_N_m": torque}}
+
+
 def config(**drive: Any) -> dict[str, Any]:
     stated = {
         "method": "string",
         "initial_tension_N": [310],
         "pulleys": TWO,
-        "operating_points": {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 16]}},
     }
-    return {"drive": stated | drive}
-
-
-def test_rows_columns_and_a_published_point() -> None:
-    frame = beltid.simulate_drive(config(), true_surface(), LAW).to_frame()
-    assert list(frame["run"]) == ["1", "1", "2", "2"]
-    assert list(frame["pulley"]) == ["driver", "driven"] * 2
-    row = frame.iloc[3]
-    # the table of the two-pulley bench, see tests/drive/test_strings.py
-    assert row["speed_loss_rad_s"] == pytest.approx(0.275689, rel=1e-4)
-    assert (row["tension_out_N"], row["tension_in_N"]) == pytest.approx(
-        (475.711, 155.249), rel=1e-4
-    )
-    assert row["torque_N_m"] == pytest.approx(16.0, rel=1e-9)
-    # both spans pull, less the momentum of the belt that turns round: m v² each, v nearly omega R
-    centrifugal = 2.0 * 0.10 * (62.8 * 0.05) ** 2
-    assert row["hub_force_N"] == pytest.approx(475.711 + 155.249 - centrifugal, abs=0.05)
-    assert row["hub_angle_deg"] == pytest.approx(180.0, abs=1e-6)  # towards the other pulley
-    assert row["status"] == "adhesion"
-    power = frame["torque_N_m"] * frame["speed_rad_s"]
-    assert frame["friction_power_W"][2:].sum() == pytest.approx(power[2] - power[3], rel=1e-9)
+    return {"drive": stated | points({"driven": [8, 16]}) | drive}
 
 
 def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
@@ -73,10 +56,8 @@ def test_uncertainty_of_the_axial_stiffness_goes_into_the_creep() -> None:
 
 
 def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> None:
-    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [5, 10]}}
-    outcome = beltid.simulate_drive(
-        config(initial_tension_N=[155, 310], operating_points=points), 1.0, LAW
-    )
+    asked = config(initial_tension_N=[155, 310], **points({"driven": [5, 10]}))
+    outcome = beltid.simulate_drive(asked, 1.0, LAW)
     limits = outcome.tables["slip_limits"]
     assert [row["initial_tension_N"] for row in limits] == pytest.approx([155.0, 310.0])
     for row in limits:
@@ -85,36 +66,22 @@ def test_torques_that_the_drive_carries_are_reported_per_speed_and_tension() -> 
         assert row["slip_limit_torque_N_m"] == pytest.approx(
             row["adhesion_end_torque_N_m"], rel=1e-4
         )
-        at = {
-            "driver_speed_rad_s": [62.8],
-            "torque_N_m": {"driven": [row["slip_limit_torque_N_m"]]},
-        }
-        tension = [row["initial_tension_N"]]
-        there = beltid.simulate_drive(
-            config(initial_tension_N=tension, operating_points=at), 1.0, LAW
-        ).to_frame()
+        at = points({"driven": [row["slip_limit_torque_N_m"]]})
+        there = config(initial_tension_N=[row["initial_tension_N"]], **at)
+        there = beltid.simulate_drive(there, 1.0, LAW).to_frame()
         # Euler-Eytelwein in the effective forces, at the pulley that lets go first
         flow = 0.10 * (62.8 * 0.05) ** 2
         ratio = (there["tension_out_N"][1] - flow) / (there["tension_in_N"][1] - flow)
         assert np.log(ratio) == pytest.approx(np.pi, rel=2e-3)
 
 
-def test_reversed_running_has_rows_in_the_order_of_the_drive() -> None:
-    points = {"driver_speed_rad_s": [-62.8], "torque_N_m": {"driven": [8]}}
-    frame = beltid.simulate_drive(config(operating_points=points), true_surface(), LAW).to_frame()
-    assert list(frame["pulley"]) == ["driver", "driven"]
-    assert frame["speed_rad_s"][0] == -62.8
-    assert frame["tension_in_N"][0] > frame["tension_out_N"][0]
-    assert frame["torque_N_m"].to_numpy() == pytest.approx([8.0, 8.0], abs=0.01)
-
-
 def test_what_the_laws_do_not_cover_is_reported() -> None:
-    slow = {"driver_speed_rad_s": [5.0], "torque_N_m": {"driven": [16]}}
-    outcome = beltid.simulate_drive(config(operating_points=slow), true_surface(), LAW)
+    slow = config(**points({"driven": [16]}, [5.0]))
+    outcome = beltid.simulate_drive(slow, true_surface(), LAW)
     assert any("100 % of the friction comes from sliding slower" in w for w in outcome.warnings)
     assert any("half of the trend" in note for note in outcome.notes)
-    heavy = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 45, 70]}}
-    outcome = beltid.simulate_drive(config(operating_points=heavy), true_surface(), LAW)
+    heavy = config(**points({"driven": [8, 45, 70]}))
+    outcome = beltid.simulate_drive(heavy, true_surface(), LAW)
     frame = outcome.to_frame()
     assert list(frame["status"][4:]) == ["slack", "slack"]
     assert "gross slip" in set(frame["status"][2:4])
@@ -143,8 +110,7 @@ def test_the_method_of_the_config_gives_the_belt_its_bending_stiffness() -> None
 def test_spans_too_short_for_rods_at_their_own_force() -> None:
     """Six bending lengths are 48 mm at 310 N, and 0.11 m at the 58 N of the loaded slack span."""
     pulleys = [TWO[0], TWO[1] | {"x_m": 0.105}]
-    points = {"driver_speed_rad_s": [62.8], "torque_N_m": {"driven": [8, 44]}}
-    drive = config(method="rod", pulleys=pulleys, operating_points=points)
+    drive = config(method="rod", pulleys=pulleys, **points({"driven": [8, 44]}))
     outcome = beltid.simulate_drive(drive, 1.0, LAW)
     assert set(outcome.to_frame()["run"]) == {"1"}
     (left_out,) = outcome.set_aside
@@ -163,18 +129,10 @@ def test_spans_too_short_for_rods_at_their_own_force() -> None:
         ({"installation": "tensioner"}, "drive.tensioner: must be stated"),
         ({"initial_tension_N": None}, "drive.initial_tension_N: must be stated"),
         (
-            {
-                "operating_points": {
-                    "driver_speed_rad_s": [1, 2],
-                    "torque_N_m": {"driven": [1, 2, 3]},
-                }
-            },
+            points(torque={"driven": [1, 2, 3]}, speed=[1, 2]),
             "driver_speed_rad_s: 2 values, must be 1 or 3",
         ),
-        (
-            {"operating_points": {"torque_N_m": {"pump": [1]}}},
-            "drive.operating_points.torque_N_m: pump is not the name of a pulley",
-        ),
+        (points(torque={"pump": [1]}), "torque_N_m: pump is not the name of a pulley"),
     ],
 )
 def test_drives_that_cannot_be_are_refused(change: dict[str, Any], said: str) -> None:

@@ -65,10 +65,7 @@ def without_arc(columns: Columns, number: int) -> Predicted:
 
 @pytest.mark.parametrize(
     ("by", "speeds", "runs", "rms"),
-    [
-        ("arc", (0.21,), 12, 0.003),
-        pytest.param("speed", SPEEDS, 36, 0.005, marks=pytest.mark.long),
-    ],
+    [("arc", (0.21,), 12, 0.003), pytest.param("speed", SPEEDS, 36, 0.005, marks=pytest.mark.long)],
 )
 def test_runs_left_out_are_predicted_as_the_true_model_has_them(by, speeds, runs, rms) -> None:
     outcome = cross_validate(bench(speeds=speeds), LAW, by=by)
