@@ -1,7 +1,7 @@
-"""Identification: from recordings to contact parameters, a package per question.
+"""Identification: from recordings to contact parameters, a module or package per question.
 
 ========== ============================================================ ==================
-Package    Responsibility                                               Equation
+Module     Responsibility                                               Equation
 ========== ============================================================ ==================
 press      recording of the press to the normal contact law             (1) to (4)
 friction   runs of the rig to friction coefficients                     (5), (6), (8)

@@ -6,9 +6,7 @@ Module         Responsibility                                                   
 ``design``     expected effect of runs; selection of the best ones              (P1) to (P4)
 ``knowledge``  the surface before the runs, and the errors that runs share      (P5)
 ``candidates`` settings of the rig as rows of the linear model                  (P1), (P6)
-``target``     where the surface must be known, and its regions                 (P3)
-``advice``     gain from the runs, remaining uncertainty, stopping, reversal    (P3)
-``session``    order and start times of the runs
+``advice``     target, gain from the runs, stopping, reversal, order of runs    (P3)
 ============== ================================================================ ================
 
 The equations are on the theory page, section "Planning the next runs".

@@ -32,8 +32,7 @@ from beltid.plan.knowledge import knots_for, speeds_for, usual_surface
 from beltid.refine.curves import Curves
 from beltid.refine.inverse import KNOTS, MODEL_ERROR, acting_forces, sweep
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured, numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw, numbered_arcs
 from beltid.uncertainty.rig_runs import (
     MESH,
     Campaign,

@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.plan.design import Knowledge
 from beltid.refine.curves import SPEED_BEND, Curves
-from beltid.refine.effects import BEFORE
-from beltid.refine.posterior import CURVE, DIFFERENCE, PRIORS
+from beltid.refine.posterior import BEFORE, CURVE, DIFFERENCE, PRIORS
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import numbered_arcs
 from beltid.uncertainty.sources import (

@@ -4,8 +4,8 @@
 Module        Responsibility                                              Equation
 ============= =========================================================== =========================
 ``curves``    ln mu over ln f_N for every speed, in smooth coordinates    p = B h
-``effects``   effects of arc, run order and temperature on friction       Z u
-``posterior`` the runs as a mixed model: sizes, estimate, covariance      y = X h + Z u + S e + e_0
+``posterior`` the runs as a mixed model: effects of arc, order and        y = X h + Z u + S e + e_0
+              temperature; sizes, estimate, covariance
 ``inverse``   damped Gauss-Newton iteration on the simulated rig          J = d ln mu / d p
 ``shown``     what the runs show besides the surface
 ============= =========================================================== =========================

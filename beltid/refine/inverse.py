@@ -26,8 +26,14 @@ from beltid.errors import BeltidError, ConvergenceError, InputError, percent
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Posterior
 from beltid.refine.curves import Curves
-from beltid.refine.effects import Effect, EstimatedEffect, campaign_effects
-from beltid.refine.posterior import SHARED_ERRORS, LinearRuns, Sizes
+from beltid.refine.posterior import (
+    SHARED_ERRORS,
+    Effect,
+    EstimatedEffect,
+    LinearRuns,
+    Sizes,
+    campaign_effects,
+)
 from beltid.uncertainty.budget import SurfaceUncertainty, factor_of
 from beltid.uncertainty.measured import Measured
 from beltid.uncertainty.rig_runs import (

@@ -15,7 +15,7 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import counted
-from beltid.identify.agreement.compare import AgreementResult, compare_points
+from beltid.identify.agreement import AgreementResult, compare_points
 from beltid.report.summary import rows_of
 from beltid.stage import Outcome
 from beltid.stages.columns import span

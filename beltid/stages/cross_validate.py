@@ -14,8 +14,15 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.agreement.compare import AgreementResult, Statistics
-from beltid.identify.agreement.hold_out import FEWEST, Fold, HoldOut, between_speeds, folds
+from beltid.identify.agreement import (
+    FEWEST,
+    AgreementResult,
+    Fold,
+    HoldOut,
+    Statistics,
+    between_speeds,
+    folds,
+)
 from beltid.notes import log
 from beltid.refine.curves import SPEED_BEND
 from beltid.refine.inverse import refine_surface
@@ -32,8 +39,7 @@ from beltid.stages.refine import (
     with_covariance,
 )
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import measured_runs, numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw, measured_runs, numbered_arcs
 from beltid.uncertainty.simulated import (
     RunsUncertainty,
     SimulatedUncertainty,

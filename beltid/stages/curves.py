@@ -14,7 +14,7 @@ import numpy as np
 from beltid.bench.recording import Recording
 from beltid.config import Config
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import snap_to_settings
+from beltid.identify.estimators import snap_to_settings
 from beltid.identify.friction.run import RunRecord
 from beltid.identify.press.recording import StiffnessSettings
 from beltid.identify.press.stiffness import StiffnessResult, fit_stiffness

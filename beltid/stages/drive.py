@@ -38,7 +38,7 @@ from beltid.uncertainty.drive import (
     drive_uncertainty,
     without_bending,
 )
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source, bending_source, drive_sources, slower_source
 
 SIGNIFICANT_LOSS: Final = 0.1

@@ -12,11 +12,9 @@ from beltid.config import Config
 from beltid.errors import ArgumentTypeError, ConvergenceError, InputError, counted
 from beltid.laws.penalty import NormalLaw
 from beltid.notes import log
-from beltid.plan.advice import Plan, choose_plan
+from beltid.plan.advice import Plan, Target, choose_plan, schedule, surface_target
 from beltid.plan.candidates import Candidates, NoiseLaw, Settings, noise_law, simulate_candidates
 from beltid.plan.knowledge import KnownSurface, knowledge_at, sources_of_plan
-from beltid.plan.session import schedule
-from beltid.plan.target import Target, surface_target
 from beltid.stage import Outcome
 from beltid.stages.columns import ok_rows
 from beltid.stages.friction import rig_kind

@@ -12,7 +12,7 @@ import numpy as np
 
 from beltid.config import Config
 from beltid.errors import InputError, counted, percent
-from beltid.identify.estimators.statistics import settings_of
+from beltid.identify.estimators import settings_of
 from beltid.identify.surface.surface import build_surface as publish
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import Rig
@@ -34,8 +34,7 @@ from beltid.stages.planned_runs import refuse_running
 from beltid.stages.rig import guided_weight
 from beltid.stages.surface import friction_formulas, rows_of_one, said_of_surface
 from beltid.stages.workers import Workers
-from beltid.uncertainty.measured import measured_runs, own_errors
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw, measured_runs, own_errors
 from beltid.uncertainty.rig_runs import Campaign
 from beltid.uncertainty.sources import (
     ARC,

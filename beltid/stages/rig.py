@@ -40,8 +40,7 @@ from beltid.stages.planned_runs import (
 )
 from beltid.stages.workers import Workers, threads
 from beltid.tables import schemas
-from beltid.uncertainty.measured import numbered_arcs
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw, numbered_arcs
 from beltid.uncertainty.simulated import RunsUncertainty, simulated_uncertainty
 from beltid.uncertainty.sources import all_sources, sources_of, with_rig_sources
 

@@ -19,7 +19,7 @@ from beltid.stages.friction import rig_kind
 from beltid.stages.inputs import friction_columns, standard_uncertainties
 from beltid.uncertainty.budget import SurfaceUncertainty
 from beltid.uncertainty.measured import Measured, measured_runs, own_errors, valid_rows
-from beltid.uncertainty.published import published_changes
+from beltid.uncertainty.reduced import published_changes
 from beltid.uncertainty.sources import StandardUncertainties, reduction_sources, rig_sources
 
 NO_ARC_DEG: Final = 90.0

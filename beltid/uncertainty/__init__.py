@@ -7,10 +7,8 @@ Module           Responsibility                                             Equa
                  standard uncertainty of each changes
 ``budget``       contributions named, compared and combined;                JCGM 100 (10), (G.2b)
                  covariance of a surface by its causes
-``press_law``    errors of the press in the contact law                     (3)
-``measured``     reduced runs of a rig, with errors corrected               (5) to (8)
-``reduced``      uncertainties of runs of the rig and of press laws
-``published``    the published surface: the procedure repeated
+``measured``     reduced runs of a rig and contact law, errors corrected    (3), (5) to (8)
+``reduced``      uncertainties of runs, press laws, the published surface
 ``rig_runs``     runs on the simulated rig, with derivatives by friction
                  and by the inputs of the rig
 ``simulated``    simulated runs, and their difference from measured ones

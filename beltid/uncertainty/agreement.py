@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from beltid.identify.agreement.compare import AgreementResult
+from beltid.identify.agreement import AgreementResult
 from beltid.uncertainty.budget import Scatter, budget
 from beltid.uncertainty.measured import own_errors, shared_columns
 from beltid.uncertainty.simulated import RunsUncertainty

@@ -23,8 +23,7 @@ from beltid.params import OperatingPoint
 from beltid.rig.model import Bench, RigModel
 from beltid.rig.sensitivity import tension_sensitivity
 from beltid.rig.steady import StaticState, lay_on, slide
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import Errors, Source, changes_by
 
 Array = NDArray[np.float64]

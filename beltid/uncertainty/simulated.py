@@ -20,8 +20,7 @@ from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.params import OperatingPoint
 from beltid.rig.model import Bench
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.rig_runs import (
     INPUTS,
     Campaign,

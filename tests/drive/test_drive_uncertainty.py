@@ -20,7 +20,7 @@ from beltid.uncertainty.drive import (
     drive_uncertainty,
     without_bending,
 )
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.sources import Source
 
 LAW = NormalLaw(6.5e7, 3.0256e11)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import beltid
-from beltid.identify.friction.rest import against_stated, rest_state
+from beltid.identify.friction.channels import against_stated, rest_state
 from beltid.identify.friction.run import RunRejected
 
 

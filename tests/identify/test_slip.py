@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from beltid.errors import InputError
-from beltid.identify.slip.points import OK, SIGNIFICANT, required_pulley_speeds
-from beltid.identify.slip.slip import fit_slip, pooled_means
+from beltid.identify.slip import OK, SIGNIFICANT, fit_slip, pooled_means, required_pulley_speeds
 
 ROOT = Path(__file__).parents[2]
 TORQUES = np.arange(0.0, 17.0)

@@ -7,10 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from beltid.plan.advice import choose_plan
+from beltid.plan.advice import Target, choose_plan, schedule, surface_target
 from beltid.plan.design import Knowledge, RunRows, needed_for
-from beltid.plan.session import schedule
-from beltid.plan.target import Target, surface_target
 from beltid.refine.curves import Curves
 from beltid.uncertainty.sources import Source
 

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from beltid.refine.curves import Curves
-from beltid.refine.effects import BEFORE, Effect
-from beltid.refine.posterior import CURVE, DIFFERENCE, NOISE, SCATTER, SHARED_ERRORS, LinearRuns
+from beltid.refine.posterior import (
+    BEFORE,
+    CURVE,
+    DIFFERENCE,
+    NOISE,
+    SCATTER,
+    SHARED_ERRORS,
+    Effect,
+    LinearRuns,
+)
 from beltid.uncertainty.sources import ARC, ORDER
 
 N, FORCES = 60, np.log(np.geomspace(300.0, 15000.0, 8))

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from beltid.config import Config, load_config
 from beltid.errors import InputError, TooFewSettings
-from beltid.identify.agreement.hold_out import between_speeds, folds
+from beltid.identify.agreement import between_speeds, folds
 from beltid.laws.penalty import NormalLaw
 from beltid.stages.cross_validate import Predicted, predict
 from beltid.stages.inputs import press_law

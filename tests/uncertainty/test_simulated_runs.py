@@ -14,7 +14,7 @@ from beltid.params import Contact, OperatingPoint
 from beltid.rig.model import Bench
 from beltid.rig.runs import SimulationSettings, simulate
 from beltid.uncertainty.agreement import Validation
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import PressLaw
 from beltid.uncertainty.simulated import SimulatedUncertainty, simulated_uncertainty
 from beltid.uncertainty.sources import StandardUncertainties, rig_sources, with_rig_sources
 

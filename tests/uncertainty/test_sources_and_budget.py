@@ -15,8 +15,7 @@ from beltid.identify.friction.kinds import SPANS, RigKind
 from beltid.laws.penalty import NormalLaw
 from beltid.params import GivenForce
 from beltid.uncertainty.budget import Scatter, budget, combined
-from beltid.uncertainty.measured import Measured
-from beltid.uncertainty.press_law import PressLaw
+from beltid.uncertainty.measured import Measured, PressLaw
 from beltid.uncertainty.sources import (
     Errors,
     StandardUncertainties,

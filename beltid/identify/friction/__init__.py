@@ -5,8 +5,7 @@ Module      Responsibility                                                Equati
 =========== ============================================================= ==================
 run         settings; split a recording into runs; result of a run        (6), (8)
 kinds       tensions of both spans from the channels of each rig kind     (6), (7)
-channels    gaps, spikes, dead and clipped cells; rotation and sliding    --
-rest        readings of the cells at rest, and their slopes               --
+channels    gaps, spikes, dead and clipped cells; rest, rotation, sliding --
 prepare     first pass: each run alone, its block means                   (7), (S1)
 bench_model second pass: all runs in one mixed model, level of each run   (S2)
 cells       zeros and gains of the cells                                  (S3), (S4)

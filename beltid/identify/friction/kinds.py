@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltid.errors import InputError
-from beltid.identify.estimators.statistics import median
+from beltid.identify.estimators import median
 from beltid.laws.capstan import (
     STRAIGHT,
     Spans,

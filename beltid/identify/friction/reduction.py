@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from beltid.errors import InputError
 from beltid.identify.friction.bench_model import RunLevel, fit_bench
 from beltid.identify.friction.cells import Readings, cell_errors
+from beltid.identify.friction.channels import Rest, against_stated
 from beltid.identify.friction.kinds import TWO_CELLS, RigKind
 from beltid.identify.friction.prepare import SlidingRecord, prepare_run
-from beltid.identify.friction.rest import Rest, against_stated
 from beltid.identify.friction.run import (
     MAX_MU,
     RunRecord,

@@ -3,9 +3,7 @@
 =============  ======================================================================  ============
 Module         Responsibility                                                          Equation
 =============  ======================================================================  ============
-recording      settings; clean a test, fix its signs, zero it, find cycles
-curves         read a recording; branches of a cycle, and the curve midway between
-law            the quadratic law of several curves, with free contact points           Eq. (3)
-stiffness      complete evaluation: the law per temperature and pooled                 Eqs. (1), (3)
+recording      settings; clean a test, find cycles and the curve midway between branches
+stiffness      the quadratic law, with free contact points, per temperature, pooled    Eqs. (1), (3)
 =============  ======================================================================  ============
 """

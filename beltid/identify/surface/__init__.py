@@ -5,8 +5,8 @@ Module            Responsibility                                             Equ
 ================  =========================================================  =====================
 ``surface``       runs -> surface of each arc and their average, or one      Figs. 12 and 13,
                   smooth surface of runs that are no grid; the table         mixed model
-``curves``        runs -> curves over the force per arc and speed            ln mu over ln f_N
-``average``       mean over the arcs on a common grid, standard errors       random effects
+``curves``        runs -> curves over the force per arc and speed; their     ln mu over ln f_N,
+                  mean over the arcs, with standard errors                   random effects
 ``laws``          parametric friction laws fitted to the surface             mixed model
 ================  =========================================================  =====================
 """

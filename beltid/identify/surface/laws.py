@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
 from beltid.errors import InputError, NumericsError
-from beltid.identify.estimators.statistics import settings_of
+from beltid.identify.estimators import settings_of
 from beltid.identify.surface.curves import SPEED_GAP
 from beltid.laws.friction_formulas import FRICTION_LAWS, FrictionFormula, FrictionLaw
 from beltid.mixed import Mixed, Own, Shared, Size, relinearised

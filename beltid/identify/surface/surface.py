@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
 from beltid.errors import InputError
-from beltid.identify.surface.average import SurfaceGrid, average
-from beltid.identify.surface.curves import Points, grid_of
+from beltid.identify.surface.curves import Points, SurfaceGrid, average, grid_of
 from beltid.laws.friction_surface import FrictionSurface
 from beltid.mixed import Mixed, Own, Shared, Size, root
 
